@@ -1,0 +1,44 @@
+# Two commands on a fresh machine: `make demo` and `make test`. Both create .venv once and reuse it.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test lint types pytest wheel benchmark pictures format clean
+
+demo: $(STAMP)
+	$(BIN)/fgpose demo --output out
+
+test: lint types pytest wheel
+
+lint: $(STAMP)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+
+types: $(STAMP)
+	$(BIN)/basedpyright --level error
+
+pytest: $(STAMP)
+	$(BIN)/pytest -q --durations=10
+
+# The built wheel and sdist must work where nothing of this checkout is in sight.
+wheel: $(STAMP)
+	sh tests/check_wheel.sh $(BIN)/python
+
+benchmark: $(STAMP)
+	$(BIN)/pip install --quiet -c constraints.txt -r benchmarks/requirements.txt
+	$(BIN)/python benchmarks/run.py
+
+format: $(STAMP)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+$(STAMP): pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d]" --group dev
+	touch $@
+
+clean:
+	rm -rf $(VENV) out dist build

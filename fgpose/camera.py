@@ -1,0 +1,235 @@
+"""Calibrated cameras: intrinsics, lens distortion and pose.
+
+Axes of a camera: x right, y down, z forward (OpenCV). ``world_T_camera`` takes points of the camera frame to the world
+frame, GTSAM's direction; most calibration files store the inverse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+
+LensModel = Literal["pinhole", "fisheye"]
+_DISTORTION_SIZES = {"pinhole": (0, 4, 5, 8), "fisheye": (4,)}
+_MIN_DEPTH_M = 1e-6
+# A rotation read from a text file with six digits is orthonormal to about 1e-6; 1e-3 still catches every real mistake.
+_ROTATION_TOLERANCE = 1e-3
+_UNDISTORT_CRITERIA = (
+    3,
+    100,
+    1e-10,
+)  # cv2.TERM_CRITERIA_COUNT | EPS; 5 iterations (the default) leave 1 px at a corner
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array = np.array(array, dtype=float)
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One calibrated camera.
+
+    Raises:
+        ValueError: the intrinsics are singular or skewed, the rotation is not a rotation, a number is not finite.
+    """
+
+    name: str
+    size_px: tuple[int, int]
+    """Width and height of the image that the calibration belongs to."""
+    K: Float[np.ndarray, "3 3"]
+    """Intrinsic matrix in pixels, without skew."""
+    world_T_camera: Float[np.ndarray, "4 4"]
+    """Pose of the camera in the world, metres."""
+    distortion: Float[np.ndarray, " coefficients"]
+    """OpenCV order: k1, k2, p1, p2[, k3[, k4, k5, k6]], or the four of the fisheye model; empty for none."""
+    lens: LensModel = "pinhole"
+
+    def __post_init__(self) -> None:
+        for name in ("K", "world_T_camera", "distortion"):
+            array = _frozen(getattr(self, name))
+            object.__setattr__(self, name, array)
+            if not np.isfinite(array).all():
+                raise ValueError(f"camera {self.name}: {name} contains a number that is not finite")
+        self._check_intrinsics()
+        self._check_pose()
+
+    def _check_intrinsics(self) -> None:
+        K = self.K
+        if min(self.size_px) <= 0:
+            raise ValueError(f"camera {self.name}: the image size must be positive, got {self.size_px}")
+        if K[0, 0] <= 0 or K[1, 1] <= 0 or not np.allclose(K[2], (0, 0, 1)):
+            raise ValueError(f"camera {self.name}: K is singular or not an intrinsic matrix:\n{K}")
+        if abs(K[0, 1]) > 1e-6 * K[0, 0] or abs(K[1, 0]) > 1e-6 * K[0, 0]:
+            raise ValueError(f"camera {self.name}: K has a skew of {K[0, 1]:g}; only skew-free cameras are supported")
+        if self.distortion.size not in _DISTORTION_SIZES[self.lens]:
+            sizes = ", ".join(map(str, _DISTORTION_SIZES[self.lens]))
+            raise ValueError(
+                f"camera {self.name}: a {self.lens} lens takes {sizes} coefficients, got {self.distortion.size}"
+            )
+
+    def _check_pose(self) -> None:
+        R = self.world_T_camera[:3, :3]
+        if not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
+            raise ValueError(f"camera {self.name}: the rotation is not a rotation matrix:\n{R}")
+        if not np.allclose(self.world_T_camera[3], (0, 0, 0, 1)):
+            raise ValueError(f"camera {self.name}: the last row of the pose must be 0 0 0 1")
+
+    @classmethod
+    def from_world_to_camera(
+        cls,
+        name: str,
+        size_px: tuple[int, int],
+        K: Float[np.ndarray, "3 3"],
+        R: Float[np.ndarray, "3 3"],
+        t_m: Float[np.ndarray, 3],
+        distortion: Sequence[float] | np.ndarray = (),
+        lens: LensModel = "pinhole",
+    ) -> Camera:
+        """Camera from the convention of most files: x_camera = R x_world + t, t in metres."""
+        world_T_camera = np.eye(4)
+        world_T_camera[:3, :3] = R.T
+        world_T_camera[:3, 3] = -R.T @ t_m
+        return cls(name, size_px, K, world_T_camera, np.asarray(distortion, dtype=float), lens)
+
+    @property
+    def position_m(self) -> Float[np.ndarray, 3]:
+        """Centre of projection in the world frame."""
+        return self.world_T_camera[:3, 3]
+
+    @cached_property
+    def camera_T_world(self) -> Float[np.ndarray, "4 4"]:
+        R = self.world_T_camera[:3, :3]
+        inverse = np.eye(4)
+        inverse[:3, :3] = R.T
+        inverse[:3, 3] = -R.T @ self.position_m
+        return inverse
+
+    def to_camera_frame(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 3"]:
+        """World points in the camera frame, metres; the third coordinate is the depth."""
+        return points_m @ self.camera_T_world[:3, :3].T + self.camera_T_world[:3, 3]
+
+    def to_world_frame(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 3"]:
+        """Points of the camera frame in the world frame, metres."""
+        return points_m @ self.world_T_camera[:3, :3].T + self.position_m
+
+    def project(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 2"]:
+        """Undistorted pixels of world points: the pinhole image with the same K. NaN at or behind the camera."""
+        in_camera = self.to_camera_frame(points_m)
+        depth_m = in_camera[..., 2:]
+        visible = depth_m > _MIN_DEPTH_M
+        normalized = np.divide(
+            in_camera[..., :2], depth_m, out=np.full(in_camera.shape[:-1] + (2,), np.nan), where=visible
+        )
+        return normalized * np.diag(self.K)[:2] + self.K[:2, 2]
+
+    def ray(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 3"]:
+        """Unit directions in the world frame of the rays through undistorted pixels; they start at position_m."""
+        normalized = (undistorted_px - self.K[:2, 2]) / np.diag(self.K)[:2]
+        direction = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1)
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        return direction @ self.world_T_camera[:3, :3].T
+
+    def undistort(self, points_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
+        """Undistorted pixels of points measured in the original image; NaN stays NaN."""
+        if not self.distortion.any():
+            return points_px.copy()
+        import cv2
+
+        flat = np.ascontiguousarray(points_px.reshape(-1, 2))
+        known = np.isfinite(flat).all(axis=1)
+        if not known.any():
+            return points_px.copy()
+        undistorted = np.full_like(flat, np.nan)
+        source = flat[known][:, None]
+        if self.lens == "fisheye":
+            image = cv2.fisheye.undistortPoints(source, self.K, self.distortion, P=self.K, criteria=_UNDISTORT_CRITERIA)
+        else:
+            image = cv2.undistortImagePoints(source, self.K, self.distortion, arg1=_UNDISTORT_CRITERIA)
+        undistorted[known] = image[:, 0]
+        return undistorted.reshape(points_px.shape)
+
+    def distort(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
+        """Pixels in the original image of undistorted pixels: the inverse of undistort."""
+        if not self.distortion.any():
+            return undistorted_px.copy()
+        import cv2
+
+        flat = undistorted_px.reshape(-1, 2)
+        known = np.isfinite(flat).all(axis=1)
+        distorted = np.full_like(flat, np.nan)
+        if known.any():
+            rays = np.concatenate([(flat[known] - self.K[:2, 2]) / np.diag(self.K)[:2], np.ones((known.sum(), 1))], 1)
+            zero = np.zeros(3)
+            projector = cv2.fisheye.projectPoints if self.lens == "fisheye" else cv2.projectPoints
+            image, _ = projector(rays[:, None], zero, zero, self.K, self.distortion)
+            distorted[known] = image[:, 0]
+        return distorted.reshape(undistorted_px.shape)
+
+    @cached_property
+    def gtsam(self) -> gtsam.PinholeCameraCal3_S2:
+        """The undistorted camera as GTSAM's native factors take it."""
+        fx, fy, cx, cy = self.K[0, 0], self.K[1, 1], self.K[0, 2], self.K[1, 2]
+        return gtsam.PinholeCameraCal3_S2(gtsam.Pose3(self.world_T_camera), gtsam.Cal3_S2(fx, fy, 0.0, cx, cy))
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRig:
+    """Several calibrated cameras in one world frame, in the order of every array's camera axis.
+
+    Raises:
+        ValueError: there is no camera, or two have the same name.
+    """
+
+    cameras: tuple[Camera, ...]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cameras", tuple(self.cameras))
+        if not self.cameras:
+            raise ValueError("a rig needs at least one camera")
+        if len(set(self.names)) != len(self.names):
+            raise ValueError(f"camera names must differ: {', '.join(self.names)}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(camera.name for camera in self.cameras)
+
+    @property
+    def n_cameras(self) -> int:
+        return len(self.cameras)
+
+    @cached_property
+    def projection_matrices(self) -> Float[np.ndarray, "camera 3 4"]:
+        """K [R|t] of every undistorted camera."""
+        return np.stack([camera.K @ camera.camera_T_world[:3] for camera in self.cameras])
+
+    def subset(self, names: Iterable[str]) -> CameraRig:
+        """The named cameras, in the order given. Raises ValueError for an unknown name."""
+        by_name = dict(zip(self.names, self.cameras, strict=True))
+        names = tuple(names)
+        unknown = [name for name in names if name not in by_name]
+        if unknown:
+            raise ValueError(f"the calibration has no camera {', '.join(unknown)}; it has {', '.join(self.names)}")
+        return CameraRig(tuple(by_name[name] for name in names))
+
+    def project(self, points_m: Float[np.ndarray, "*points joint 3"]) -> Float[np.ndarray, "*points camera joint 2"]:
+        """Undistorted pixels of world points in every camera; NaN behind a camera."""
+        return np.stack([camera.project(points_m) for camera in self.cameras], axis=-3)
+
+    def undistort(
+        self, points_px: Float[np.ndarray, "*frames camera joint 2"]
+    ) -> Float[np.ndarray, "*frames camera joint 2"]:
+        """Undistorted pixels of points measured in the original images."""
+        return np.stack([camera.undistort(points_px[..., c, :, :]) for c, camera in enumerate(self.cameras)], axis=-3)
+
+    def in_front(self, points_m: Float[np.ndarray, "*points 3"]) -> Bool[np.ndarray, "*points camera"]:
+        """Whether each world point lies in front of each camera."""
+        depths = [camera.to_camera_frame(points_m)[..., 2] for camera in self.cameras]
+        return np.stack(depths, axis=-1) > _MIN_DEPTH_M

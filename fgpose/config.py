@@ -1,0 +1,211 @@
+"""Configuration: every number in physical units, with what raising it does.
+
+The defaults live here and nowhere else; ``configs/default.toml`` is tested equal to them. The field docstrings are
+what ``--help`` prints.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import math
+import tomllib
+import types
+import typing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+Kernel = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey"]
+
+
+@dataclass(frozen=True)
+class FusionConfig:
+    """Fusion of the per-view 3D poses (eq. 1-2), or robust triangulation where there are none."""
+
+    exponent: Literal["squared", "unsquared"] = "squared"
+    """Reprojection error in the weights of eq. 2: squared as printed, or un-squared as in the authors' earlier code.
+    Squared trusts the best view more."""
+    inlier_px: float = 20.0
+    """Views whose detection lies farther than this from a triangulated point are left out of it. Raising it keeps more
+    views and lets worse ones in."""
+
+
+@dataclass(frozen=True)
+class ProjectionConfig:
+    """Reprojection factors: one per camera, joint and frame."""
+
+    sigma_px: float = 6.0
+    """Standard deviation of a good detection. Raising it trusts motion and bones more."""
+    kernel: Kernel = "cauchy"
+    """Robust kernel on the reprojection error."""
+    kernel_scale: float = 1.5
+    """Error, in sigmas, from which the kernel begins to discount a detection. Raising it trusts outliers more."""
+    weighting: Literal["fusion", "confidence", "uniform"] = "fusion"
+    """Where the weight of each detection comes from: the views' agreement (eq. 2) times the detector's confidence, the
+    confidence alone, or none."""
+    min_weight: float = 0.02
+    """Weights are at least this, so that no detection is switched off. Raising it evens the views out."""
+
+
+@dataclass(frozen=True)
+class SymmetryConfig:
+    """Left and right bones are equally long."""
+
+    form: Literal["none", "frame", "shared_length"] = "shared_length"
+    """frame: left minus right limb length within each frame (eq. 4). shared_length: one unknown length per bone pair,
+    the same left and right and at all times."""
+    sigma_m: float = 0.01
+    """Standard deviation of the difference (frame) or of a bone around its length (shared_length), metres. Raising it
+    lets bones vary more."""
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """Smoothness over time."""
+
+    model: Literal["none", "random_walk", "constant_velocity"] = "constant_velocity"
+    """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
+    acceleration_density: float = 20.0
+    """Power spectral density of the acceleration, m^2/s^3 (constant_velocity). Raising it follows fast motion more
+    closely and smooths less."""
+    velocity_density: float = 1.0
+    """Power spectral density of the velocity, m^2/s (random_walk). Raising it smooths less."""
+    fade_s: float = 0.15
+    """Time constant with which the velocity of an unseen joint fades to that of the body, seconds. Raising it carries
+    its last movement on for longer."""
+    max_unseen_s: float = 3.0
+    """A joint that two cameras have not seen for longer than this is given up (NaN) until it is seen again."""
+
+
+@dataclass(frozen=True)
+class PriorConfig:
+    """Weak priors that keep every joint determined. They should not be felt."""
+
+    position_sigma_m: float = 5.0
+    """Standard deviation of a joint around its first guess, metres."""
+    velocity_sigma_mps: float = 3.0
+    """Standard deviation of a joint's first velocity around zero, m/s."""
+    length_sigma_m: float = 0.3
+    """Standard deviation of a bone's length around its first guess, metres."""
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """The paper's method: each frame alone, eq. 3-5."""
+
+    px_per_mm: float = 1.0
+    """Eq. 5 adds squared pixels and squared lengths and leaves the unit of length open: pixels of reprojection error
+    that cost as much as one millimetre of asymmetry. Raising it enforces symmetry more."""
+
+
+@dataclass(frozen=True)
+class SolverConfig:
+    """Batch optimisation (Levenberg-Marquardt)."""
+
+    max_iterations: int = 50
+    """Upper bound of iterations per window."""
+    step_tolerance_m: float = 5e-4
+    """Converged when 99 % of the joints move less than this in an iteration, metres. Raising it stops earlier."""
+    window_s: float = 20.0
+    """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
+    overlap_s: float = 1.5
+    """Each window looks this far beyond its ends, seconds. Raising it makes seams smaller and takes longer."""
+    covariance: bool = False
+    """Also compute the marginal covariance of every joint in every frame."""
+
+
+@dataclass(frozen=True)
+class OnlineConfig:
+    """Online estimation (iSAM2, fixed lag)."""
+
+    lag_s: float = 0.5
+    """How far back a new image still changes the past, seconds. Raising it makes the smoothed result better and each
+    update slower; inf keeps the whole history (short recordings only: time and memory grow without end)."""
+    relinearize_m: float = 0.02
+    """A joint is linearised again when it moves by more than this, metres. Raising it is faster and less exact."""
+    covariance: bool = True
+    """Also give the covariance of the newest joints."""
+
+
+@dataclass(frozen=True)
+class Config:
+    """All parameters of fgpose. Frozen; derive another with dataclasses.replace."""
+
+    fusion: FusionConfig = field(default_factory=FusionConfig)
+    projection: ProjectionConfig = field(default_factory=ProjectionConfig)
+    symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    prior: PriorConfig = field(default_factory=PriorConfig)
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    solver: SolverConfig = field(default_factory=SolverConfig)
+    online: OnlineConfig = field(default_factory=OnlineConfig)
+
+    def __post_init__(self) -> None:
+        for section in dataclasses.fields(self):
+            for name, value in dataclasses.asdict(getattr(self, section.name)).items():
+                _check_positive(f"{section.name}.{name}", value)
+
+
+def _check_positive(name: str, value: object) -> None:
+    """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
+    if isinstance(value, bool | str):
+        return
+    may_be_infinite = name == "online.lag_s"
+    if not isinstance(value, int | float) or not value > 0 or (math.isinf(value) and not may_be_infinite):
+        raise ValueError(f"{name} must be a positive number, got {value!r}")
+
+
+def load_config(path: str | Path) -> Config:
+    """Configuration from a TOML file; what the file does not name keeps its default.
+
+    Raises:
+        ValueError: the file is not TOML, names an unknown section or key (the nearest known one is suggested), or
+            gives a value of a wrong kind.
+        OSError: the file cannot be read.
+    """
+    try:
+        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return config_from_dict(table)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def config_from_dict(table: dict[str, Any]) -> Config:
+    """Configuration from nested tables, as read from TOML. Raises ValueError as load_config does."""
+    return _build(Config, table, "")
+
+
+def config_to_toml(config: Config) -> str:
+    """The whole configuration as TOML, as load_config reads it."""
+    import tomli_w
+
+    return tomli_w.dumps(dataclasses.asdict(config))
+
+
+def _build(cls: type, table: dict[str, Any], prefix: str) -> Any:
+    known = typing.get_type_hints(cls)
+    values = {}
+    for name, value in table.items():
+        if name not in known:
+            nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
+            raise ValueError(f"unknown key {prefix}{name}; did you mean {prefix}{nearest}?")
+        values[name] = _convert(known[name], value, f"{prefix}{name}")
+    return cls(**values)
+
+
+def _convert(kind: Any, value: Any, name: str) -> Any:
+    if dataclasses.is_dataclass(kind):
+        if not isinstance(value, dict):
+            raise ValueError(f"{name} is a section, got {value!r}")
+        return _build(typing.cast(type, kind), value, f"{name}.")
+    if typing.get_origin(kind) is Literal:
+        choices = typing.get_args(kind)
+        if value not in choices:
+            raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {value!r}")
+        return value
+    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if not isinstance(kind, types.UnionType) and type(value) is not kind:
+        raise ValueError(f"{name} must be a {kind.__name__}, got {value!r}")
+    return value

@@ -1,0 +1,1 @@
+"""Files in and out: calibrations, keypoints, skeletons, trajectories."""

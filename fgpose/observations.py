@@ -1,0 +1,202 @@
+"""What the cameras saw: the estimator's input, checked once when it is made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import CameraRig
+from fgpose.skeleton import Skeleton
+
+# The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
+_MAX_PLAUSIBLE_M = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Detected joints of one person in several cameras over time.
+
+    Missing is NaN with confidence 0, always both. A camera may see nothing for a while, a joint may be seen by nobody.
+
+    Raises:
+        ValueError: shapes disagree, time does not increase, a number is infinite, a confidence lies outside [0, 1], a
+            length is implausible (millimetres where metres are meant). The message names camera, joint and frame.
+    """
+
+    skeleton: Skeleton
+    time_s: np.ndarray
+    """(T,) time of each frame, or (T, C) when every camera has its own clock (NaN: no image). Increasing."""
+    points2d_px: np.ndarray
+    """(T, C, J, 2) pixels of the original, distorted image."""
+    confidence: np.ndarray | None = None
+    """(T, C, J) in [0, 1]; without it every known point counts 1."""
+    points3d_m: np.ndarray | None = None
+    """(T, C, J, 3) absolute 3D joints as each view alone gives them, in the world frame, metres."""
+    camera_names: tuple[str, ...] = ()
+    """Names in the order of the camera axis; by default cam_0, cam_1, ..."""
+
+    def __post_init__(self) -> None:
+        points2d_px = np.array(self.points2d_px, dtype=float)
+        if points2d_px.ndim != 4 or points2d_px.shape[3] != 2:
+            raise ValueError(f"points2d_px must be (frames, cameras, joints, 2), got {points2d_px.shape}")
+        n_frames, n_cameras, n_joints, _ = points2d_px.shape
+        if n_frames == 0 or n_cameras == 0:
+            raise ValueError(f"a recording needs at least one frame and one camera, got {n_frames} and {n_cameras}")
+        if n_joints != self.skeleton.n_joints:
+            raise ValueError(
+                f"points2d_px has {n_joints} joints, skeleton {self.skeleton.name} has {self.skeleton.n_joints}"
+            )
+        names = tuple(self.camera_names) or _default_names(n_cameras)
+        if len(names) != n_cameras or len(set(names)) != n_cameras:
+            raise ValueError(f"{n_cameras} different camera names are needed, got {', '.join(names)}")
+        object.__setattr__(self, "camera_names", names)
+        points3d_m = None if self.points3d_m is None else self._checked_points3d(n_frames, n_cameras, n_joints)
+        confidence = self._checked_confidence(points2d_px)
+        points2d_px[confidence == 0] = np.nan
+        self._refuse_infinite("points2d_px", points2d_px)
+        self._store(
+            points2d_px=points2d_px,
+            confidence=confidence,
+            points3d_m=points3d_m,
+            time_s=self._checked_time(n_frames, n_cameras),
+        )
+
+    def _store(self, **arrays: np.ndarray | None) -> None:
+        for name, array in arrays.items():
+            if array is not None:
+                array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def _where(self, bad: np.ndarray) -> str:
+        frame, camera, joint = np.argwhere(bad)[0][:3]
+        return f"camera {self.camera_names[camera]}, joint {self.skeleton.joints[joint]}, frame {frame}"
+
+    def _refuse_infinite(self, what: str, array: np.ndarray) -> None:
+        infinite = np.asarray(np.isinf(array).any(axis=-1))
+        if infinite.any():
+            raise ValueError(f"{what} is infinite at {self._where(infinite)}")
+
+    def _checked_confidence(self, points2d_px: np.ndarray) -> np.ndarray:
+        known = ~np.isnan(points2d_px).any(axis=-1)
+        if self.confidence is None:
+            return known.astype(float)
+        confidence = np.array(self.confidence, dtype=float)
+        if confidence.shape != known.shape:
+            raise ValueError(f"confidence must have the shape {known.shape} of the points, got {confidence.shape}")
+        outside = known & ~((confidence >= 0) & (confidence <= 1))
+        if outside.any():
+            value = confidence[outside][0]
+            raise ValueError(f"confidence {value:g} is outside [0, 1] at {self._where(outside)}")
+        confidence[~known] = 0.0
+        return confidence
+
+    def _checked_points3d(self, n_frames: int, n_cameras: int, n_joints: int) -> np.ndarray:
+        points3d_m = np.array(self.points3d_m, dtype=float)
+        if points3d_m.shape != (n_frames, n_cameras, n_joints, 3):
+            raise ValueError(
+                f"points3d_m must be {(n_frames, n_cameras, n_joints, 3)} as points2d_px is, got {points3d_m.shape}"
+            )
+        self._refuse_infinite("points3d_m", points3d_m)
+        points3d_m[np.isnan(points3d_m).any(axis=-1)] = np.nan
+        extent_m = np.nanmedian(np.abs(points3d_m)) if np.isfinite(points3d_m).any() else 0.0
+        if extent_m > _MAX_PLAUSIBLE_M:
+            raise ValueError(
+                f"points3d_m has a median coordinate of {extent_m:.0f} m: these look like millimetres; divide by 1000"
+            )
+        return points3d_m
+
+    def _checked_time(self, n_frames: int, n_cameras: int) -> np.ndarray:
+        time_s = np.array(self.time_s, dtype=float)
+        if time_s.shape not in ((n_frames,), (n_frames, n_cameras)):
+            raise ValueError(f"time_s must be ({n_frames},) or ({n_frames}, {n_cameras}), got {time_s.shape}")
+        frame_time_s = time_s if time_s.ndim == 1 else _mean_time(time_s)
+        if np.isinf(time_s).any() or np.isnan(frame_time_s).any():
+            frame = np.flatnonzero(~np.isfinite(frame_time_s))[:1]
+            raise ValueError(f"time_s is not finite at frame {frame[0] if frame.size else 'unknown'}")
+        backward = np.flatnonzero(np.diff(frame_time_s) <= 0)
+        if backward.size:
+            frame = backward[0] + 1
+            raise ValueError(
+                f"time_s must increase: frame {frame} is at {frame_time_s[frame]:g} s, "
+                f"the one before at {frame_time_s[frame - 1]:g} s"
+            )
+        return time_s
+
+    @property
+    def n_frames(self) -> int:
+        return self.points2d_px.shape[0]
+
+    @property
+    def n_cameras(self) -> int:
+        return self.points2d_px.shape[1]
+
+    @cached_property
+    def frame_time_s(self) -> Float[np.ndarray, " frame"]:
+        """One time per frame: the mean over the cameras where each has its own clock."""
+        return self.time_s if self.time_s.ndim == 1 else _mean_time(self.time_s)
+
+    @cached_property
+    def seen(self) -> Bool[np.ndarray, "frame camera joint"]:
+        """Whether each camera detected each joint in each frame."""
+        return np.asarray(np.isfinite(self.points2d_px).all(axis=-1))
+
+    def frames(self, frames: slice) -> Observations:
+        """Some of the frames, as a recording of its own."""
+        return replace(
+            self,
+            time_s=self.time_s[frames],
+            points2d_px=self.points2d_px[frames],
+            confidence=None if self.confidence is None else self.confidence[frames],
+            points3d_m=None if self.points3d_m is None else self.points3d_m[frames],
+        )
+
+    def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
+        """Some of the cameras, in the order given. Raises ValueError for an unknown name."""
+        unknown = [name for name in camera_names if name not in self.camera_names]
+        if unknown:
+            raise ValueError(
+                f"the keypoints have no camera {', '.join(unknown)}; they have {', '.join(self.camera_names)}"
+            )
+        kept = [self.camera_names.index(name) for name in camera_names]
+        return replace(
+            self,
+            camera_names=tuple(camera_names),
+            time_s=self.time_s if self.time_s.ndim == 1 else self.time_s[:, kept],
+            points2d_px=self.points2d_px[:, kept],
+            confidence=None if self.confidence is None else self.confidence[:, kept],
+            points3d_m=None if self.points3d_m is None else self.points3d_m[:, kept],
+        )
+
+    def check_rig(self, rig: CameraRig) -> None:
+        """Raise ValueError unless the rig has exactly these cameras in this order; unnamed ones go by their order."""
+        unnamed = self.camera_names == _default_names(self.n_cameras) and self.n_cameras == rig.n_cameras
+        if self.camera_names == rig.names or unnamed:
+            return
+        missing = [name for name in self.camera_names if name not in rig.names]
+        unused = [name for name in rig.names if name not in self.camera_names]
+        if missing:
+            raise ValueError(
+                f"the calibration lacks camera {', '.join(missing)} of the keypoints; it has {', '.join(rig.names)}"
+            )
+        if unused:
+            raise ValueError(
+                f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with rig.subset(...)"
+            )
+        raise ValueError(
+            f"the cameras of the keypoints ({', '.join(self.camera_names)}) and of the calibration "
+            f"({', '.join(rig.names)}) come in a different order; use rig.subset(observations.camera_names)"
+        )
+
+
+def _default_names(n_cameras: int) -> tuple[str, ...]:
+    return tuple(f"cam_{camera}" for camera in range(n_cameras))
+
+
+def _mean_time(time_s: np.ndarray) -> np.ndarray:
+    known = np.isfinite(time_s)
+    counts = known.sum(axis=1)
+    total = np.where(known, time_s, 0.0).sum(axis=1)
+    return np.divide(total, counts, out=np.full(len(time_s), np.nan), where=counts > 0)

@@ -1,0 +1,129 @@
+"""Skeletons: the joints of a body, its rigid bones and its left/right symmetry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
+"""The four limb pairs of the paper's symmetry cost (eq. 4)."""
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """The joints of a body and what is known of it before any measurement.
+
+    Joints are named; everything else refers to them by index. No length is part of a skeleton: lengths are estimated.
+
+    Raises:
+        ValueError: a name or an index is repeated, unknown or inconsistent; the message names it.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    """Names in the order of every array's joint axis."""
+    bones: tuple[tuple[int, int], ...]
+    """Pairs of joints whose distance is taken to be constant in time, the one nearer to the root first."""
+    root: tuple[int, ...]
+    """Joints whose mean is the root (pelvis): one joint, or the two hips where a skeleton has no pelvis."""
+    left_right: tuple[tuple[int, int], ...] = ()
+    """Pairs (left, right) of mirrored joints."""
+    limbs: tuple[tuple[int, int], ...] = ()
+    """The left bone of each limb pair of eq. 4, in the order of LIMBS."""
+    lines: tuple[tuple[int, int], ...] = ()
+    """Pairs of joints joined when drawn although their distance varies (shoulder to hip)."""
+    _mirror: dict[int, int] = field(init=False, repr=False, compare=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(set(self.joints)) != len(self.joints):
+            repeated = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
+            raise ValueError(f"skeleton {self.name}: joint names must differ, repeated: {', '.join(repeated)}")
+        if not self.joints or not self.root:
+            raise ValueError(f"skeleton {self.name}: at least one joint and a root are needed")
+        for what in ("bones", "left_right", "limbs", "lines"):
+            self._check_pairs(what)
+        self._check_indices("root", self.root)
+        for left, right in self.left_right:
+            self._mirror.update({left: right, right: left})
+        edges = {frozenset(bone) for bone in self.bones}
+        for limb in self.limbs:
+            if frozenset(limb) not in edges or frozenset(self.mirrored(limb)) not in edges:
+                raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} or its mirror image is not a bone")
+
+    def _check_pairs(self, what: str) -> None:
+        pairs = getattr(self, what)
+        for pair in pairs:
+            self._check_indices(what, pair)
+            if pair[0] == pair[1]:
+                raise ValueError(f"skeleton {self.name}: {what} joins {self.joints[pair[0]]} to itself")
+        if len({frozenset(pair) for pair in pairs}) != len(pairs):
+            raise ValueError(f"skeleton {self.name}: {what} names one pair twice")
+
+    def _check_indices(self, what: str, indices: tuple[int, ...]) -> None:
+        for index in indices:
+            if not 0 <= index < len(self.joints):
+                raise ValueError(f"skeleton {self.name}: {what} uses joint {index}, there are {len(self.joints)}")
+
+    @property
+    def n_joints(self) -> int:
+        return len(self.joints)
+
+    def index(self, joint: str) -> int:
+        """Index of a joint by name. Raises ValueError for an unknown name."""
+        try:
+            return self.joints.index(joint)
+        except ValueError:
+            raise ValueError(f"skeleton {self.name} has no joint {joint!r}; it has {', '.join(self.joints)}") from None
+
+    def mirrored(self, bone: tuple[int, int]) -> tuple[int, int]:
+        """The same bone on the other side of the body; a bone of the midline is its own mirror image."""
+        a, b = bone
+        return self._mirror.get(a, a), self._mirror.get(b, b)
+
+    def bone_name(self, bone: tuple[int, int]) -> str:
+        return f"{self.joints[bone[0]]}-{self.joints[bone[1]]}"
+
+    @cached_property
+    def limb_pairs(self) -> tuple[tuple[tuple[int, int], tuple[int, int]], ...]:
+        """Left and right bone of each limb of eq. 4."""
+        return tuple((limb, self.mirrored(limb)) for limb in self.limbs)
+
+    @cached_property
+    def length_of_bone(self) -> tuple[int, ...]:
+        """For each bone, the index of its length: mirrored bones share one, so there are fewer lengths than bones."""
+        numbers: dict[frozenset[frozenset[int]], int] = {}
+        return tuple(
+            numbers.setdefault(frozenset((frozenset(bone), frozenset(self.mirrored(bone)))), len(numbers))
+            for bone in self.bones
+        )
+
+    @property
+    def n_lengths(self) -> int:
+        return len(set(self.length_of_bone))
+
+    @cached_property
+    def length_names(self) -> tuple[str, ...]:
+        """One name per shared length: that of the first bone that has it."""
+        first: dict[int, str] = {}
+        for bone, length in zip(self.bones, self.length_of_bone, strict=True):
+            first.setdefault(length, self.bone_name(bone))
+        return tuple(first[length] for length in sorted(first))
+
+    @cached_property
+    def neighbours(self) -> tuple[tuple[int, ...], ...]:
+        """For each joint, the joints that a bone joins to it; the nearer to the root first."""
+        towards_root = [tuple(a for a, b in self.bones if b == joint) for joint in range(self.n_joints)]
+        away = [tuple(b for a, b in self.bones if a == joint) for joint in range(self.n_joints)]
+        return tuple(a + b for a, b in zip(towards_root, away, strict=True))
+
+    def bone_lengths(self, positions_m: Float[np.ndarray, "*frames joint 3"]) -> Float[np.ndarray, "*frames bone"]:
+        """Length in metres of every bone, NaN where one of its joints is NaN."""
+        start, end = np.array(self.bones, dtype=int).reshape(-1, 2).T
+        return np.linalg.norm(positions_m[..., end, :] - positions_m[..., start, :], axis=-1)
+
+    def root_position(self, positions_m: Float[np.ndarray, "*frames joint 3"]) -> Float[np.ndarray, "*frames 3"]:
+        """Position of the root in metres, NaN where one of its joints is NaN."""
+        return positions_m[..., list(self.root), :].mean(axis=-2)

@@ -1,0 +1,116 @@
+"""Results: the estimated pose over time, with its uncertainty and what is known of its quality."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import CameraRig
+from fgpose.config import Config
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+
+
+class Status(IntEnum):
+    """How a joint's position in one frame came about."""
+
+    UNOBSERVABLE = 0
+    """Nothing determines it: the position is NaN."""
+    PREDICTED = 1
+    """Fewer than two cameras see it in this frame: bones and motion carry it over from other joints and frames."""
+    OBSERVED = 2
+    """At least two cameras see it in this frame."""
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """How the optimiser ended. In a recording solved in windows: the worst window."""
+
+    converged: bool
+    iterations: int
+    initial_error: float
+    """Half the sum of squared whitened (robust) residuals at the initial guess, and at the result."""
+    final_error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The joints of one person over time. What cannot be estimated is NaN, with its status.
+
+    Raises:
+        ValueError: the arrays' shapes disagree.
+    """
+
+    skeleton: Skeleton
+    time_s: np.ndarray
+    """(T,)"""
+    positions_m: np.ndarray
+    """(T, J, 3) in the world frame."""
+    status: np.ndarray
+    """(T, J) values of Status."""
+    covariance_m2: np.ndarray | None = None
+    """(T, J, 3, 3) marginal covariance of each position."""
+    residual_px: np.ndarray | None = None
+    """(T, C, J) reprojection error of each detection, undistorted pixels; NaN where there is none."""
+    camera_names: tuple[str, ...] = ()
+    bone_lengths_m: np.ndarray | None = None
+    """(L,) estimated lengths, one per skeleton.length_names; NaN: not estimated."""
+    convergence: Convergence | None = None
+    config: Config | None = None
+    """The configuration that made this result."""
+
+    def __post_init__(self) -> None:
+        n_frames, n_joints = np.shape(self.time_s)[0], self.skeleton.n_joints
+        shapes = {
+            "positions_m": (n_frames, n_joints, 3),
+            "status": (n_frames, n_joints),
+            "covariance_m2": (n_frames, n_joints, 3, 3),
+            "residual_px": (n_frames, len(self.camera_names), n_joints),
+            "bone_lengths_m": (self.skeleton.n_lengths,),
+        }
+        for name, shape in shapes.items():
+            array = getattr(self, name)
+            if array is None:
+                continue
+            if array.shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {array.shape}")
+            array.setflags(write=False)
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.time_s)
+
+    @property
+    def observed(self) -> Bool[np.ndarray, "frame joint"]:
+        return self.status == Status.OBSERVED
+
+    def status_share(self, status: Status) -> float:
+        """Share of all joints and frames that have this status, in [0, 1]."""
+        return float(np.mean(self.status == status))
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """The joints of one person at one time, as the online estimator gives them."""
+
+    skeleton: Skeleton
+    frame: int
+    """Number of the frame, counted from 0 in the order of the updates."""
+    time_s: float
+    positions_m: Float[np.ndarray, "joint 3"]
+    status: np.ndarray
+    """(J,) values of Status."""
+    covariance_m2: Float[np.ndarray, "joint 3 3"] | None = None
+    residual_px: Float[np.ndarray, "camera joint"] | None = None
+    smoothed: Estimate | None = None
+    """The estimate of the frame that is one lag old, which has seen everything since. None until there is one."""
+
+
+def reprojection_residual_px(
+    observations: Observations, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Distance in undistorted pixels between each detection and the projection of the estimate."""
+    return np.linalg.norm(rig.project(positions_m) - rig.undistort(observations.points2d_px), axis=-1)
