@@ -126,7 +126,7 @@ class Camera:
         depth_m = in_camera[..., 2:]
         visible = depth_m > _MIN_DEPTH_M
         normalized = np.divide(
-            in_camera[..., :2], depth_m, out=np.full(in_camera.shape[:-1] + (2,), np.nan), where=visible
+            in_camera[..., :2], depth_m, out=np.full((*in_camera.shape[:-1], 2), np.nan), where=visible
         )
         return normalized * np.diag(self.K)[:2] + self.K[:2, 2]
 
