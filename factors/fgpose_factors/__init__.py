@@ -1,0 +1,38 @@
+"""GTSAM factors for articulated bodies: reprojection, bone lengths, smoothness. Needs numpy and gtsam only."""
+
+from fgpose_factors.bone_length import (
+    BoneLengths,
+    shared_bone_length_factor,
+    shared_length_residual,
+    symmetric_bone_length_factor,
+    symmetric_length_residual,
+)
+from fgpose_factors.custom import custom_factor, freeze
+from fgpose_factors.noise import Kernel, noise_model
+from fgpose_factors.projection import projection_factor, projection_residual
+from fgpose_factors.smoothness import (
+    constant_velocity_factor,
+    fading_velocity_factor,
+    interpolate_position,
+    interpolated_factor,
+    random_walk_factor,
+)
+
+__all__ = [
+    "BoneLengths",
+    "Kernel",
+    "constant_velocity_factor",
+    "custom_factor",
+    "fading_velocity_factor",
+    "freeze",
+    "interpolate_position",
+    "interpolated_factor",
+    "noise_model",
+    "projection_factor",
+    "projection_residual",
+    "random_walk_factor",
+    "shared_bone_length_factor",
+    "shared_length_residual",
+    "symmetric_bone_length_factor",
+    "symmetric_length_residual",
+]
