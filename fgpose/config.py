@@ -44,6 +44,9 @@ class ProjectionConfig:
     weighting: Literal["fusion", "confidence", "uniform"] = "fusion"
     """Where the weight of each detection comes from: the views' agreement (eq. 2) times the detector's confidence, the
     confidence alone, or none."""
+    agreement_px: float = 30.0
+    """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
+    fusion). Raising it trusts detections that no other view confirms."""
     min_weight: float = 0.02
     """Weights are at least this, so that no detection is switched off. Raising it evens the views out."""
 
@@ -105,8 +108,8 @@ class SolverConfig:
 
     max_iterations: int = 50
     """Upper bound of iterations per window."""
-    step_tolerance_m: float = 5e-4
-    """Converged when 99 % of the joints move less than this in an iteration, metres. Raising it stops earlier."""
+    step_tolerance_m: float = 2e-4
+    """Converged when an iteration moves the joints by less than this on average, metres. Raising it stops earlier."""
     window_s: float = 20.0
     """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
     overlap_s: float = 1.5

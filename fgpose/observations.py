@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -31,8 +32,8 @@ class Observations:
     """(T,) time of each frame, or (T, C) when every camera has its own clock (NaN: no image). Increasing."""
     points2d_px: np.ndarray
     """(T, C, J, 2) pixels of the original, distorted image."""
-    confidence: np.ndarray | None = None
-    """(T, C, J) in [0, 1]; without it every known point counts 1."""
+    confidence: np.ndarray = field(default_factory=lambda: np.array(1.0))
+    """(T, C, J) in [0, 1], or one number for every known point."""
     points3d_m: np.ndarray | None = None
     """(T, C, J, 3) absolute 3D joints as each view alone gives them, in the world frame, metres."""
     camera_names: tuple[str, ...] = ()
@@ -81,9 +82,9 @@ class Observations:
 
     def _checked_confidence(self, points2d_px: np.ndarray) -> np.ndarray:
         known = ~np.isnan(points2d_px).any(axis=-1)
-        if self.confidence is None:
-            return known.astype(float)
         confidence = np.array(self.confidence, dtype=float)
+        if confidence.ndim == 0:
+            confidence = np.full(known.shape, float(confidence))
         if confidence.shape != known.shape:
             raise ValueError(f"confidence must have the shape {known.shape} of the points, got {confidence.shape}")
         outside = known & ~((confidence >= 0) & (confidence <= 1))
@@ -113,9 +114,10 @@ class Observations:
         if time_s.shape not in ((n_frames,), (n_frames, n_cameras)):
             raise ValueError(f"time_s must be ({n_frames},) or ({n_frames}, {n_cameras}), got {time_s.shape}")
         frame_time_s = time_s if time_s.ndim == 1 else _mean_time(time_s)
-        if np.isinf(time_s).any() or np.isnan(frame_time_s).any():
-            frame = np.flatnonzero(~np.isfinite(frame_time_s))[:1]
-            raise ValueError(f"time_s is not finite at frame {frame[0] if frame.size else 'unknown'}")
+        infinite = np.isinf(time_s).reshape(n_frames, -1).any(axis=1)
+        bad = np.flatnonzero(infinite | np.isnan(frame_time_s))
+        if bad.size:
+            raise ValueError(f"time_s is not finite at frame {bad[0]}")
         backward = np.flatnonzero(np.diff(frame_time_s) <= 0)
         if backward.size:
             frame = backward[0] + 1
@@ -149,7 +151,7 @@ class Observations:
             self,
             time_s=self.time_s[frames],
             points2d_px=self.points2d_px[frames],
-            confidence=None if self.confidence is None else self.confidence[frames],
+            confidence=self.confidence[frames],
             points3d_m=None if self.points3d_m is None else self.points3d_m[frames],
         )
 
@@ -166,14 +168,48 @@ class Observations:
             camera_names=tuple(camera_names),
             time_s=self.time_s if self.time_s.ndim == 1 else self.time_s[:, kept],
             points2d_px=self.points2d_px[:, kept],
-            confidence=None if self.confidence is None else self.confidence[:, kept],
+            confidence=self.confidence[:, kept],
             points3d_m=None if self.points3d_m is None else self.points3d_m[:, kept],
         )
 
+    def with_cameras(self, camera_names: tuple[str, ...]) -> Observations:
+        """The same frames for these cameras in this order; a camera that is not there saw nothing.
+
+        Raises ValueError when a camera of the observations is not among them.
+        """
+        if self.camera_names == camera_names or self._is_unnamed(len(camera_names)):
+            return self
+        missing = [name for name in self.camera_names if name not in camera_names]
+        if missing:
+            raise ValueError(f"the calibration lacks camera {', '.join(missing)}; it has {', '.join(camera_names)}")
+        own = {name: index for index, name in enumerate(self.camera_names)}
+        present = [index for index, name in enumerate(camera_names) if name in own]
+        source = [own[camera_names[index]] for index in present]
+
+        def spread(array: np.ndarray, missing: float) -> np.ndarray:
+            wide = np.full((array.shape[0], len(camera_names), *array.shape[2:]), missing)
+            wide[:, present] = array[:, source]
+            return wide
+
+        return replace(
+            self,
+            camera_names=camera_names,
+            time_s=self.time_s if self.time_s.ndim == 1 else spread(self.time_s, np.nan),
+            points2d_px=spread(self.points2d_px, np.nan),
+            confidence=spread(self.confidence, 0.0),
+            points3d_m=None if self.points3d_m is None else spread(self.points3d_m, np.nan),
+        )
+
+    def __iter__(self) -> Iterator[Observations]:
+        """Frame by frame, each a recording of one frame, as Estimator.update takes it."""
+        return (self.frames(slice(frame, frame + 1)) for frame in range(self.n_frames))
+
+    def _is_unnamed(self, n_cameras: int) -> bool:
+        return self.camera_names == _default_names(self.n_cameras) and self.n_cameras == n_cameras
+
     def check_rig(self, rig: CameraRig) -> None:
         """Raise ValueError unless the rig has exactly these cameras in this order; unnamed ones go by their order."""
-        unnamed = self.camera_names == _default_names(self.n_cameras) and self.n_cameras == rig.n_cameras
-        if self.camera_names == rig.names or unnamed:
+        if self.camera_names == rig.names or self._is_unnamed(rig.n_cameras):
             return
         missing = [name for name in self.camera_names if name not in rig.names]
         unused = [name for name in rig.names if name not in self.camera_names]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -27,13 +28,23 @@ class Status(IntEnum):
 
 @dataclass(frozen=True)
 class Convergence:
-    """How the optimiser ended. In a recording solved in windows: the worst window."""
+    """How the optimiser ended; see worst for a recording solved in parts."""
 
     converged: bool
     iterations: int
     initial_error: float
     """Half the sum of squared whitened (robust) residuals at the initial guess, and at the result."""
     final_error: float
+
+    @staticmethod
+    def worst(parts: Sequence[Convergence]) -> Convergence:
+        """Of several problems: converged if all are, the most iterations, the sums of the errors."""
+        return Convergence(
+            converged=all(part.converged for part in parts),
+            iterations=max((part.iterations for part in parts), default=0),
+            initial_error=sum(part.initial_error for part in parts),
+            final_error=sum(part.final_error for part in parts),
+        )
 
 
 @dataclass(frozen=True, eq=False)

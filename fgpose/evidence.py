@@ -1,0 +1,58 @@
+"""From observations to what the solvers need: undistorted points, their weights, and a first guess of every joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import CameraRig
+from fgpose.config import Config
+from fgpose.fusion import fuse_candidates
+from fgpose.observations import Observations
+from fgpose.triangulation import triangulate_robust
+from fgpose.weights import detection_weights
+
+_FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The observations of some frames, made ready for the factor graph."""
+
+    time_s: Float[np.ndarray, " frame"]
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    weights: Float[np.ndarray, "frame camera joint"]
+    """Weight in (0, 1] of each detection; see fgpose.weights."""
+    observed: Bool[np.ndarray, "frame joint"]
+    """Whether at least two cameras detected the joint: one ray alone does not determine a position."""
+    guess_m: Float[np.ndarray, "frame joint 3"]
+    """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
+
+    def frames(self, frames: slice | np.ndarray) -> Evidence:
+        """Some of the frames."""
+        return Evidence(**{name: array[frames] for name, array in vars(self).items()})
+
+
+def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+    """The evidence of all frames. Raises ValueError when the cameras of observations and rig differ."""
+    observations.check_rig(rig)
+    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
+    parts = [_gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config) for start in starts]
+    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+
+
+def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+    undistorted_px = rig.undistort(observations.points2d_px)
+    triangulated_m = triangulate_robust(
+        undistorted_px, observations.confidence, rig, config.fusion.inlier_px
+    ).positions_m
+    fusion = fuse_candidates(observations.points3d_m, triangulated_m, undistorted_px, rig, config.fusion)
+    return Evidence(
+        time_s=observations.frame_time_s,
+        undistorted_px=undistorted_px,
+        weights=detection_weights(fusion, observations.confidence, config.projection),
+        observed=observations.seen.sum(axis=1) >= 2,
+        guess_m=np.where(np.isnan(triangulated_m), fusion.positions_m, triangulated_m),
+    )

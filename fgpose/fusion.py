@@ -1,0 +1,115 @@
+"""Multi-view fusion of per-view 3D poses with per-joint weights (eq. 1-2 of the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.camera import CameraRig
+from fgpose.config import FusionConfig
+from fgpose.observations import Observations
+from fgpose.triangulation import triangulate_robust
+
+# A view that agrees to this with all others is as good as a view can be: keeps 1/e of eq. 2 finite.
+_MIN_ERROR_PX2 = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Fusion:
+    """The fused pose of every frame and how far each view can be trusted with each joint."""
+
+    positions_m: Float[np.ndarray, "frame joint 3"]
+    """World frame; NaN where no view has the joint."""
+    weights: Float[np.ndarray, "frame camera joint"]
+    """w of eq. 2, 1/px^2 (1/px when un-squared); 0 where the view has no candidate."""
+    reprojection_px2: Float[np.ndarray, "frame camera joint"]
+    """e of eq. 2: mean over the views of the squared reprojection error (un-squared: of its square root, px) of this
+    view's candidate; NaN where there is none."""
+    reprojection_by_view_px2: Float[np.ndarray, "frame candidate camera joint"]
+    """The terms of that mean: the candidate of one view projected into every view."""
+
+
+def fuse(observations: Observations, rig: CameraRig, config: FusionConfig | None = None) -> Fusion:
+    """Weighted mean of the views' absolute 3D joints (eq. 1), weights from reprojection errors (eq. 2).
+
+    A joint for which no view has 3D is triangulated robustly from its 2D points instead; each view's candidate is then
+    that one point, and its weight comes from its own reprojection error.
+
+    Raises:
+        ValueError: the cameras of the observations and of the rig differ.
+    """
+    config = config or FusionConfig()
+    observations.check_rig(rig)
+    undistorted_px = rig.undistort(observations.points2d_px)
+    triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, config.inlier_px).positions_m
+    return fuse_candidates(observations.points3d_m, triangulated_m, undistorted_px, rig, config)
+
+
+def fuse_candidates(
+    points3d_m: Float[np.ndarray, "frame camera joint 3"] | None,
+    triangulated_m: Float[np.ndarray, "frame joint 3"],
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    rig: CameraRig,
+    config: FusionConfig,
+) -> Fusion:
+    """fuse for points that are undistorted and triangulated already."""
+    if points3d_m is None:
+        return _from_triangulation(triangulated_m, undistorted_px, rig, config)
+    fused = _from_candidates(points3d_m, undistorted_px, rig, config)
+    without_3d = np.asarray(np.isnan(fused.positions_m).any(axis=-1))
+    if not without_3d.any():
+        return fused
+    filler = _from_triangulation(triangulated_m, undistorted_px, rig, config)
+    at_camera = without_3d[:, None]
+    return Fusion(
+        np.where(without_3d[..., None], filler.positions_m, fused.positions_m),
+        np.where(at_camera, filler.weights, fused.weights),
+        np.where(at_camera, filler.reprojection_px2, fused.reprojection_px2),
+        np.where(at_camera[:, None], filler.reprojection_by_view_px2, fused.reprojection_by_view_px2),
+    )
+
+
+def _from_candidates(
+    points3d_m: Float[np.ndarray, "frame camera joint 3"],
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    rig: CameraRig,
+    config: FusionConfig,
+) -> Fusion:
+    squared_px2 = np.sum((rig.project(points3d_m) - undistorted_px[:, None]) ** 2, axis=-1)
+    term = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
+    error = _mean_of_known(term, axis=2)
+    # A candidate that no view can check (its only detection is missing) still counts when it is all there is.
+    known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
+    checked = known & np.isfinite(error)
+    unchecked_only = known & ~checked.any(axis=1, keepdims=True)
+    weights = np.where(checked, 1.0 / np.maximum(np.where(checked, error, 1.0), _MIN_ERROR_PX2), 0.0)
+    weights = np.where(unchecked_only, _MIN_ERROR_PX2, weights)
+    total = weights.sum(axis=1)[..., None]
+    weighted = np.where(known[..., None], points3d_m, 0.0) * weights[..., None]
+    positions_m = np.divide(
+        weighted.sum(axis=1), total, out=np.full((*total.shape[:-1], 3), np.nan), where=total > 0
+    )  # eq. 1
+    return Fusion(positions_m, weights, error, squared_px2)
+
+
+def _from_triangulation(
+    triangulated_m: Float[np.ndarray, "frame joint 3"],
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    rig: CameraRig,
+    config: FusionConfig,
+) -> Fusion:
+    squared_px2 = np.sum((rig.project(triangulated_m) - undistorted_px) ** 2, axis=-1)
+    error = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
+    known = np.isfinite(error)
+    weights = np.where(known, 1.0 / np.maximum(np.where(known, error, 1.0), _MIN_ERROR_PX2), 0.0)
+    n_cameras = rig.n_cameras
+    return Fusion(triangulated_m, weights, error, np.repeat(squared_px2[:, None], n_cameras, axis=1))
+
+
+def _mean_of_known(values: np.ndarray, axis: int) -> np.ndarray:
+    known = np.isfinite(values)
+    count = known.sum(axis=axis)
+    total = np.where(known, values, 0.0).sum(axis=axis)
+    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)

@@ -1,0 +1,153 @@
+"""The factors of ONE frame: what the cameras saw, symmetry, motion from the frame before, weak priors.
+
+Pure: plain numbers in, factors out. The solvers differ only in how they string frames together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import CameraRig
+from fgpose.config import Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
+from fgpose.keys import length_key, position_key, velocity_key
+from fgpose.skeleton import Skeleton
+from fgpose_factors import (
+    constant_velocity_factor,
+    fading_velocity_factor,
+    noise_model,
+    projection_factor,
+    random_walk_factor,
+    symmetric_bone_length_factor,
+)
+
+
+@dataclass(frozen=True)
+class FrameTime:
+    """A frame's number and time."""
+
+    frame: int
+    time_s: float
+
+
+def projection_factors(
+    rig: CameraRig,
+    frame: int,
+    undistorted_px: Float[np.ndarray, "camera joint 2"],
+    weights: Float[np.ndarray, "camera joint"],
+    active: Bool[np.ndarray, " joint"],
+    config: ProjectionConfig,
+) -> Iterator[gtsam.NonlinearFactor]:
+    """One reprojection factor per camera and joint that has a detection; sigma = sigma_px / sqrt(weight)."""
+    used = np.isfinite(undistorted_px).all(axis=-1) & active
+    sigmas_px = config.sigma_px / np.sqrt(np.maximum(weights, config.min_weight))
+    for camera, joint in np.argwhere(used).tolist():
+        noise = _projection_noise(round(float(sigmas_px[camera, joint]), 2), config.kernel, config.kernel_scale)
+        yield projection_factor(
+            position_key(joint, frame), undistorted_px[camera, joint], noise, rig.cameras[camera].gtsam
+        )
+
+
+@lru_cache(maxsize=4096)
+def _projection_noise(sigma_px: float, kernel: Kernel, kernel_scale: float) -> gtsam.noiseModel.Base:
+    # Making a noise model costs as much as making a factor; sigmas rounded to 0.01 px share theirs.
+    return noise_model(2, sigma_px, kernel, kernel_scale)
+
+
+def symmetry_factors(
+    skeleton: Skeleton, frame: int, active: Bool[np.ndarray, " joint"], config: SymmetryConfig
+) -> Iterator[gtsam.NonlinearFactor]:
+    """Left minus right length of the four limb pairs (eq. 4), where all four joints are in the graph."""
+    noise = noise_model(1, config.sigma_m)
+    for left, right in skeleton.limb_pairs:
+        if active[[*left, *right]].all():
+            keys = [position_key(joint, frame) for joint in (*left, *right)]
+            yield symmetric_bone_length_factor((keys[0], keys[1]), (keys[2], keys[3]), noise)
+
+
+def motion_factors(
+    before: FrameTime, after: FrameTime, joints: Sequence[int], config: MotionConfig
+) -> Iterator[gtsam.NonlinearFactor]:
+    """One factor per joint that is in the graph in both frames."""
+    if config.model == "none":
+        return
+    for joint in joints:
+        start, end = position_key(joint, before.frame), position_key(joint, after.frame)
+        if config.model == "random_walk":
+            yield random_walk_factor(start, end, after.time_s - before.time_s, config.velocity_density)
+        else:
+            yield constant_velocity_factor(
+                (start, velocity_key(joint, before.frame), before.time_s),
+                (end, velocity_key(joint, after.frame), after.time_s),
+                config.acceleration_density,
+            )
+
+
+def fading_factors(
+    skeleton: Skeleton,
+    frame: int,
+    step_s: float,
+    active: Bool[np.ndarray, " joint"],
+    seen: Bool[np.ndarray, " joint"],
+    config: MotionConfig,
+) -> Iterator[gtsam.NonlinearFactor]:
+    """The velocity of every unseen joint fades to that of the joint it hangs on; nobody seen: to standing still."""
+    if config.model != "constant_velocity":
+        return
+    for joint in np.flatnonzero(active & ~seen).tolist():
+        holder = _holder(skeleton, joint, active, seen)
+        reference = None if holder is None else velocity_key(holder, frame)
+        yield fading_velocity_factor(
+            velocity_key(joint, frame), reference, step_s, config.acceleration_density, config.fade_s
+        )
+
+
+def _holder(skeleton: Skeleton, joint: int, active: np.ndarray, seen: np.ndarray) -> int | None:
+    """The neighbour that an unseen joint moves with: a seen one, or the one nearer to the root."""
+    neighbours = [other for other in skeleton.neighbours[joint] if active[other]]
+    seen_neighbours = [other for other in neighbours if seen[other]]
+    parents = [a for a, b in skeleton.bones if b == joint and active[a]]
+    return next(iter(seen_neighbours + parents), None)
+
+
+def prior_factors(
+    frame: int,
+    joints: Sequence[int],
+    positions_m: Float[np.ndarray, "joint 3"],
+    config: PriorConfig,
+    *,
+    with_velocity: bool,
+) -> Iterator[gtsam.NonlinearFactor]:
+    """Weak priors where a joint enters the graph: around its first guess, and around standing still."""
+    position_noise = noise_model(3, config.position_sigma_m)
+    velocity_noise = noise_model(3, config.velocity_sigma_mps)
+    for joint in joints:
+        yield gtsam.PriorFactorPoint3(position_key(joint, frame), positions_m[joint], position_noise)
+        if with_velocity:
+            yield gtsam.PriorFactorPoint3(velocity_key(joint, frame), np.zeros(3), velocity_noise)
+
+
+def length_prior_factors(lengths_m: Float[np.ndarray, " length"], sigma_m: float) -> Iterator[gtsam.NonlinearFactor]:
+    """Prior on every shared length that has a value (not NaN)."""
+    noise = noise_model(1, sigma_m)
+    for length in np.flatnonzero(np.isfinite(lengths_m)).tolist():
+        yield gtsam.PriorFactorDouble(length_key(length), float(lengths_m[length]), noise)
+
+
+def known_length_factors(
+    skeleton: Skeleton,
+    frame: int,
+    active: Bool[np.ndarray, " joint"],
+    lengths_m: Float[np.ndarray, " length"],
+    sigmas_m: Float[np.ndarray, " length"],
+) -> Iterator[gtsam.NonlinearFactor]:
+    """Native range factors: every bone has the length that was learned for it and its mirror image."""
+    for (start, end), length in zip(skeleton.bones, skeleton.length_of_bone, strict=True):
+        if active[start] and active[end] and np.isfinite(lengths_m[length]):
+            keys = position_key(start, frame), position_key(end, frame)
+            yield gtsam.RangeFactor3(*keys, float(lengths_m[length]), noise_model(1, float(sigmas_m[length])))

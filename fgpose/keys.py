@@ -1,0 +1,35 @@
+"""(joint, frame) <-> GTSAM key.
+
+Symbols: ``x`` position, ``v`` velocity, ``l`` shared bone length. Position and velocity keys sort by frame, then joint,
+so vectors that GTSAM returns in key order reshape to (frame, joint, 3).
+"""
+
+from __future__ import annotations
+
+import gtsam
+
+_JOINTS_PER_FRAME = 256
+_POSITION = gtsam.symbol("x", 0)
+_VELOCITY = gtsam.symbol("v", 0)
+_LENGTH = gtsam.symbol("l", 0)
+
+
+def position_key(joint: int, frame: int) -> int:
+    """Key of a joint's position (Point3, metres, world frame)."""
+    return _POSITION + frame * _JOINTS_PER_FRAME + joint
+
+
+def velocity_key(joint: int, frame: int) -> int:
+    """Key of a joint's velocity (Point3, m/s, world frame)."""
+    return _VELOCITY + frame * _JOINTS_PER_FRAME + joint
+
+
+def length_key(length: int) -> int:
+    """Key of a bone length that left and right share (double, metres)."""
+    return _LENGTH + length
+
+
+def joint_and_frame(key: int) -> tuple[int, int]:
+    """Joint and frame of a position or velocity key."""
+    frame, joint = divmod(gtsam.symbolIndex(key), _JOINTS_PER_FRAME)
+    return joint, frame

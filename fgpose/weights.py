@@ -1,0 +1,40 @@
+"""How much each detection counts in the estimator: the views' agreement (eq. 2), made fit for a temporal estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import ProjectionConfig
+from fgpose.fusion import Fusion
+
+
+def detection_weights(
+    fusion: Fusion, confidence: Float[np.ndarray, "frame camera joint"], config: ProjectionConfig
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Weight of every detection, from min_weight to 1: its information relative to a good detection.
+
+    Eq. 2 weighs the 3D candidate of a view by the reciprocal of its reprojection error. As information of the 2D
+    detection that is over-confident (a view that happens to agree gets a weight without bound) and partly circular (a
+    view's own detection judges its own candidate). Hence three changes: the error of detection k is that of the
+    candidates of the *other* views projected into view k; of these the smallest, for one view that confirms a
+    detection outweighs others that are wrong in depth; and the reciprocal is bounded, 1 / (1 + e / s^2) with s =
+    agreement_px, which is eq. 2 for large errors. It multiplies the squared confidence (confidence as 1 / sigma).
+    """
+    if config.weighting == "uniform":
+        return np.ones_like(confidence)
+    weights = confidence**2
+    if config.weighting == "fusion":
+        error_px2 = _error_of_other_views_px2(fusion)
+        weights = weights / (1.0 + np.where(np.isfinite(error_px2), error_px2, 0.0) / config.agreement_px**2)
+    return np.clip(weights, config.min_weight, 1.0)
+
+
+def _error_of_other_views_px2(fusion: Fusion) -> Float[np.ndarray, "frame camera joint"]:
+    """Smallest squared reprojection error that another view's candidate has in each view; NaN without another view."""
+    by_view = fusion.reprojection_by_view_px2.copy()
+    views = np.arange(by_view.shape[1])
+    by_view[:, views, views] = np.nan
+    by_view = np.where(np.isfinite(by_view), by_view, np.inf)
+    smallest = by_view.min(axis=1)
+    return np.where(np.isfinite(smallest), smallest, np.nan)
