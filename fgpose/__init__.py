@@ -1,1 +1,52 @@
-"""fgpose: 3D human pose over time from several calibrated cameras, as a GTSAM factor graph."""
+"""fgpose: 3D human pose over time from several calibrated cameras, as a GTSAM factor graph.
+
+rig = fgpose.load_rig("Calib.toml")
+observations = fgpose.load_observations("pose/", rig, skeleton="body_25b", fps=60)
+trajectory = fgpose.smooth(observations, rig)
+"""
+
+from fgpose.camera import Camera, CameraRig
+from fgpose.config import Config, load_config
+from fgpose.estimator import Estimator
+from fgpose.evaluation import Evaluation, evaluate
+from fgpose.fusion import Fusion, fuse
+from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.keypoints import load_observations, save_observations
+from fgpose.io.recordings import load_recording, recordings
+from fgpose.io.skeletons import builtin_skeletons, load_skeleton
+from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.observations import Observations
+from fgpose.refinement import refine
+from fgpose.skeleton import Skeleton
+from fgpose.smoother import smooth
+from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
+
+__all__ = [
+    "Camera",
+    "CameraRig",
+    "Config",
+    "Convergence",
+    "Estimate",
+    "Estimator",
+    "Evaluation",
+    "Fusion",
+    "Observations",
+    "Skeleton",
+    "Status",
+    "Trajectory",
+    "builtin_skeletons",
+    "evaluate",
+    "fuse",
+    "load_config",
+    "load_observations",
+    "load_recording",
+    "load_rig",
+    "load_skeleton",
+    "load_trajectory",
+    "recordings",
+    "refine",
+    "save_observations",
+    "save_rig",
+    "save_trajectory",
+    "smooth",
+]

@@ -1,0 +1,51 @@
+"""Bone lengths learned while a recording is running: from both sides, constant over time, without prior statistics."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.skeleton import Skeleton
+
+_BIN_M = 1e-3
+_MAX_LENGTH_M = 2.0
+# Detection errors last for about this many frames at video rate: so many samples count as one.
+_CORRELATED_SAMPLES = 10
+# Half the interquartile range of a Gaussian, in sigmas.
+_QUARTILE = 0.6745
+
+
+class RunningLengths:
+    """Running median of every shared bone length, and how well it is known, in constant memory.
+
+    Each complete bone of each frame's triangulated (not smoothed) pose is a sample, so that an estimate that was wrong
+    at first cannot confirm itself. Samples are counted in bins of 1 mm.
+    """
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self._skeleton = skeleton
+        self._length_of_bone = np.array(skeleton.length_of_bone, dtype=int)
+        self._counts = np.zeros((skeleton.n_lengths, int(_MAX_LENGTH_M / _BIN_M)), dtype=np.int64)
+
+    def add(self, positions_m: Float[np.ndarray, "joint 3"], trusted: Bool[np.ndarray, " joint"]) -> None:
+        """Count the bones of one frame whose two joints are trusted."""
+        bones = np.array(self._skeleton.bones, dtype=int).reshape(-1, 2)
+        lengths_m = self._skeleton.bone_lengths(positions_m)
+        sampled = trusted[bones].all(axis=1) & (lengths_m < _MAX_LENGTH_M)
+        np.add.at(self._counts, (self._length_of_bone[sampled], (lengths_m[sampled] / _BIN_M).astype(int)), 1)
+
+    def median_m(self) -> Float[np.ndarray, " length"]:
+        """Median of the samples; NaN where there is none."""
+        return self._quantile_m(0.5)
+
+    def sigma_m(self) -> Float[np.ndarray, " length"]:
+        """Standard deviation of the median: that of one sample (from the quartiles) by the root of their number."""
+        spread_m = (self._quantile_m(0.75) - self._quantile_m(0.25)) / (2 * _QUARTILE) + _BIN_M
+        independent = np.maximum(self._counts.sum(axis=1) / _CORRELATED_SAMPLES, 1.0)
+        return np.sqrt(np.pi / 2) * spread_m / np.sqrt(independent)
+
+    def _quantile_m(self, quantile: float) -> np.ndarray:
+        cumulative = np.cumsum(self._counts, axis=1)
+        total = cumulative[:, -1]
+        bins = np.argmax(cumulative >= quantile * total[:, None], axis=1)
+        return np.where(total > 0, (bins + 0.5) * _BIN_M, np.nan)

@@ -1,0 +1,251 @@
+"""Online estimation, frame by frame: iSAM2 in a fixed-lag smoother."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NoReturn
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose import graph
+from fgpose.bone_lengths import RunningLengths
+from fgpose.camera import CameraRig
+from fgpose.config import Config, OnlineConfig
+from fgpose.evidence import Evidence, gather
+from fgpose.graph import FrameTime
+from fgpose.keys import position_key, velocity_key
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+from fgpose.tracks import joint_status
+from fgpose.trajectory import Estimate
+from fgpose_factors import freeze
+
+# Marginalising re-eliminates the whole window. Doing it for a quarter of the lag at once, and not at every frame, makes
+# the other frames four to eight times faster.
+_BLOCKS_PER_LAG = 4
+_NEVER_RELINEARIZE = 1e6  # velocities enter linearly
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """What is kept of a frame that is still in the window."""
+
+    at: FrameTime
+    positions_m: Float[np.ndarray, "joint 3"]
+    velocities_mps: Float[np.ndarray, "joint 3"]
+    active: Bool[np.ndarray, " joint"]
+    status: np.ndarray
+
+    @property
+    def joints(self) -> list[int]:
+        return np.flatnonzero(self.active).tolist()
+
+
+class Estimator:
+    """The pose of one person, live: each update takes the newest frame and returns the pose at its time.
+
+    The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
+    range factors, so that no Python callback is left in iSAM2.
+
+    It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
+    feed it the last few seconds again; it settles within one lag.
+    """
+
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
+        self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
+        self._lengths = RunningLengths(skeleton)
+        self._smoother = _fixed_lag_smoother(self.config.online)
+        self._window: deque[_State] = deque()
+        self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
+        self._block_start_s = np.nan  # no block yet
+        self._n_frames = 0
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(
+            "an Estimator cannot be saved: GTSAM's fixed-lag smoother has no serialisation. "
+            "Start a new one and feed it the last few seconds again."
+        )
+
+    def update(self, frame: Observations) -> Estimate:
+        """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
+
+        Raises:
+            ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does
+                not increase (a repeated or older frame). The estimator is then as it was before.
+        """
+        evidence = self._evidence(frame)
+        before = self._window[-1] if self._window else None
+        now = FrameTime(self._n_frames, float(evidence.time_s[0]))
+        active = self._active(evidence, now.time_s)
+        state = self._predicted(before, now, active, evidence)
+        self._lengths.add(evidence.guess_m[0], evidence.observed[0])
+        self._close_block(before, now.time_s)
+        self._add(before, state, evidence)
+        state = self._read(state)
+        self._window.append(state)
+        self._n_frames += 1
+        return self._estimate(state, evidence)
+
+    def _evidence(self, frame: Observations) -> Evidence:
+        if frame.n_frames != 1:
+            raise ValueError(f"update takes one frame at a time, got {frame.n_frames}; use observations.frames(...)")
+        if frame.skeleton != self.skeleton:
+            raise ValueError(f"the frame has skeleton {frame.skeleton.name}, the estimator {self.skeleton.name}")
+        if self._window and frame.frame_time_s[0] <= self._window[-1].at.time_s:
+            raise ValueError(
+                f"time must increase: got a frame at {frame.frame_time_s[0]:g} s after one at "
+                f"{self._window[-1].at.time_s:g} s; it was not used"
+            )
+        return gather(frame.with_cameras(self.rig.names), self.rig, self.config)
+
+    def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
+        """Joints that take part: triangulated now or, with a motion model, not too long ago."""
+        known = np.isfinite(evidence.guess_m[0]).all(axis=-1)
+        self._last_seen_s[known] = time_s
+        if self.config.motion.model == "none":
+            return np.asarray(known)
+        return self._last_seen_s >= time_s - self.config.motion.max_unseen_s
+
+    def _predicted(self, before: _State | None, now: FrameTime, active: np.ndarray, evidence: Evidence) -> _State:
+        """First guess of the newest frame: the motion carried on or, where it explains the images better, the
+        triangulated point."""
+        guess_m = evidence.guess_m[0]
+        status = joint_status(active, evidence.observed[0])
+        if before is None:
+            return _State(now, guess_m, np.zeros_like(guess_m), active, status)
+        moved_m = before.positions_m + before.velocities_mps * (now.time_s - before.at.time_s)
+        entering = ~before.active | np.isnan(moved_m).any(axis=-1)
+        better = self._image_error(guess_m, evidence) < self._image_error(moved_m, evidence)
+        positions_m = np.where((entering | better)[:, None], guess_m, moved_m)
+        velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
+        return _State(now, positions_m, velocities_mps, active, status)
+
+    def _image_error(self, positions_m: np.ndarray, evidence: Evidence) -> Float[np.ndarray, " joint"]:
+        """Robust (Geman-McClure) reprojection error per joint, in units of the kernel's scale; inf without a point."""
+        scale_px = self.config.projection.sigma_px * self.config.projection.kernel_scale
+        squared = np.sum((self.rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
+        error = np.nansum(evidence.weights[0] * squared / (1 + squared), axis=0)
+        return np.where(np.isfinite(positions_m).all(axis=-1), error, np.inf)
+
+    def _close_block(self, before: _State | None, time_s: float) -> None:
+        """Begin a new block of time stamps when the current one is full, and let go of what is older than the lag.
+
+        The newest frame so far moves on to the new block: the next one is tied to it.
+        """
+        if time_s < self._block_start_s + self._block_s:
+            return
+        self._block_start_s = time_s
+        if before is None:
+            return
+        self._update(gtsam.NonlinearFactorGraph(), gtsam.Values(), before)
+        oldest_s = time_s - self.config.online.lag_s - 2 * self._block_s
+        while len(self._window) > 1 and self._window[1].at.time_s < oldest_s:
+            self._window.popleft()
+
+    @property
+    def _block_s(self) -> float:
+        return self.config.online.lag_s / _BLOCKS_PER_LAG
+
+    def _keys(self, state: _State) -> Iterator[int]:
+        for joint in state.joints:
+            yield position_key(joint, state.at.frame)
+            if self.config.motion.model == "constant_velocity":
+                yield velocity_key(joint, state.at.frame)
+
+    def _add(self, before: _State | None, state: _State, evidence: Evidence) -> None:
+        new = gtsam.NonlinearFactorGraph()
+        values = gtsam.Values()
+        for joint in state.joints:
+            values.insert(position_key(joint, state.at.frame), state.positions_m[joint])
+            if self.config.motion.model == "constant_velocity":
+                values.insert(velocity_key(joint, state.at.frame), state.velocities_mps[joint])
+        for factor in self._factors(before, state, evidence, values):
+            new.add(factor)
+        self._update(new, values, state)
+
+    def _update(self, new: gtsam.NonlinearFactorGraph, values: gtsam.Values, stamped: _State) -> None:
+        self._smoother.update(new, values, dict.fromkeys(self._keys(stamped), self._block_start_s))
+
+    def _factors(
+        self, before: _State | None, state: _State, evidence: Evidence, values: gtsam.Values
+    ) -> Iterator[gtsam.NonlinearFactor]:
+        config, frame = self.config, state.at.frame
+        yield from graph.projection_factors(
+            self.rig, frame, evidence.undistorted_px[0], evidence.weights[0], state.active, config.projection
+        )
+        if config.symmetry.form == "frame":
+            for factor in graph.symmetry_factors(self.skeleton, frame, state.active, config.symmetry):
+                yield freeze(factor, values)
+        elif config.symmetry.form == "shared_length":
+            sigmas_m = np.hypot(config.symmetry.sigma_m, self._lengths.sigma_m())
+            yield from graph.known_length_factors(
+                self.skeleton, frame, state.active, self._lengths.median_m(), sigmas_m
+            )
+        entering = state.active
+        if before is not None and config.motion.model != "none":
+            kept = state.active & before.active
+            entering = state.active & ~before.active
+            yield from graph.motion_factors(before.at, state.at, np.flatnonzero(kept).tolist(), config.motion)
+            step_s = state.at.time_s - before.at.time_s
+            yield from graph.fading_factors(
+                self.skeleton, frame, step_s, state.active, evidence.observed[0], config.motion
+            )
+        with_velocity = config.motion.model == "constant_velocity"
+        joints = np.flatnonzero(entering).tolist()
+        yield from graph.prior_factors(frame, joints, state.positions_m, config.prior, with_velocity=with_velocity)
+
+    def _read(self, state: _State) -> _State:
+        """The state with the estimated values in place of the guesses."""
+        positions_m = np.full((self.skeleton.n_joints, 3), np.nan)
+        velocities_mps = np.zeros((self.skeleton.n_joints, 3))
+        for joint in state.joints:
+            positions_m[joint] = self._smoother.calculateEstimatePoint3(position_key(joint, state.at.frame))
+            if self.config.motion.model == "constant_velocity":
+                velocities_mps[joint] = self._smoother.calculateEstimatePoint3(velocity_key(joint, state.at.frame))
+        return _State(state.at, positions_m, velocities_mps, state.active, state.status)
+
+    def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
+        residual_px = np.linalg.norm(self.rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
+        return Estimate(
+            skeleton=self.skeleton,
+            frame=state.at.frame,
+            time_s=state.at.time_s,
+            positions_m=state.positions_m,
+            status=state.status,
+            covariance_m2=self._covariance(state) if self.config.online.covariance else None,
+            residual_px=residual_px,
+            smoothed=self._lagged(state.at.time_s),
+        )
+
+    def _covariance(self, state: _State) -> Float[np.ndarray, "joint 3 3"]:
+        covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
+        keys = [position_key(joint, state.at.frame) for joint in state.joints]
+        if keys:
+            joint_marginal = self._smoother.getISAM2().jointMarginalCovariance(keys)
+            for joint, key in zip(state.joints, keys, strict=True):
+                covariance_m2[joint] = joint_marginal.at(key, key)
+        return covariance_m2
+
+    def _lagged(self, time_s: float) -> Estimate | None:
+        """The newest frame that is at least one lag old, as everything since has changed it."""
+        old = [state for state in self._window if state.at.time_s <= time_s - self.config.online.lag_s]
+        if not old:
+            return None
+        state = self._read(old[-1])
+        return Estimate(self.skeleton, state.at.frame, state.at.time_s, state.positions_m, state.status)
+
+
+def _fixed_lag_smoother(config: OnlineConfig) -> gtsam.IncrementalFixedLagSmoother:
+    params = gtsam.ISAM2Params()
+    params.findUnusedFactorSlots = True  # or memory and time grow without end
+    thresholds = gtsam.ISAM2ThresholdMap()
+    thresholds.insert(("x", np.full(3, config.relinearize_m)))
+    thresholds.insert(("v", np.full(3, _NEVER_RELINEARIZE)))
+    params.setRelinearizeThreshold(thresholds)
+    params.relinearizeSkip = 1
+    # A block carries the stamp of its first frame: one block more than the lag keeps its last frame long enough.
+    return gtsam.IncrementalFixedLagSmoother(config.lag_s * (1 + 1 / _BLOCKS_PER_LAG), params)

@@ -1,0 +1,150 @@
+"""Batch smoothing of a whole recording, of any length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import CameraRig
+from fgpose.config import Config
+from fgpose.covariance import marginal_covariances
+from fgpose.evidence import Evidence, gather
+from fgpose.observations import Observations
+from fgpose.optimizer import levenberg_marquardt
+from fgpose.skeleton import Skeleton
+from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths
+from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
+from fgpose.window import Window
+
+Progress = Callable[[int, int], None]
+"""Called with the number of frames done and the number of frames in all."""
+
+# Lengths learned from the sample are held: the windows then agree on them, and nothing is to be gained from each alone.
+_HELD_LENGTH_SIGMA_M = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class _Lengths:
+    """What is known of the shared bone lengths before a window is solved."""
+
+    lengths_m: Float[np.ndarray, " length"]
+    sigma_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    positions_m: Float[np.ndarray, "frame joint 3"]
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"] | None
+    lengths_m: Float[np.ndarray, " length"]
+    convergence: Convergence
+
+
+def smooth(
+    observations: Observations, rig: CameraRig, config: Config | None = None, progress: Progress | None = None
+) -> Trajectory:
+    """The most probable motion given all frames, by batch optimisation of the factor graph.
+
+    A recording longer than solver.window_s is solved in overlapping windows, with bone lengths learned beforehand from
+    stretches spread over all of it, so that windows agree where they meet.
+
+    Raises:
+        ValueError: the cameras of the observations and of the rig differ.
+    """
+    config = config or Config()
+    evidence = gather(observations, rig, config)
+    active = active_joints(evidence.guess_m, evidence.time_s, config.motion)
+    guess_m = fill_gaps(evidence.guess_m, evidence.time_s)
+    evidence = Evidence(**{**vars(evidence), "guess_m": guess_m})
+    skeleton = observations.skeleton
+
+    def solve(frames: slice | np.ndarray, lengths: _Lengths, covariance: bool = False) -> _Solved:
+        return _solve_window(rig, skeleton, config, evidence.frames(frames), active[frames], lengths, covariance)
+
+    spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
+    lengths = _Lengths(median_lengths(skeleton, guess_m), config.prior.length_sigma_m)
+    if len(spans) > 1:
+        sample = solve(_sample(evidence.time_s, config.solver.window_s), lengths)
+        lengths = _Lengths(sample.lengths_m, _HELD_LENGTH_SIGMA_M)
+    solved = []
+    for span in spans:
+        solved.append(_cut(solve(span.solve, lengths, config.solver.covariance), span))
+        if progress:
+            progress(span.keep.stop, observations.n_frames)
+    positions_m = np.concatenate([part.positions_m for part in solved])
+    covariances = [part.covariance_m2 for part in solved if part.covariance_m2 is not None]
+    return Trajectory(
+        skeleton=skeleton,
+        time_s=evidence.time_s,
+        positions_m=positions_m,
+        status=joint_status(active, evidence.observed),
+        covariance_m2=np.concatenate(covariances) if covariances else None,
+        residual_px=reprojection_residual_px(observations, rig, positions_m),
+        camera_names=rig.names,
+        bone_lengths_m=solved[0].lengths_m,
+        convergence=Convergence.worst([part.convergence for part in solved]),
+        config=config,
+    )
+
+
+def _solve_window(
+    rig: CameraRig,
+    skeleton: Skeleton,
+    config: Config,
+    evidence: Evidence,
+    active: Bool[np.ndarray, "frame joint"],
+    lengths: _Lengths,
+    covariance: bool,
+) -> _Solved:
+    window = Window(rig, skeleton, config, evidence, active, lengths.lengths_m, lengths.sigma_m)
+    solution = levenberg_marquardt(
+        window,
+        window.initial(),
+        gtsam.Ordering.ColamdGaussianFactorGraph,
+        config.solver.max_iterations,
+        window.small_step,
+    )
+    covariance_m2 = None
+    if covariance:
+        linear = window.linearize(solution.values)
+        covariance_m2 = marginal_covariances(linear, active, with_velocity=window.with_velocity)
+    return _Solved(
+        window.positions_m(solution.values), covariance_m2, window.lengths_m(solution.values), solution.convergence
+    )
+
+
+@dataclass(frozen=True)
+class _Span:
+    """The frames that a window solves, and those of them that it contributes."""
+
+    solve: slice
+    keep: slice
+
+
+def _spans(time_s: Float[np.ndarray, " frame"], window_s: float, overlap_s: float) -> list[_Span]:
+    """Windows that cover the recording; each sees overlap_s beyond the frames that it contributes."""
+    duration_s = time_s[-1] - time_s[0]
+    count = max(1, int(np.ceil(duration_s / window_s - 0.25)))  # a short rest is not worth a window
+    cuts = np.searchsorted(time_s, time_s[0] + np.arange(1, count) * duration_s / count)
+    edges = np.unique([0, *cuts.tolist(), len(time_s)])
+    spans = []
+    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        before = int(np.searchsorted(time_s, time_s[start] - overlap_s)) if start else 0
+        after = int(np.searchsorted(time_s, time_s[stop - 1] + overlap_s, side="right"))
+        spans.append(_Span(slice(before, after), slice(start, stop)))
+    return spans
+
+
+def _sample(time_s: Float[np.ndarray, " frame"], window_s: float) -> np.ndarray:
+    """As many frames as one window has, spread evenly over the recording: far apart, their errors are independent."""
+    count = int(np.searchsorted(time_s, time_s[0] + window_s))
+    return np.unique(np.linspace(0, len(time_s) - 1, count).round().astype(int))
+
+
+def _cut(solved: _Solved, span: _Span) -> _Solved:
+    keep = slice(span.keep.start - span.solve.start, span.keep.stop - span.solve.start)
+    covariance_m2 = None if solved.covariance_m2 is None else solved.covariance_m2[keep]
+    return _Solved(solved.positions_m[keep], covariance_m2, solved.lengths_m, solved.convergence)
