@@ -20,7 +20,6 @@ def builtin_skeletons() -> tuple[str, ...]:
     return tuple(sorted(file.name.removesuffix(".toml") for file in files if file.name.endswith(".toml")))
 
 
-@cache
 def load_skeleton(name_or_path: str | Path) -> Skeleton:
     """A built-in skeleton by name, or a user's own from a TOML file of the same form (see fgpose/skeletons/).
 
@@ -28,17 +27,21 @@ def load_skeleton(name_or_path: str | Path) -> Skeleton:
         ValueError: no built-in skeleton has this name, or the file is not a skeleton; the message says where.
     """
     if str(name_or_path) in builtin_skeletons():
-        text = resources.files("fgpose").joinpath("skeletons", f"{name_or_path}.toml").read_text(encoding="utf-8")
-    elif Path(name_or_path).is_file():
-        text = Path(name_or_path).read_text(encoding="utf-8")
-    else:
+        return _load_builtin(str(name_or_path))
+    if not Path(name_or_path).is_file():
         raise ValueError(
             f"no skeleton {str(name_or_path)!r}: give a TOML file or one of {', '.join(builtin_skeletons())}"
         )
     try:
-        return _parse(tomllib.loads(text))
+        return _parse(tomllib.loads(Path(name_or_path).read_text(encoding="utf-8")))
     except (tomllib.TOMLDecodeError, ValueError, TypeError, KeyError) as error:
         raise ValueError(f"{name_or_path}: not a skeleton: {error}") from None
+
+
+@cache
+def _load_builtin(name: str) -> Skeleton:
+    text = resources.files("fgpose").joinpath("skeletons", f"{name}.toml").read_text(encoding="utf-8")
+    return _parse(tomllib.loads(text))
 
 
 def _parse(table: dict[str, Any]) -> Skeleton:

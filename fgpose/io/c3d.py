@@ -1,0 +1,111 @@
+"""C3D, the binary marker file of motion capture laboratories, by way of ezc3d."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.atomic import replacing
+from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
+from fgpose.trajectory import Trajectory
+
+_UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
+# The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
+_MAX_FRAMES = 65535
+_MAX_INTERVAL_DEVIATION = 0.01
+_SCREEN = {"z": ("+X", "+Z"), "y": ("+Z", "+Y")}
+
+
+def require_ezc3d() -> ModuleType:
+    """The module ezc3d. Raises ImportError that says how to install it."""
+    try:
+        import ezc3d
+    except ImportError:
+        raise ImportError('C3D files need ezc3d: pip install "fgpose[c3d]"') from None
+    return ezc3d
+
+
+def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> None:
+    """Write positions in millimetres (32 bit), world axes unchanged; gaps are NaN with residual -1.
+
+    Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
+    file has no times, only a rate and the number of its first frame: the rate is one over the median interval (1 for
+    a single frame), and a UserWarning is given where the true times differ noticeably from what this implies.
+
+    Raises:
+        ImportError: ezc3d is not installed.
+        ValueError: there are more than 65535 frames, or the times do not increase.
+        OSError: the file cannot be written.
+    """
+    ezc3d = require_ezc3d()
+    if trajectory.n_frames > _MAX_FRAMES:
+        raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {trajectory.n_frames}; use TRC")
+    rate_hz = median_rate_hz(trajectory.time_s)
+    known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
+    points = np.ones((4, trajectory.skeleton.n_joints, trajectory.n_frames))
+    points[:3] = np.where(known[..., None], trajectory.positions_m, np.nan).transpose(2, 1, 0) * 1000.0
+    file = ezc3d.c3d()
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = np.where(known.T, 0.0, -1.0)[None]
+    file["header"]["points"]["first_frame"] = _first_frame(trajectory.time_s, rate_hz, path)
+    parameters = file["parameters"]["POINT"]
+    parameters["RATE"]["value"] = [rate_hz]
+    parameters["UNITS"]["value"] = ["mm"]
+    parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
+    for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[world_up], strict=True):
+        file.add_parameter("POINT", name, axis)
+    with replacing(path) as temporary:
+        file.write(str(temporary))
+
+
+def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> int:
+    """Number of the first frame, counted from time 0; warns where the file cannot hold the times."""
+    if len(time_s) == 0:
+        return 0
+    intervals_s = np.diff(time_s)
+    if np.any(np.abs(intervals_s * rate_hz - 1.0) > _MAX_INTERVAL_DEVIATION):
+        warnings.warn(
+            f"{path}: C3D holds a constant frame rate, {rate_hz:.4g} Hz is written; the true intervals are "
+            f"{intervals_s.min():.4g} to {intervals_s.max():.4g} s",
+            UserWarning,
+            stacklevel=3,
+        )
+    first = round(float(time_s[0]) * rate_hz)
+    if first >= 0 and first + len(time_s) <= _MAX_FRAMES:
+        return first
+    warnings.warn(f"{path}: C3D cannot hold a start at {time_s[0]:.6g} s; it starts at 0 s", UserWarning, stacklevel=3)
+    return 0
+
+
+def read_c3d(path: Path, world_up: UpAxis = "z") -> Trajectory:
+    """Read the markers of a C3D file, in metres; time counts from the file's frame 0.
+
+    Args:
+        world_up: the axis that points up in the world wanted. The file's is that of Y_SCREEN, z where it says nothing.
+
+    Raises:
+        ImportError: ezc3d is not installed.
+        ValueError, RuntimeError, OSError, KeyError: the file is something else, its unit is not m or mm, it has no
+            rate.
+    """
+    file = require_ezc3d().c3d(str(path))
+    parameters = {name: entry["value"] for name, entry in file["parameters"]["POINT"].items() if "value" in entry}
+    unit = (list(parameters["UNITS"]) or ["none"])[0].strip()
+    if unit not in _UNITS_PER_METRE:
+        raise ValueError(f"POINT:UNITS must be m or mm, got {unit}")
+    rate_hz = float(parameters["RATE"][0])
+    if not rate_hz > 0:
+        raise ValueError(f"POINT:RATE must be positive, got {rate_hz:g}")
+    points = file["data"]["points"]
+    markers = [label.strip() for label in parameters["LABELS"]][: points.shape[1]]
+    missing = file["data"]["meta_points"]["residuals"][0] < 0
+    positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
+    file_up: UpAxis = "y" if list(parameters.get("Y_SCREEN", ())) == ["+Y"] else "z"
+    if file_up != world_up:
+        positions_m = from_y_up(positions_m, "z") if file_up == "y" else to_y_up(positions_m, "z")
+    time_s = (file["header"]["points"]["first_frame"] + np.arange(points.shape[2])) / rate_hz
+    return markers_to_trajectory(markers, time_s, positions_m)

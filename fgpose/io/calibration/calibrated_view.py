@@ -1,0 +1,126 @@
+"""One camera as calibration files give it, and the unit of their lengths."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.camera import Camera, CameraRig, LensModel
+
+Unit = Literal["auto", "m", "mm"]
+
+_METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3}
+# Rigs of this field stand in rooms and halls: no camera is farther than this from the others or from the origin.
+_MAX_PLAUSIBLE_M = 100.0
+# Cameras that are nowhere farther apart than this cannot triangulate a person.
+_MIN_PLAUSIBLE_M = 0.02
+# A file of unknown unit: below the first it can only be metres, above the second only millimetres.
+_SURELY_METRES = 20.0
+_SURELY_MILLIMETRES = 200.0
+
+
+@dataclass(frozen=True)
+class CalibratedView:
+    """One camera of a file: x_camera = R x_world + t, t in the unit of the file."""
+
+    name: str
+    size_px: tuple[int, int]
+    K: Float[np.ndarray, "3 3"]
+    R: Float[np.ndarray, "3 3"]
+    t: Float[np.ndarray, " 3"]
+    distortion: Float[np.ndarray, " coefficients"]
+    lens: LensModel = "pinhole"
+
+    def to_camera(self, metres_per_unit: float) -> Camera:
+        return Camera.from_world_to_camera(
+            self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, self.distortion, self.lens
+        )
+
+
+def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: Unit, unit: Unit) -> CameraRig:
+    """The rig of a file's cameras, in metres.
+
+    Args:
+        views: the cameras in the unit of the file.
+        unit_of_format: what the format prescribes; auto where it leaves the unit open.
+        unit: what the caller says; auto to go by the format, or by the size of the rig where that leaves it open.
+
+    Raises:
+        ValueError: the unit cannot be told, or with it the rig is implausibly large or small.
+    """
+    if unit != "auto":
+        chosen = unit
+    elif unit_of_format != "auto":
+        chosen = unit_of_format
+    else:
+        chosen = _unit_by_size(_extent([view.to_camera(1.0) for view in views]))
+    rig = CameraRig(tuple(view.to_camera(_METRES_PER_UNIT[chosen]) for view in views))
+    _check_plausible(rig, chosen)
+    return rig
+
+
+def _extent(cameras: Sequence[Camera]) -> float:
+    """Largest distance between two cameras, or of one from the origin."""
+    centres = np.stack([np.zeros(3)] + [camera.position_m for camera in cameras])
+    return float(np.linalg.norm(centres[:, None] - centres, axis=-1).max())
+
+
+def _unit_by_size(extent: float) -> Literal["m", "mm"]:
+    if extent < _SURELY_METRES:
+        return "m"
+    if extent > _SURELY_MILLIMETRES:
+        return "mm"
+    raise ValueError(
+        f"the file does not say its unit of length, and a rig of {extent:.0f} may be metres or millimetres; "
+        'give unit="m" or unit="mm"'
+    )
+
+
+def _check_plausible(rig: CameraRig, unit: str) -> None:
+    extent_m = _extent(rig.cameras)
+    if extent_m > _MAX_PLAUSIBLE_M:
+        farthest = max(rig.cameras, key=lambda camera: float(np.linalg.norm(camera.position_m)))
+        advice = 'these look like millimetres; give unit="mm"' if unit == "m" else "the translations are wrong"
+        raise ValueError(
+            f"camera {farthest.name} is {np.linalg.norm(farthest.position_m):.0f} m from the origin, the rig measures "
+            f"{extent_m:.0f} m: {advice}"
+        )
+    centres = np.stack([camera.position_m for camera in rig.cameras])
+    spread_m = float(np.linalg.norm(centres - centres[0], axis=-1).max())
+    if unit == "mm" and rig.n_cameras > 1 and spread_m < _MIN_PLAUSIBLE_M:
+        raise ValueError(
+            f"all cameras lie within {1000 * spread_m:.1f} mm of {rig.names[0]}: "
+            'the file looks like metres; give unit="m"'
+        )
+
+
+def rotation_matrix(name: str, rotation: Any) -> Float[np.ndarray, "3 3"]:
+    """A rotation from a Rodrigues vector (3 numbers) or a matrix (9). Raises ValueError, naming the camera."""
+    from scipy.spatial.transform import Rotation
+
+    array = numbers(name, "rotation", rotation)
+    if array.size == 3:
+        return Rotation.from_rotvec(array.ravel()).as_matrix()
+    if array.size == 9:
+        return array.reshape(3, 3)
+    raise ValueError(
+        f"camera {name}: a rotation has 3 numbers (Rodrigues vector) or 9 (matrix), this one has {array.size}"
+    )
+
+
+def numbers(name: str, what: str, value: Any, *shape: int) -> np.ndarray:
+    """An array of finite numbers, of the given shape if there is one. Raises ValueError, naming the camera."""
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        raise ValueError(f"camera {name}: {what} is not an array of numbers: {value!r}") from None
+    if shape and array.size != np.prod(shape):
+        wanted = " x ".join(map(str, shape))
+        raise ValueError(f"camera {name}: {what} must have {wanted} numbers, got {array.size}")
+    if not np.isfinite(array).all():
+        raise ValueError(f"camera {name}: {what} contains a number that is not finite")
+    return array.reshape(shape) if shape else array

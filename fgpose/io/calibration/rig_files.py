@@ -1,0 +1,73 @@
+"""Reading and writing of calibration files of any format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fgpose.camera import CameraRig
+from fgpose.io.calibration import npz_format, opencv_yaml, qualisys, toml_formats
+from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
+
+_FORMATS = "Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, intri.yml with extri.yml, or npz of fgpose"
+
+
+def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
+    """The cameras of a calibration file; the format is recognised by its content.
+
+    Pose2Sim, aniposelib and caliscope TOML, Qualisys ``.qca.txt``, EasyMocap / OpenCV FileStorage YAML (the folder with
+    ``intri.yml`` and ``extri.yml``, or either file) and the npz of save_rig. All of them store world to camera.
+
+    Args:
+        path: the file, or the folder of the two YAML files.
+        unit: unit of the lengths in the file. auto takes what the format prescribes; aniposelib prescribes none, there
+            the size of the rig tells.
+
+    Raises:
+        ValueError: the file is empty, damaged or no calibration; a camera is incomplete or impossible (its rotation is
+            no rotation, K is singular); the unit is ambiguous or the rig implausibly large. The message names the file
+            and the camera.
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    if unit not in ("auto", "m", "mm"):
+        raise ValueError(f"unit must be auto, m or mm, got {unit!r}")
+    try:
+        views, unit_of_format = _read(path)
+        return rig_in_metres(views, unit_of_format, unit)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
+    if path.is_dir():
+        return opencv_yaml.read(path), "m"
+    content = path.read_bytes()
+    start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if not start:
+        raise ValueError("the file is empty")
+    if content.startswith(b"PK"):
+        return npz_format.read(path), "m"
+    if start.startswith(b"<") or content.startswith((b"\xff\xfe<", b"\xfe\xff\x00<")):
+        return qualisys.read(content), "mm"
+    if start.startswith(b"%YAML"):
+        return opencv_yaml.read(path.parent), "m"
+    try:
+        return toml_formats.read(start.decode("utf-8"))
+    except UnicodeDecodeError:
+        raise ValueError(f"not a calibration; it should be {_FORMATS}") from None
+
+
+def save_rig(rig: CameraRig, path: str | Path) -> None:
+    """Write a rig as npz (exact) or as Pose2Sim TOML (``.toml``), in metres.
+
+    The file appears under its name only when it is complete.
+
+    Raises:
+        ValueError: the extension is neither .npz nor .toml.
+        OSError: the file cannot be written.
+    """
+    path = Path(path)
+    writers = {".npz": npz_format.write, ".toml": toml_formats.write}
+    if path.suffix not in writers:
+        raise ValueError(f"{path}: a rig is written as .npz or .toml")
+    writers[path.suffix](rig, path)

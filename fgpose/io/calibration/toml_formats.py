@@ -1,0 +1,99 @@
+"""TOML calibrations of Pose2Sim, aniposelib and caliscope: one table per camera.
+
+All three have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some versions of caliscope a matrix) and
+``translation``, world to camera. They differ in what is around it:
+
+- Pose2Sim: any table names, ``fisheye`` in every table, metres, cameras in the order of the file.
+- aniposelib: ``[cam_0]``, ``[cam_1]``, ..., the unit of the calibration board (often mm), cameras in natural order.
+- caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; an ``ignore``d camera is left out.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fgpose.camera import Camera, CameraRig
+from fgpose.io.atomic import replacing
+from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, numbers, rotation_matrix
+from fgpose.io.camera_names import natural_key
+
+_NO_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
+_KEYS = ("matrix", "distortions", "rotation", "translation", "size")
+
+
+def read(text: str) -> tuple[list[CalibratedView], Unit]:
+    """Cameras of a TOML calibration and the unit its format prescribes.
+
+    Raises:
+        ValueError: the text is not TOML, has no cameras, or a camera is incomplete; the message names it.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ValueError(f"not a calibration, or a truncated one: {error}") from None
+    tables = _camera_tables(document)
+    if not tables:
+        raise ValueError("no camera in it: a calibration has one table per camera with matrix, rotation, translation")
+    is_pose2sim = all(isinstance(table.get("fisheye"), bool) for table in tables.values())
+    is_caliscope = "cameras" in document or all("port" in table for table in tables.values())
+    names = list(tables) if is_pose2sim else sorted(tables, key=natural_key)
+    views = [_view(name, tables[name]) for name in names if not tables[name].get("ignore", False)]
+    return views, "m" if is_pose2sim or is_caliscope else "auto"
+
+
+def _camera_tables(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    nested = document.get("cameras")
+    if isinstance(nested, dict):
+        document = {f"cam_{key}" if key.isdigit() else key: table for key, table in nested.items()}
+    return {
+        name: table
+        for name, table in document.items()
+        if isinstance(table, dict) and name not in _NO_CAMERAS and any(key in table for key in _KEYS[:4])
+    }
+
+
+def _view(key: str, table: dict[str, Any]) -> CalibratedView:
+    name = str(table.get("name", key))
+    missing = [what for what in _KEYS if what not in table]
+    if missing:
+        raise ValueError(f"camera {name}: {', '.join(missing)} is missing")
+    width, height = numbers(name, "size", table["size"], 2)
+    return CalibratedView(
+        name=name,
+        size_px=(round(width), round(height)),
+        K=numbers(name, "matrix", table["matrix"], 3, 3),
+        R=rotation_matrix(name, table["rotation"]),
+        t=numbers(name, "translation", table["translation"], 3),
+        distortion=numbers(name, "distortions", table["distortions"]).ravel(),
+        lens="fisheye" if table.get("fisheye", False) else "pinhole",
+    )
+
+
+def write(rig: CameraRig, path: Path) -> None:
+    """Write a rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects."""
+    import tomli_w
+
+    document: dict[str, Any] = {camera.name: _table(camera) for camera in rig.cameras}
+    document["metadata"] = {"adjusted": False, "error": 0.0}
+    with replacing(path) as temporary:
+        temporary.write_text(tomli_w.dumps(document), encoding="utf-8")
+
+
+def _table(camera: Camera) -> dict[str, Any]:
+    from scipy.spatial.transform import Rotation
+
+    camera_T_world = camera.camera_T_world
+    distortion = camera.distortion if camera.distortion.size else np.zeros(4)
+    return {
+        "name": camera.name,
+        "size": [float(length) for length in camera.size_px],
+        "matrix": camera.K.tolist(),
+        "distortions": distortion.tolist(),
+        "rotation": Rotation.from_matrix(camera_T_world[:3, :3]).as_rotvec().tolist(),
+        "translation": camera_T_world[:3, 3].tolist(),
+        "fisheye": camera.lens == "fisheye",
+    }

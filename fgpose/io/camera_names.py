@@ -1,0 +1,47 @@
+"""Names of cameras in files: their natural order, and which name of the keypoints is which of the calibration."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Sort key that puts cam_2 before cam_10."""
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name) if part]
+
+
+def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, str]:
+    """For each camera of the rig, the name by which the keypoints call it.
+
+    Case, underscores, hyphens, dots, blanks and a final ``_json`` do not count: cam01_json is cam_01.
+
+    Raises:
+        ValueError: a camera is in one of the two only, or two names of one side are the same; the message names them.
+    """
+    keypoints, rig = _by_plain_name(found, "keypoints"), _by_plain_name(rig_names, "calibration")
+    lacking = [name for plain, name in keypoints.items() if plain not in rig]
+    unused = [name for plain, name in rig.items() if plain not in keypoints]
+    problems = []
+    if lacking:
+        problems.append(
+            f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig.values())}"
+        )
+    if unused:
+        kept = [name for name in rig.values() if name not in unused]
+        problems.append(
+            f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with rig.subset({kept})"
+        )
+    if problems:
+        raise ValueError("; ".join(problems))
+    return {name: keypoints[plain] for plain, name in rig.items()}
+
+
+def _by_plain_name(names: Iterable[str], where: str) -> dict[str, str]:
+    plain_names: dict[str, str] = {}
+    for name in names:
+        plain = re.sub(r"[_\-.\s]", "", re.sub(r"_json$", "", name, flags=re.IGNORECASE).casefold())
+        if plain in plain_names:
+            raise ValueError(f"cameras {plain_names[plain]} and {name} of the {where} cannot be told apart")
+        plain_names[plain] = name
+    return plain_names

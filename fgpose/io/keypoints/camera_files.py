@@ -1,0 +1,159 @@
+"""One file per camera: MMPose, COCO results, MeTRAbs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fgpose.io.arrays import read_arrays
+from fgpose.io.keypoints.detections import (
+    MAX_FRAME,
+    CameraDetections,
+    ImageDetections,
+    Source,
+    checked_detections,
+    detections_from_triples,
+    frame_number,
+    nobody,
+    read_json,
+)
+from fgpose.io.keypoints.image_files import image_format, mmpose_instances
+from fgpose.skeleton import Skeleton
+
+
+def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections, str]:
+    """The images of one camera by frame number, and the name of their format, recognised by the content.
+
+    - MMPose: ``instance_info``, a list of ``frame_id`` and ``instances``.
+    - COCO results: a list of ``image_id``, ``keypoints`` (x, y, score per joint); the image_id is the frame.
+    - MeTRAbs (npz, or JSON): ``poses2d`` (T, n, J, 2), ``poses3d`` (T, n, J, 3) and ``boxes`` (T, n, 5), whose last
+      number is the confidence of all joints (1 without it); in JSON also a list with one such object per frame. An
+      optional ``frame`` gives the numbers of the frames.
+
+    Raises:
+        ValueError: the file is damaged, of no such format, or does not fit the skeleton. The message names file,
+            camera, frame and joint.
+    """
+    source = Source(path, camera)
+    document = _read_npz(source) if path.suffix == ".npz" else read_json(source)
+    format_name, reader = _reader(document, source)
+    return reader(document, source, skeleton), format_name
+
+
+def _read_npz(source: Source) -> dict[str, np.ndarray]:
+    try:
+        return read_arrays(source.path)
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
+
+
+def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, Skeleton], CameraDetections]]:
+    first = document[0] if isinstance(document, list) and document else document
+    if isinstance(document, list) and not document:
+        return "COCO results", _read_coco
+    if isinstance(first, Mapping):
+        if "poses2d" in first:
+            return "MeTRAbs", _read_metrabs
+        if "instance_info" in first:
+            return "MMPose", _read_mmpose
+        if "image_id" in first and "keypoints" in first:
+            return "COCO results", _read_coco
+    one_image = image_format(document)
+    if one_image:
+        raise ValueError(
+            f"{source}: {one_image} of a single image; put the files of each camera into a folder of their own and "
+            "give the folder above"
+        )
+    raise ValueError(f"{source}: not keypoints of MMPose, COCO results or MeTRAbs")
+
+
+def _read_mmpose(document: dict[str, Any], source: Source, skeleton: Skeleton) -> CameraDetections:
+    frames: CameraDetections = {}
+    for position, image in enumerate(_rows(document["instance_info"], source)):
+        if "frame_id" not in image or not isinstance(image.get("instances"), list):
+            raise ValueError(f"{source}: entry {position} of instance_info lacks frame_id or instances")
+        here = Source(source.path, source.camera, _frame_number(source, image["frame_id"]))
+        frames[_new_frame(here, frames)] = mmpose_instances(image["instances"], here, skeleton)
+    return frames
+
+
+def _read_coco(document: list[Any], source: Source, skeleton: Skeleton) -> CameraDetections:
+    people: dict[int, list[Any]] = {}
+    for position, row in enumerate(_rows(document, source)):
+        if not {"image_id", "keypoints"} <= set(row):
+            raise ValueError(f"{source}: entry {position} lacks image_id or keypoints")
+        frame = _frame_number(source, row["image_id"])
+        people.setdefault(frame, []).append(row["keypoints"])
+    return {
+        frame: detections_from_triples(Source(source.path, source.camera, frame), skeleton, found)
+        for frame, found in sorted(people.items())
+    }
+
+
+def _read_metrabs(document: Any, source: Source, skeleton: Skeleton) -> CameraDetections:
+    by_frame = _rows(document, source) if isinstance(document, list) else _rows_of_columns(document, source)
+    frames: CameraDetections = {}
+    for position, row in enumerate(by_frame):
+        here = Source(source.path, source.camera, _frame_number(source, row.get("frame", position)))
+        frames[_new_frame(here, frames)] = _metrabs_image(row, here, skeleton)
+    return frames
+
+
+def _rows_of_columns(columns: Mapping[str, Any], source: Source) -> list[dict[str, Any]]:
+    used = {name: columns[name] for name in ("poses2d", "poses3d", "boxes", "frame") if name in columns}
+    for name, column in used.items():
+        if not isinstance(column, list) and np.ndim(column) == 0:
+            raise ValueError(f"{source}: {name} is not a list with an entry per frame")
+    if len({len(column) for column in used.values()}) > 1:
+        lengths = ", ".join(f"{name} {len(column)}" for name, column in used.items())
+        raise ValueError(f"{source}: a different number of frames in {lengths}")
+    return [dict(zip(used, row, strict=True)) for row in zip(*used.values(), strict=True)]
+
+
+def _metrabs_image(row: Mapping[str, Any], source: Source, skeleton: Skeleton) -> ImageDetections:
+    try:
+        poses2d, poses3d, boxes = (
+            None if row.get(name) is None else np.array(row[name], dtype=float)
+            for name in ("poses2d", "poses3d", "boxes")
+        )
+    except (TypeError, ValueError):
+        raise ValueError(f"{source}: poses2d, poses3d or boxes is not an array of numbers") from None
+    if poses2d is None:
+        raise ValueError(f"{source}: poses2d is missing")
+    if poses2d.size == 0:
+        return nobody(skeleton)
+    if poses2d.ndim < 2:
+        raise ValueError(f"{source}: poses2d must be (people, joints, 2), got {poses2d.shape}")
+    if poses2d.ndim == 2:
+        poses2d, poses3d, boxes = (None if array is None else array[None] for array in (poses2d, poses3d, boxes))
+        assert poses2d is not None
+    n_people = len(poses2d)
+    if boxes is not None and boxes.shape not in ((n_people, 4), (n_people, 5)):
+        raise ValueError(f"{source}: boxes must be ({n_people}, 5) for {n_people} people, got {boxes.shape}")
+    score = boxes[:, 4] if boxes is not None and boxes.shape[1] == 5 else np.ones(n_people)
+    confidence = np.repeat(score[:, None], skeleton.n_joints, axis=1)
+    return checked_detections(source, skeleton, poses2d, confidence, poses3d)
+
+
+def _rows(rows: Any, source: Source) -> list[dict[str, Any]]:
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise ValueError(f"{source}: a list of objects is needed, one per frame or person")
+    return rows
+
+
+def _frame_number(source: Source, value: Any) -> int:
+    """A number, or the last number in the name of an image file."""
+    if isinstance(value, str):
+        return frame_number(source, Path(value).stem)
+    if not isinstance(value, int | float | np.number) or not 0 <= value < MAX_FRAME or value != int(value):
+        raise ValueError(f"{source}: {value!r} is not the number of a frame")
+    return int(value)
+
+
+def _new_frame(source: Source, frames: CameraDetections) -> int:
+    if source.frame is None or source.frame in frames:
+        raise ValueError(f"{source}: this frame comes twice")
+    return source.frame

@@ -1,0 +1,73 @@
+"""One JSON file per image, in one folder per camera: OpenPose (and Pose2Sim), or MMPose run on images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from fgpose.io.keypoints.detections import (
+    CameraDetections,
+    ImageDetections,
+    Source,
+    checked_detections,
+    detections_from_triples,
+    frame_number,
+    nobody,
+    read_json,
+)
+from fgpose.skeleton import Skeleton
+
+
+def read(folder: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections, str | None]:
+    """The images of one camera by the frame number in their file names, and the name of their format.
+
+    OpenPose: an object with ``people``, each with ``pose_keypoints_2d`` = x, y, confidence per joint, 0, 0, 0 =
+    missing. MMPose: a list of instances with ``keypoints`` and ``keypoint_scores``.
+
+    Raises:
+        ValueError: a file is damaged, of another format than the others, or does not fit the skeleton; two have the
+            same frame number. The message names file, camera, frame and joint.
+    """
+    frames: CameraDetections = {}
+    format_of_folder = None
+    for path in sorted(folder.glob("*.json")):
+        frame = frame_number(Source(path, camera), path.stem)
+        source = Source(path, camera, frame)
+        if frame in frames:
+            raise ValueError(f"{source}: another file has the same frame number")
+        document = read_json(source)
+        kind = image_format(document)
+        if kind is None or (format_of_folder and kind and kind != format_of_folder):
+            wanted = format_of_folder or "an image of OpenPose or MMPose"
+            raise ValueError(f"{source}: this is {kind or 'something else'}, not {wanted}")
+        format_of_folder = format_of_folder or kind or None
+        frames[frame] = _detections(document, source, skeleton)
+    return frames, format_of_folder
+
+
+def image_format(document: Any) -> str | None:
+    """The format of a document about one image; empty for a list without people, None for something else."""
+    if isinstance(document, dict) and "people" in document:
+        return "OpenPose"
+    if isinstance(document, list) and all(isinstance(row, dict) and "keypoint_scores" in row for row in document):
+        return "MMPose" if document else ""
+    return None
+
+
+def _detections(document: Any, source: Source, skeleton: Skeleton) -> ImageDetections:
+    if isinstance(document, list):
+        return mmpose_instances(document, source, skeleton)
+    people = document["people"]
+    if not isinstance(people, list) or not all(isinstance(row, dict) and "pose_keypoints_2d" in row for row in people):
+        raise ValueError(f"{source}: a person without pose_keypoints_2d")
+    return detections_from_triples(source, skeleton, [row["pose_keypoints_2d"] for row in people])
+
+
+def mmpose_instances(instances: list[Any], source: Source, skeleton: Skeleton) -> ImageDetections:
+    """People of one image of MMPose. Raises ValueError as checked_detections does."""
+    if not all(isinstance(row, dict) and {"keypoints", "keypoint_scores"} <= set(row) for row in instances):
+        raise ValueError(f"{source}: an instance without keypoints or keypoint_scores")
+    if not instances:
+        return nobody(skeleton)
+    points2d_px = [row["keypoints"] for row in instances]
+    return checked_detections(source, skeleton, points2d_px, [row["keypoint_scores"] for row in instances])

@@ -1,0 +1,140 @@
+"""Trajectories as Parquet: one long table that any data tool reads."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.atomic import replacing
+from fgpose.io.description import describe, described
+from fgpose.trajectory import Status, Trajectory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_AXES = "xyz"
+_UPPER_TRIANGLE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_COVARIANCE = tuple(f"cov_{_AXES[row]}{_AXES[column]}_m2" for row, column in _UPPER_TRIANGLE)
+_PREFIX = "fgpose."
+_HAS_COVARIANCE = "has_covariance"
+
+
+def write_parquet(trajectory: Trajectory, path: Path) -> None:
+    """Write one row per frame and joint, joints in the order of the skeleton within each frame.
+
+    Columns: time_s, frame (from 0), person (always 0), joint; x_m, y_m, z_m in the world frame; cov_xx_m2, cov_xy_m2,
+    cov_xz_m2, cov_yy_m2, cov_yz_m2, cov_zz_m2; n_views, the number of cameras with a detection; reprojection_px, the
+    median of their reprojection errors in undistorted pixels; status (observed, predicted, unobservable); and, where
+    they are known, the errors of each camera in residual_px_<camera>. What is not known is null. The metadata of the
+    file (keys fgpose.*) hold the skeleton, cameras, bone lengths and convergence as JSON and the config as TOML.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    texts = describe(trajectory) | {_HAS_COVARIANCE: str(trajectory.covariance_m2 is not None).lower()}
+    table = pa.table(_columns(trajectory))
+    table = table.replace_schema_metadata({_PREFIX + name: text for name, text in texts.items()})
+    with replacing(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd")
+
+
+def _columns(trajectory: Trajectory) -> dict[str, pa.Array]:
+    import pyarrow as pa
+
+    n_frames, n_joints = trajectory.n_frames, trajectory.skeleton.n_joints
+    joint = np.tile(np.arange(n_joints, dtype=np.int32), n_frames)
+    columns = {
+        "time_s": pa.array(np.repeat(np.asarray(trajectory.time_s, dtype=float), n_joints)),
+        "frame": pa.array(np.repeat(np.arange(n_frames, dtype=np.int32), n_joints)),
+        "person": pa.array(np.zeros(n_frames * n_joints, dtype=np.int32)),
+        "joint": pa.DictionaryArray.from_arrays(joint, list(trajectory.skeleton.joints)),
+    }
+    columns |= {f"{_AXES[axis]}_m": _nullable(trajectory.positions_m[..., axis]) for axis in range(3)}
+    unknown = np.full((n_frames, n_joints), np.nan)
+    for name, (row, column) in zip(_COVARIANCE, _UPPER_TRIANGLE, strict=True):
+        covariance_m2 = trajectory.covariance_m2
+        columns[name] = _nullable(unknown if covariance_m2 is None else covariance_m2[..., row, column])
+    columns |= _residual_columns(trajectory)
+    status = np.asarray(trajectory.status, dtype=np.int8).ravel()
+    names = [name.lower() for name in Status.__members__]
+    return columns | {"status": pa.DictionaryArray.from_arrays(status, names)}
+
+
+def _residual_columns(trajectory: Trajectory) -> dict[str, pa.Array]:
+    import pyarrow as pa
+
+    residual_px = trajectory.residual_px
+    if residual_px is None:
+        nothing = np.full((trajectory.n_frames, trajectory.skeleton.n_joints), np.nan)
+        return {"n_views": _nullable(nothing).cast(pa.int32()), "reprojection_px": _nullable(nothing)}
+    columns = {
+        "n_views": pa.array(np.isfinite(residual_px).sum(axis=1, dtype=np.int32).ravel()),
+        "reprojection_px": _nullable(_median_over_cameras(residual_px)),
+    }
+    for camera, name in enumerate(trajectory.camera_names):
+        columns[f"residual_px_{name}"] = _nullable(residual_px[:, camera])
+    return columns
+
+
+def _median_over_cameras(residual_px: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "frame joint"]:
+    with warnings.catch_warnings():
+        # The median of nothing is NaN, as it should be, with a warning.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmedian(residual_px, axis=1)
+
+
+def _nullable(values: Float[np.ndarray, "frame joint"]) -> pa.Array:
+    import pyarrow as pa
+
+    return pa.array(np.ascontiguousarray(values, dtype=float).ravel(), from_pandas=True)
+
+
+def read_parquet(path: Path) -> Trajectory:
+    """The trajectory that write_parquet wrote. Covariances come back symmetric, made from their upper triangle.
+
+    Raises:
+        ValueError, KeyError, OSError: the file is something else, or rows are missing or in another order.
+    """
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    metadata = {key.decode(): text.decode() for key, text in (table.schema.metadata or {}).items()}
+    texts = {key.removeprefix(_PREFIX): text for key, text in metadata.items() if key.startswith(_PREFIX)}
+    if "skeleton" not in texts:
+        raise ValueError("its metadata name no skeleton: it was not written by fgpose, or another tool dropped them")
+    values = described(texts)
+    joints = values["skeleton"].joints
+    n_frames = table.num_rows // len(joints)
+    in_order = table["frame"].to_numpy().tolist() == np.repeat(np.arange(n_frames), len(joints)).tolist()
+    if not in_order or table["joint"].to_pylist() != list(joints) * n_frames:
+        raise ValueError("rows are missing or in another order: each frame must hold every joint of the skeleton once")
+
+    def column(name: str) -> np.ndarray:
+        return table[name].to_numpy().astype(float).reshape(n_frames, len(joints))
+
+    cameras = [f"residual_px_{name}" for name in values["camera_names"]]
+    if cameras and set(cameras) <= set(table.column_names):
+        values["residual_px"] = np.stack([column(name) for name in cameras], axis=1)
+    if texts.get(_HAS_COVARIANCE) == "true":
+        values["covariance_m2"] = _symmetric([column(name) for name in _COVARIANCE])
+    status = np.array([Status[name.upper()] for name in table["status"].to_pylist()], dtype=int)
+    return Trajectory(
+        time_s=column("time_s")[:, 0],
+        positions_m=np.stack([column(f"{axis}_m") for axis in _AXES], axis=-1),
+        status=status.reshape(n_frames, len(joints)),
+        **values,
+    )
+
+
+def _symmetric(upper_m2: list[np.ndarray]) -> Float[np.ndarray, "frame joint 3 3"]:
+    covariance_m2 = np.empty((*upper_m2[0].shape, 3, 3))
+    for values, (row, column) in zip(upper_m2, _UPPER_TRIANGLE, strict=True):
+        covariance_m2[..., row, column] = covariance_m2[..., column, row] = values
+    return covariance_m2

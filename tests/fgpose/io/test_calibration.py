@@ -1,0 +1,354 @@
+from __future__ import annotations
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tomli_w
+from scipy.spatial.transform import Rotation
+
+from fgpose.camera import Camera, CameraRig
+from fgpose.io.calibration import load_rig, save_rig
+
+DATA = Path(__file__).parents[2] / "data"
+QCA = DATA / "qualisys" / "Calib.qca.txt"
+POSE2SIM = DATA / "qualisys" / "Calib_qualisys.toml"
+WEBCAMS = DATA / "webcam_mediapipe" / "config.toml"
+# A round trip through a rotation vector costs a few units in the last of 16 digits: 1e-12 px at 1000 px.
+EXACT_PX = 1e-9
+
+
+@pytest.fixture
+def points_m() -> np.ndarray:
+    return np.random.default_rng(0).uniform(-1, 1, size=(20, 3))
+
+
+def camera_table(**changes: Any) -> dict[str, Any]:
+    table = {
+        "size": [640, 480],
+        "matrix": [[500.0, 0, 320], [0, 500.0, 240], [0, 0, 1]],
+        "distortions": [0.0] * 5,
+        "rotation": [0.0, 0.0, 0.0],
+        "translation": [0.0, 0.0, 4.0],
+    }
+    return {key: value for key, value in (table | changes).items() if value is not None}
+
+
+def write_toml(folder: Path, document: dict[str, Any]) -> Path:
+    path = folder / "calibration.toml"
+    path.write_text(tomli_w.dumps(document))
+    return path
+
+
+def same_pixels(a: CameraRig, b: CameraRig, points_m: np.ndarray) -> bool:
+    undistorted = np.nanmax(np.abs(a.project(points_m) - b.project(points_m)))
+    lens = [
+        np.nanmax(np.abs(x.distort(x.project(points_m)) - y.distort(y.project(points_m))))
+        for x, y in zip(a.cameras, b.cameras, strict=True)
+    ]
+    return max(undistorted, *lens) < EXACT_PX
+
+
+def test_pose2sim_toml_as_written_in_the_file():
+    rig = load_rig(POSE2SIM)
+    assert rig.names == ("cam_01", "cam_02", "cam_03", "cam_04")
+    camera = rig.cameras[0]
+    assert camera.size_px == (1088, 1920)
+    # The file's rotation and translation take the camera's own position to its origin.
+    table = tomllib.loads(POSE2SIM.read_text())["cam_01"]
+    R = Rotation.from_rotvec(table["rotation"]).as_matrix()
+    np.testing.assert_allclose(R @ camera.position_m + table["translation"], 0, atol=1e-12)
+
+
+def test_qualisys_agrees_with_its_conversion_by_pose2sim(points_m: np.ndarray):
+    qualisys, pose2sim = load_rig(QCA), load_rig(POSE2SIM)
+    assert qualisys.names == ("cam01", "cam02", "cam03", "cam04")
+    assert [camera.size_px for camera in qualisys.cameras] == [camera.size_px for camera in pose2sim.cameras]
+    assert same_pixels(qualisys, pose2sim, points_m)
+
+
+def test_qualisys_leaves_marker_cameras_out(tmp_path: Path):
+    path = tmp_path / "Calib.qca.txt"
+    path.write_text(QCA.read_text().replace('model="none"', 'model="Miqus M3"', 1))
+    assert load_rig(path).names == ("cam02", "cam03", "cam04")
+
+
+def test_rotations_as_matrices():
+    rig = load_rig(WEBCAMS)
+    assert rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
+    # Camera 1 is nearly the world frame, says the README of the recording.
+    np.testing.assert_allclose(rig.cameras[1].world_T_camera, np.eye(4), atol=0.01)
+    assert rig.cameras[0].distortion.size == 5
+
+
+def test_the_format_is_recognised_by_the_content(tmp_path: Path):
+    for source, name in ((QCA, "a.toml"), (POSE2SIM, "b.txt")):
+        path = tmp_path / name
+        path.write_bytes(source.read_bytes())
+        assert load_rig(path).n_cameras == 4
+
+
+def test_aniposelib_cameras_come_in_natural_order(tmp_path: Path):
+    document = {f"cam_{i}": camera_table(name=f"cam_{i}", translation=[0.1 * i, 0, 4]) for i in (10, 2, 1)}
+    rig = load_rig(write_toml(tmp_path, {**document, "metadata": {"error": 0.1}}))
+    assert rig.names == ("cam_1", "cam_2", "cam_10")
+    np.testing.assert_allclose(rig.cameras[2].position_m, [-1, 0, -4])
+
+
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, "auto"), (1000.0, "auto"), (1000.0, "mm"), (1.0, "m")])
+def test_aniposelib_unit(tmp_path: Path, scale: float, unit: Any):
+    document = {f"cam_{i}": camera_table(translation=[i * scale, 0, 4 * scale]) for i in range(2)}
+    rig = load_rig(write_toml(tmp_path, document), unit=unit)
+    np.testing.assert_allclose(rig.cameras[1].position_m, [-1, 0, -4])
+
+
+def test_aniposelib_of_ambiguous_size_asks_for_the_unit(tmp_path: Path):
+    path = write_toml(tmp_path, {f"cam_{i}": camera_table(translation=[i, 0, 60]) for i in range(2)})
+    with pytest.raises(ValueError, match=rf'{path.name}: .*give unit="m" or unit="mm"'):
+        load_rig(path)
+    np.testing.assert_allclose(load_rig(path, unit="m").cameras[0].position_m, [0, 0, -60])
+
+
+def test_caliscope_nested_tables(tmp_path: Path):
+    document = {
+        "cameras": {
+            "10": camera_table(ignore=False),
+            "2": camera_table(translation=[0.5, 0, 4], rotation=np.eye(3).tolist()),
+            "3": camera_table(ignore=True),
+        }
+    }
+    rig = load_rig(write_toml(tmp_path, document))
+    assert rig.names == ("cam_2", "cam_10")
+    np.testing.assert_allclose(rig.cameras[0].position_m, [-0.5, 0, -4])
+
+
+INTRI = """%YAML:1.0
+---
+names:
+   - "01"
+   - "02"
+K_01: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 500., 0., 320., 0., 510., 240., 0., 0., 1. ]
+dist_01: !!opencv-matrix
+   rows: 1
+   cols: 5
+   dt: d
+   data: [ 0.1, 0.01, 0., 0., 0. ]
+H_01: 480
+W_01: 641
+K_02: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 500., 0., 320., 0., 510., 240., 0., 0., 1. ]
+D_02: !!opencv-matrix
+   rows: 1
+   cols: 4
+   dt: d
+   data: [ 0., 0., 0., 0. ]
+"""
+EXTRI = """%YAML:1.0
+---
+names:
+   - "01"
+   - "02"
+R_01: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 0., 0., 1.5707963267948966 ]
+Rot_01: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 0., -1., 0., 1., 0., 0., 0., 0., 1. ]
+T_01: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 1., 2., 3. ]
+R_02: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 0., 0., 1.5707963267948966 ]
+T_02: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 1., 2., 3. ]
+"""
+
+
+@pytest.fixture
+def easymocap(tmp_path: Path) -> Path:
+    (tmp_path / "intri.yml").write_text(INTRI)
+    (tmp_path / "extri.yml").write_text(EXTRI)
+    return tmp_path
+
+
+@pytest.mark.parametrize("given", ["", "intri.yml", "extri.yml"])
+def test_easymocap(easymocap: Path, given: str):
+    rig = load_rig(easymocap / given)
+    assert rig.names == ("01", "02")
+    # The second camera has no size in the file: twice its principal point.
+    assert [camera.size_px for camera in rig.cameras] == [(641, 480), (640, 480)]
+    assert [camera.distortion.size for camera in rig.cameras] == [5, 4]
+    for camera in rig.cameras:
+        # x_camera = R x + t with a quarter turn about z: the origin of the world is at t, x goes to y.
+        np.testing.assert_allclose(camera.to_camera_frame(np.array([[0.0, 0, 0], [1, 0, 0]])), [[1, 2, 3], [1, 3, 3]])
+
+
+@pytest.mark.parametrize("broken", ["intri.yml", "extri.yml"])
+@pytest.mark.parametrize("content", [None, "", "%YAML:1.0\n---\nK_01: !!opencv-matrix\n   rows: 3\n   co"])
+def test_easymocap_damaged(easymocap: Path, broken: str, content: str | None):
+    if content is None:
+        (easymocap / broken).unlink()
+    else:
+        (easymocap / broken).write_text(content)
+    with pytest.raises(ValueError, match=broken):
+        load_rig(easymocap)
+
+
+def test_easymocap_names_the_camera_that_lacks_something(easymocap: Path):
+    (easymocap / "extri.yml").write_text(EXTRI[: EXTRI.index("T_02")])
+    with pytest.raises(ValueError, match=r"camera 02: T_02 is missing"):
+        load_rig(easymocap)
+    (easymocap / "extri.yml").write_text(EXTRI.replace('   - "02"\n', ""))
+    with pytest.raises(ValueError, match=r"camera 02 is in one of intri\.yml and extri\.yml only"):
+        load_rig(easymocap)
+
+
+@pytest.mark.parametrize("extension", [".npz", ".toml"])
+@pytest.mark.parametrize(
+    ("lens", "distortion"),
+    [
+        ("pinhole", []),
+        ("pinhole", [-0.2, 0.05, 1e-3, -1e-3]),
+        ("pinhole", [-0.2, 0.05, 1e-3, -1e-3, 0.01]),
+        ("pinhole", [-0.2, 0.05, 1e-3, -1e-3, 0.01, 0.1, -0.02, 0.003]),
+        ("fisheye", [0.05, -0.01, 0.002, -0.001]),
+    ],
+)
+def test_round_trip(tmp_path: Path, points_m: np.ndarray, extension: str, lens: Any, distortion: list[float]):
+    K = np.array([[800.0, 0, 400], [0, 810, 300], [0, 0, 1]])
+    rotations = Rotation.random(3, rng=np.random.default_rng(0)).as_matrix()
+    rig = CameraRig(
+        tuple(
+            Camera.from_world_to_camera(name, (800, 600), K, R, np.array([0.1, -0.2, 5]), distortion, lens)
+            for name, R in zip(("left", "cam_10", "cam_2"), rotations, strict=True)
+        )
+    )
+    path = tmp_path / f"rig{extension}"
+    save_rig(rig, path)
+    loaded = load_rig(path)
+    assert loaded.names == rig.names
+    assert [camera.lens for camera in loaded.cameras] == [lens] * 3
+    assert same_pixels(loaded, rig, points_m)
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def test_save_rig_refuses_other_extensions(tmp_path: Path):
+    with pytest.raises(ValueError, match=r"rig\.yml: a rig is written as \.npz or \.toml"):
+        save_rig(load_rig(POSE2SIM), tmp_path / "rig.yml")
+
+
+def test_millimetres_where_metres_are_meant(tmp_path: Path):
+    path = tmp_path / "Calib.toml"
+    path.write_text(
+        re.sub(
+            r"translation = \[(.*)\]",
+            lambda match: f"translation = [{', '.join(str(1000 * float(x)) for x in match[1].split(','))}]",
+            POSE2SIM.read_text(),
+        )
+    )
+    with pytest.raises(ValueError, match=r'Calib\.toml: camera cam_0\d is \d+ m .*millimetres; give unit="mm"'):
+        load_rig(path)
+    np.testing.assert_allclose(
+        load_rig(path, unit="mm").cameras[0].position_m, load_rig(POSE2SIM).cameras[0].position_m
+    )
+
+
+def test_metres_read_as_millimetres():
+    with pytest.raises(ValueError, match=r'Calib_qualisys\.toml: all cameras lie within .* give unit="m"'):
+        load_rig(POSE2SIM, unit="mm")
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"rotation": [[1.0, 0, 0], [0, 1, 0], [0, 0, 2]]}, "camera cam_1: the rotation is not a rotation matrix"),
+        ({"rotation": [1.0, 0.0]}, "camera cam_1: a rotation has 3 numbers"),
+        ({"matrix": [[0.0, 0, 320], [0, 500, 240], [0, 0, 1]]}, "camera cam_1: K is singular"),
+        ({"matrix": [[500.0, 0], [0, 500]]}, "camera cam_1: matrix must have 3 x 3 numbers, got 4"),
+        ({"matrix": "none"}, "camera cam_1: matrix is not an array of numbers"),
+        ({"translation": [0.0, float("nan"), 4.0]}, "camera cam_1: translation contains a number that is not finite"),
+        ({"translation": None}, "camera cam_1: translation is missing"),
+        ({"size": None}, "camera cam_1: size is missing"),
+        ({"distortions": [0.0] * 3}, "camera cam_1: a pinhole lens takes 0, 4, 5, 8 coefficients, got 3"),
+    ],
+)
+def test_an_impossible_camera_is_named_with_its_file(tmp_path: Path, changes: dict[str, Any], message: str):
+    path = write_toml(tmp_path, {"cam_0": camera_table(), "cam_1": camera_table(**changes)})
+    with pytest.raises(ValueError, match=re.escape(f"{path}: {message}")):
+        load_rig(path)
+
+
+@pytest.mark.parametrize("source", [POSE2SIM, QCA])
+@pytest.mark.parametrize("content", ["empty", "truncated", "garbage", "prose", "other"])
+def test_a_damaged_file_is_named(tmp_path: Path, source: Path, content: str):
+    whole = source.read_bytes()
+    contents = {
+        "empty": b" \n",
+        "truncated": whole[:700],
+        "garbage": np.random.default_rng(0).bytes(500),
+        "prose": b"these are not the cameras",
+        "other": b"[tool]\nx = 1\n" if source == POSE2SIM else b"<html></html>",
+    }
+    path = tmp_path / "broken.file"
+    path.write_bytes(contents[content])
+    with pytest.raises(ValueError, match=r"broken\.file: ") as error:
+        load_rig(path)
+    assert str(error.value).count("broken.file") == 1
+
+
+@pytest.mark.parametrize("keep", [10, 300, -100])
+def test_a_damaged_npz_is_named(tmp_path: Path, keep: int):
+    path = tmp_path / "rig.npz"
+    save_rig(load_rig(POSE2SIM), path)
+    path.write_bytes(path.read_bytes()[:keep])
+    with pytest.raises(ValueError, match=r"rig\.npz: a damaged npz"):
+        load_rig(path)
+
+
+def test_an_npz_of_something_else_is_named(tmp_path: Path):
+    np.savez(tmp_path / "rig.npz", K=np.eye(3))
+    with pytest.raises(ValueError, match=r"rig\.npz: not a calibration .*camera_names"):
+        load_rig(tmp_path / "rig.npz")
+
+
+def test_qualisys_names_the_camera_that_lacks_something(tmp_path: Path):
+    path = tmp_path / "Calib.qca.txt"
+    path.write_text(re.sub(r'focalLengthV="107123[^"]*"', "", QCA.read_text()))
+    with pytest.raises(ValueError, match=r"qca\.txt: camera cam02: intrinsic has no number focalLengthV"):
+        load_rig(path)
+
+
+def test_easymocap_with_a_wrong_number_of_rows(easymocap: Path):
+    (easymocap / "extri.yml").write_text(EXTRI.replace("rows: 3", "rows: 93"))
+    assert load_rig(easymocap).n_cameras == 2
+    (easymocap / "extri.yml").write_text(EXTRI.replace("[ 1., 2., 3. ]", "[ 1., 2. ]"))
+    with pytest.raises(ValueError, match="camera 01: T must have 3 numbers, got 2"):
+        load_rig(easymocap)
+
+
+def test_an_unknown_unit_is_refused():
+    unit: Any = "cm"
+    with pytest.raises((ValueError, TypeError)):
+        load_rig(POSE2SIM, unit=unit)
