@@ -28,9 +28,14 @@ def custom_factor(
         noise: its dimension is the residual's.
         residual: see Residual.
         read: for each key, how to read it from Values, for example ``gtsam.Values.atPoint3``.
-    """
 
-    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: list[np.ndarray] | None) -> np.ndarray:
+    Raises:
+        ValueError: there are not as many readers as keys.
+    """
+    if len(keys) != len(read):
+        raise ValueError(f"{len(keys)} keys need as many readers, got {len(read)}")
+
+    def error(factor: gtsam.CustomFactor, values: gtsam.Values, jacobians: gtsam.JacobianVector | None) -> np.ndarray:
         arguments = [reader(values, key) for reader, key in zip(read, factor.keys(), strict=True)]
         value, derivatives = residual(*arguments)
         if jacobians is not None:

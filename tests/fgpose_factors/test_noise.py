@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
+
+import gtsam
+import jaxtyping
+import numpy as np
+import pytest
+
+from fgpose_factors import Kernel, noise_model
+
+KEY = gtsam.symbol("x", 0)
+
+
+def huber(x: np.ndarray, k: float) -> np.ndarray:
+    return np.where(x <= k, 1.0, k / np.maximum(x, k))
+
+
+def cauchy(x: np.ndarray, k: float) -> np.ndarray:
+    return 1.0 / (1.0 + (x / k) ** 2)
+
+
+def geman_mcclure(x: np.ndarray, k: float) -> np.ndarray:
+    return (k**2 / (k**2 + x**2)) ** 2
+
+
+def tukey(x: np.ndarray, k: float) -> np.ndarray:
+    return np.where(x <= k, (1.0 - (x / k) ** 2) ** 2, 0.0)
+
+
+WEIGHTS: dict[Kernel, Callable[[np.ndarray, float], np.ndarray]] = {
+    "huber": huber,
+    "cauchy": cauchy,
+    "geman_mcclure": geman_mcclure,
+    "tukey": tukey,
+}
+
+
+def whitened_row_norm(noise: gtsam.noiseModel.Base, off_m: float) -> float:
+    """How strongly a prior that is off by so much along x enters the normal equations, per coordinate."""
+    values = gtsam.Values()
+    values.insert(KEY, np.array([off_m, 0.0, 0.0]))
+    A, _ = gtsam.PriorFactorPoint3(KEY, np.zeros(3), noise).linearize(values).jacobian()
+    return float(A[0, 0])
+
+
+@pytest.mark.parametrize("sigma", [0.01, 1.0, 6.0])
+def test_without_a_kernel_a_residual_of_one_sigma_costs_one_half(sigma):
+    noise = noise_model(3, sigma)
+    values = gtsam.Values()
+    values.insert(KEY, np.array([0.0, sigma, 0.0]))
+    assert gtsam.PriorFactorPoint3(KEY, np.zeros(3), noise).error(values) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("scale", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("kernel", list(WEIGHTS))
+def test_kernels_discount_by_the_textbook_weight_of_the_whitened_residual(kernel, scale):
+    sigma_m = 0.02
+    noise = noise_model(3, sigma_m, kernel, scale)
+    for in_sigmas in (0.0, 0.1, 0.5, 1.0, 2.0, 5.0, 30.0):
+        weight = (whitened_row_norm(noise, in_sigmas * sigma_m) * sigma_m) ** 2
+        expected = WEIGHTS[kernel](np.array(in_sigmas), scale)
+        assert weight == pytest.approx(float(expected), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("kernel", list(WEIGHTS))
+def test_every_kernel_costs_as_much_as_the_square_for_small_residuals(kernel):
+    sigma_m, off_m = 0.02, 1e-5
+    values = gtsam.Values()
+    values.insert(KEY, np.array([off_m, 0.0, 0.0]))
+    error = gtsam.PriorFactorPoint3(KEY, np.zeros(3), noise_model(3, sigma_m, kernel)).error(values)
+    # the next term of the series is (off / sigma)^2 = 2.5e-7 relative
+    assert error == pytest.approx(0.5 * (off_m / sigma_m) ** 2, rel=1e-6)
+
+
+@pytest.mark.parametrize(("sigma", "scale"), [(0.0, 1.0), (-1.0, 1.0), (float("nan"), 1.0), (1.0, 0.0), (1.0, -2.0)])
+def test_a_sigma_or_scale_that_is_not_positive_is_refused(sigma, scale):
+    with pytest.raises(ValueError, match="must be positive"):
+        noise_model(2, sigma, "huber", scale)
+
+
+def test_an_unknown_kernel_is_refused_and_the_known_ones_are_named(monkeypatch):
+    # as in production, where types are not checked at run time
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    with pytest.raises(ValueError, match="unknown kernel 'l1'; known: none, huber, cauchy, geman_mcclure, tukey"):
+        noise_model(2, 1.0, cast("Kernel", "l1"))
