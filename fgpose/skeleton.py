@@ -47,11 +47,16 @@ class Skeleton:
             self._check_pairs(what)
         self._check_indices("root", self.root)
         for left, right in self.left_right:
+            for joint in (left, right):
+                if joint in self._mirror:
+                    raise ValueError(f"skeleton {self.name}: left_right names {self.joints[joint]} twice")
             self._mirror.update({left: right, right: left})
         edges = {frozenset(bone) for bone in self.bones}
         for limb in self.limbs:
             if frozenset(limb) not in edges or frozenset(self.mirrored(limb)) not in edges:
                 raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} or its mirror image is not a bone")
+            if frozenset(limb) == frozenset(self.mirrored(limb)):
+                raise ValueError(f"skeleton {self.name}: limb {self.bone_name(limb)} is its own mirror image")
 
     def _check_pairs(self, what: str) -> None:
         pairs = getattr(self, what)

@@ -1,0 +1,109 @@
+"""Scenes: a true motion as the cameras of a rig would have seen it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic.noise import DetectionNoise, detection_error
+from fgpose.synthetic.occlusion import Occlusion, hallucination, occluded_joints
+
+_MIN_CONFIDENCE = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A person whose motion is known exactly, and what the cameras saw of it."""
+
+    truth_m: Float[np.ndarray, "frame joint 3"]
+    """World frame, metres."""
+    observations: Observations
+    occluded: Bool[np.ndarray, "frame camera joint"]
+    """Whether an occluder hides the joint from the camera; it may be detected (hallucinated) all the same."""
+    rig: CameraRig
+
+
+def simulate(
+    truth_m: Float[np.ndarray, "frame joint 3"],
+    skeleton: Skeleton,
+    rig: CameraRig,
+    fps: float,
+    noise: DetectionNoise,
+    occlusion: Occlusion,
+    seed: int,
+) -> Scene:
+    """What the cameras of the rig would have seen of this motion (world frame, metres).
+
+    Joints outside the image are missing. The same seed gives the same scene, and the noise of a detection does not
+    depend on what is occluded: scenes with and without occlusion differ in the occluded joints alone.
+
+    Raises:
+        ValueError: more views are occluded than there are cameras, or the truth is empty, not finite or of another
+            number of joints.
+    """
+    if occlusion.n_views > rig.n_cameras:
+        raise ValueError(f"{occlusion.n_views} occluded views need as many cameras, the rig has {rig.n_cameras}")
+    if truth_m.shape[1] != skeleton.n_joints or len(truth_m) == 0 or not np.isfinite(truth_m).all():
+        raise ValueError(f"the truth must be (frames, {skeleton.n_joints}, 3) and finite, got {truth_m.shape}")
+    noise_rng, hidden_rng, occluder_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+    true_px = rig.project(truth_m)
+    occluded = occluded_joints(occluder_rng, true_px, fps, occlusion)
+    error = detection_error(noise_rng, occluded.shape, skeleton, fps, noise)
+    hidden = hallucination(hidden_rng, occluded.shape, fps, occlusion)
+    pixel_px = error.pixel_px + np.where(occluded[..., None], hidden.pixel_px, 0.0)
+    depth_m = error.depth_m + np.where(occluded, hidden.depth_m, 0.0)
+    level = np.where(occluded, occlusion.confidence, noise.confidence)
+    if noise.confidence_fall_px > 0:
+        level = level * np.exp(-np.linalg.norm(pixel_px, axis=-1) / noise.confidence_fall_px)
+    confidence = np.clip(level + noise.confidence_spread * error.confidence, _MIN_CONFIDENCE, 1.0)
+    detected = _in_image(rig, true_px) & ~(occluded & hidden.missing)
+    observations = Observations(
+        skeleton=skeleton,
+        time_s=np.arange(len(truth_m)) / fps,
+        points2d_px=_original_px(rig, np.where(detected[..., None], true_px + pixel_px, np.nan)),
+        confidence=np.where(detected, confidence, 0.0),
+        points3d_m=np.where(
+            detected[..., None], _views_3d(rig, truth_m, true_px + pixel_px, depth_m, error.lateral_m), np.nan
+        ),
+        camera_names=rig.names,
+    )
+    return Scene(truth_m, observations, occluded, rig)
+
+
+def _original_px(
+    rig: CameraRig, undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    return np.stack([camera.distort(undistorted_px[:, c]) for c, camera in enumerate(rig.cameras)], axis=1)
+
+
+def _in_image(
+    rig: CameraRig, true_px: Float[np.ndarray, "frame camera joint 2"]
+) -> Bool[np.ndarray, "frame camera joint"]:
+    size_px = np.array([camera.size_px for camera in rig.cameras])[:, None]
+    original_px = _original_px(rig, true_px)
+    return np.all((original_px >= 0) & (original_px < size_px), axis=-1)
+
+
+def _views_3d(
+    rig: CameraRig,
+    truth_m: Float[np.ndarray, "frame joint 3"],
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    depth_error_m: Float[np.ndarray, "frame camera joint"],
+    lateral_error_m: Float[np.ndarray, "frame camera joint 2"],
+) -> Float[np.ndarray, "frame camera joint 3"]:
+    """Each view's 3D joints in the world frame: on the ray of the detected point, at a wrong depth."""
+    views_m = []
+    for c, camera in enumerate(rig.cameras):
+        true_depth_m = camera.to_camera_frame(truth_m)[..., 2]
+        # No estimator puts a person closer than a fifth of the distance.
+        depth_m = np.maximum(true_depth_m + depth_error_m[:, c], 0.2 * true_depth_m)[..., None]
+        slope = (undistorted_px[:, c] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
+        views_m.append(
+            camera.to_world_frame(np.concatenate([slope * depth_m + lateral_error_m[:, c], depth_m], axis=-1))
+        )
+    return np.stack(views_m, axis=1)

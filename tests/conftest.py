@@ -1,0 +1,47 @@
+"""Scenes that many tests share: a ring of four cameras around a person whose motion is known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from fgpose.camera import CameraRig
+from fgpose.io.skeletons import load_skeleton
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic import (
+    NO_OCCLUSION,
+    DetectionNoise,
+    Occlusion,
+    Scene,
+    motion_from_npz,
+    ring_rig,
+    simulate,
+    walking,
+)
+
+MOCAP = Path(__file__).parent / "data" / "mocap_cmu"
+
+
+@pytest.fixture(scope="session")
+def rig() -> CameraRig:
+    """Four cameras like those of Human3.6M, world z up."""
+    return ring_rig()
+
+
+@pytest.fixture(scope="session")
+def skeleton() -> Skeleton:
+    return load_skeleton("h36m_17")
+
+
+@pytest.fixture(scope="session")
+def walking_scene(rig: CameraRig, skeleton: Skeleton) -> Scene:
+    """Two seconds of walking at 30 frames a second, noisy, nothing occluded."""
+    return simulate(walking(60, 30.0, skeleton), skeleton, rig, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0)
+
+
+@pytest.fixture(scope="session")
+def mocap_scene(rig: CameraRig, skeleton: Skeleton) -> Scene:
+    """Three seconds of a real walk (motion capture) at 50 frames a second; three of the four views are occluded."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    return simulate(truth_m[:150], skeleton, rig, fps, DetectionNoise(), Occlusion(), seed=0)

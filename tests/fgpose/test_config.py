@@ -1,0 +1,91 @@
+"""Configuration: defaults in code, TOML names what differs, and a mistake is an error that says what to do."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fgpose.config import Config, MotionConfig, OnlineConfig, ProjectionConfig, config_to_toml, load_config
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "own.toml"
+    path.write_text(text)
+    return path
+
+
+def test_an_empty_file_is_the_defaults(tmp_path: Path) -> None:
+    assert load_config(written(tmp_path, "")) == Config()
+
+
+def test_a_file_changes_only_what_it_names(tmp_path: Path) -> None:
+    config = load_config(
+        written(tmp_path, '[projection]\nsigma_px = 3\nkernel = "huber"\n[online]\ncovariance = false')
+    )
+    expected = dataclasses.replace(
+        Config(),
+        projection=ProjectionConfig(sigma_px=3.0, kernel="huber"),
+        online=OnlineConfig(covariance=False),
+    )
+    assert config == expected
+    assert isinstance(config.projection.sigma_px, float), "a whole number in the file is still a length"
+
+
+def test_every_value_survives_the_way_through_toml(tmp_path: Path) -> None:
+    config = dataclasses.replace(
+        Config(), motion=MotionConfig(model="random_walk", velocity_density=0.3), online=OnlineConfig(lag_s=math.inf)
+    )
+    assert load_config(written(tmp_path, config_to_toml(config))) == config
+
+
+def test_the_configuration_is_frozen() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Config().projection.sigma_px = 1.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[projektion]\nsigma_px = 3", "unknown key projektion; did you mean projection?"),
+        ("[projection]\nsigma_pix = 3", "unknown key projection.sigma_pix; did you mean projection.sigma_px?"),
+        ('[projection]\nsigma_px = "3"', "projection.sigma_px must be a float, got '3'"),
+        ("[projection]\nsigma_px = true", "projection.sigma_px must be a float, got True"),
+        ("[solver]\nmax_iterations = 2.5", "solver.max_iterations must be a int, got 2.5"),
+        ("[online]\ncovariance = 1", "online.covariance must be a bool, got 1"),
+        ('[motion]\nmodel = "jerk"', "motion.model must be one of none, random_walk, constant_velocity, got 'jerk'"),
+        ("motion = 3", "motion is a section, got 3"),
+        ("[motion", "Expected ']'"),
+    ],
+)
+def test_a_mistake_in_a_file_is_one_clear_error(tmp_path: Path, text: str, message: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(ValueError, match=r"own\.toml") as error:
+        load_config(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize("value", ["0", "-1.0", "nan", "inf"])
+@pytest.mark.parametrize("key", ["projection.sigma_px", "motion.acceleration_density", "solver.window_s"])
+def test_every_number_must_be_positive_and_finite(tmp_path: Path, key: str, value: str) -> None:
+    with pytest.raises(ValueError, match=f"{key} must be a positive number"):
+        load_config(written(tmp_path, f"{key} = {value}"))
+
+
+@pytest.mark.parametrize("changes", [{"sigma_px": 0.0}, {"min_weight": -1.0}])
+def test_code_is_checked_as_files_are(changes: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match=f"projection.{next(iter(changes))} must be a positive number"):
+        Config(projection=ProjectionConfig(**changes))
+
+
+def test_the_lag_alone_may_be_infinite(tmp_path: Path) -> None:
+    assert load_config(written(tmp_path, "online.lag_s = inf")).online.lag_s == math.inf
+
+
+def test_a_missing_file_is_an_os_error(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        load_config(tmp_path / "nothing.toml")

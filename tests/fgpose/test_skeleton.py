@@ -1,0 +1,200 @@
+"""Skeletons: the built-in ones keep the published joint orders, a user's own is checked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fgpose.io.skeletons import builtin_skeletons, load_skeleton
+from fgpose.skeleton import LIMBS, Skeleton
+
+# Facts of each format's own documentation; enough to notice a shifted or swapped order.
+PUBLISHED = {
+    "blazepose_33": {0: "nose", 11: "left_shoulder", 16: "right_wrist", 23: "left_hip", 28: "right_ankle"},
+    "body_25": {
+        0: "nose",
+        1: "neck",
+        4: "right_wrist",
+        7: "left_wrist",
+        8: "pelvis",
+        14: "left_ankle",
+        22: "right_big_toe",
+    },
+    "body_25b": {0: "nose", 5: "left_shoulder", 12: "right_hip", 16: "right_ankle", 17: "neck", 24: "right_heel"},
+    "coco_17": {
+        0: "nose",
+        5: "left_shoulder",
+        6: "right_shoulder",
+        9: "left_wrist",
+        12: "right_hip",
+        16: "right_ankle",
+    },
+    "h36m_17": {
+        0: "pelvis",
+        1: "right_hip",
+        6: "left_ankle",
+        7: "spine",
+        10: "head",
+        13: "left_wrist",
+        16: "right_wrist",
+    },
+    "h36m_17_lt": {0: "right_ankle", 3: "left_hip", 6: "pelvis", 9: "head_top", 10: "right_wrist", 16: "nose"},
+    "halpe_26": {
+        0: "nose",
+        16: "right_ankle",
+        17: "head",
+        18: "neck",
+        19: "pelvis",
+        20: "left_big_toe",
+        25: "right_heel",
+    },
+    "smpl_24": {
+        0: "pelvis",
+        1: "left_hip",
+        8: "right_ankle",
+        12: "neck",
+        15: "head",
+        20: "left_wrist",
+        23: "right_hand",
+    },
+}
+
+OWN = """
+name = "arm"
+joints = ["chest", "left_shoulder", "left_elbow", "right_shoulder", "right_elbow"]
+root = ["chest"]
+bones = [["chest", "left_shoulder"], ["chest", "right_shoulder"], ["left_shoulder", "left_elbow"],
+         ["right_shoulder", "right_elbow"]]
+left_right = [["left_shoulder", "right_shoulder"], ["left_elbow", "right_elbow"]]
+
+[limbs]
+upper_arm = ["left_shoulder", "left_elbow"]
+"""
+
+
+@pytest.fixture(params=builtin_skeletons())
+def builtin(request: pytest.FixtureRequest) -> Skeleton:
+    return load_skeleton(request.param)
+
+
+def test_every_published_order_is_built_in() -> None:
+    assert set(builtin_skeletons()) == set(PUBLISHED)
+
+
+def test_joint_order_is_the_published_one(builtin: Skeleton) -> None:
+    assert {index: builtin.joints[index] for index in PUBLISHED[builtin.name]} == PUBLISHED[builtin.name]
+    assert builtin.n_joints == int(builtin.name.split("_")[1].rstrip("b"))
+
+
+def test_limb_pairs_are_the_four_of_the_paper(builtin: Skeleton) -> None:
+    ends = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
+    names = [(builtin.bone_name(left), builtin.bone_name(right)) for left, right in builtin.limb_pairs]
+    assert names == [(f"left_{a}-left_{b}", f"right_{a}-right_{b}") for a, b in ends]
+    assert len(LIMBS) == 4
+
+
+def test_mirrored_bones_share_a_length_and_others_do_not(builtin: Skeleton) -> None:
+    number = dict(zip((frozenset(bone) for bone in builtin.bones), builtin.length_of_bone, strict=True))
+    for bone in builtin.bones:
+        same = {b for b, length in number.items() if length == number[frozenset(bone)]}
+        assert same <= {frozenset(bone), frozenset(builtin.mirrored(bone))}
+        assert number[frozenset(builtin.mirrored(bone))] == number[frozenset(bone)]
+    assert len(builtin.length_names) == builtin.n_lengths == max(builtin.length_of_bone) + 1
+
+
+def test_every_side_joint_has_its_mirror_image(builtin: Skeleton) -> None:
+    sides = {(builtin.joints[left], builtin.joints[right]) for left, right in builtin.left_right}
+    assert sides == {(joint, joint.replace("left", "right")) for joint in builtin.joints if joint.startswith("left")}
+
+
+def test_neighbours_are_the_ends_of_the_bones(builtin: Skeleton) -> None:
+    edges = {(a, b) for a, around in enumerate(builtin.neighbours) for b in around}
+    assert edges == {*builtin.bones, *((b, a) for a, b in builtin.bones)}
+
+
+def test_arms_and_legs_are_bones_from_the_root_outwards(builtin: Skeleton) -> None:
+    for a, b in (("left_shoulder", "left_elbow"), ("right_knee", "right_ankle")):
+        assert (builtin.index(a), builtin.index(b)) in builtin.bones
+
+
+def test_bone_lengths_and_root_of_known_positions(skeleton: Skeleton) -> None:
+    positions_m = np.zeros((2, 17, 3))
+    positions_m[:, skeleton.index("left_knee")] = (0, 3, 4)
+    positions_m[1, 0] = np.nan
+    lengths_m = skeleton.bone_lengths(positions_m)
+    assert lengths_m[0, skeleton.bones.index((4, 5))] == 5.0
+    assert np.isnan(lengths_m[1, skeleton.bones.index((0, 4))])
+    assert (skeleton.root_position(positions_m)[0] == 0).all()
+    assert np.isnan(skeleton.root_position(positions_m)[1]).all()
+
+
+def test_the_root_of_a_skeleton_without_pelvis_is_between_the_hips() -> None:
+    coco = load_skeleton("coco_17")
+    positions_m = np.zeros((17, 3))
+    positions_m[coco.index("left_hip")] = (2, 0, 0)
+    np.testing.assert_array_equal(coco.root_position(positions_m), (1, 0, 0))
+
+
+def test_a_users_own_skeleton(tmp_path: Path) -> None:
+    path = tmp_path / "arm.toml"
+    path.write_text(OWN)
+    arm = load_skeleton(path)
+    assert (arm.name, arm.n_joints, arm.n_lengths, arm.length_of_bone) == ("arm", 5, 2, (0, 0, 1, 1))
+    assert arm.limb_pairs == (((1, 2), (3, 4)),)
+    path.write_text(OWN.replace('"arm"', '"other"'))
+    assert load_skeleton(path).name == "other", "a changed file is read again"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('root = ["chest"]', "", "root is missing"),
+        ('root = ["chest"]', 'root = ["hip"]', "'hip' is not one of the joints"),
+        ('root = ["chest"]', "root = []", "a root are needed"),
+        ('root = ["chest"]', 'root = ["chest"]\ncolour = "red"', "unknown key colour"),
+        ('"chest", "left_shoulder", ', '"chest", "chest", "left_shoulder", ', "repeated: chest"),
+        ('[["chest", "left_shoulder"], ', '[["chest"], ', "a pair of joints is needed"),
+        ('[["chest", "left_shoulder"], ', '[["chest", "chest"], ', "bones joins chest to itself"),
+        ('[["chest", "left_shoulder"], ', '[["right_shoulder", "chest"], ', "bones names one pair twice"),
+        ('["left_elbow", "right_elbow"]]', '["left_elbow", "right_shoulder"]]', "names right_shoulder twice"),
+        ("upper_arm", "tail", "limbs are upper_arm, lower_arm, upper_leg, lower_leg, got tail"),
+        ('upper_arm = ["left_shoulder"', 'upper_arm = ["chest"', "limb chest-left_elbow or its mirror image is not"),
+        (', ["left_elbow", "right_elbow"]]', "]", "left_shoulder-left_elbow or its mirror image is not a bone"),
+        ("root = [", "root = ", "not a skeleton"),
+    ],
+)  # fmt: skip
+def test_a_bad_skeleton_file_is_one_clear_error(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = tmp_path / "arm.toml"
+    assert old in OWN
+    path.write_text(OWN.replace(old, new, 1))
+    with pytest.raises(ValueError, match=message) as error:
+        load_skeleton(path)
+    assert str(error.value).startswith(f"{path}: not a skeleton: ")
+
+
+def test_an_unknown_name_lists_the_built_in_skeletons() -> None:
+    with pytest.raises(ValueError, match=r"no skeleton 'coco_18'.*coco_17, h36m_17"):
+        load_skeleton("coco_18")
+
+
+def test_an_unknown_joint_lists_the_joints(skeleton: Skeleton) -> None:
+    with pytest.raises(ValueError, match=r"h36m_17 has no joint 'nose'; it has pelvis, right_hip"):
+        skeleton.index("nose")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"joints": ()}, "at least one joint"),
+        ({"root": (7,)}, "root uses joint 7, there are 3"),
+        ({"bones": ((0, -1),)}, "bones uses joint -1"),
+        ({"left_right": (), "limbs": ((0, 1),)}, "limb a-b is its own mirror image"),
+    ],
+)
+def test_bad_indices_are_one_clear_error(change: dict[str, Any], message: str) -> None:
+    good: dict[str, Any] = {"name": "s", "joints": ("a", "b", "c"), "bones": ((0, 1), (0, 2)), "root": (0,)}
+    with pytest.raises(ValueError, match=f"skeleton s: .*{message}"):
+        Skeleton(**(good | change))

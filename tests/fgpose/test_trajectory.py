@@ -1,0 +1,86 @@
+"""Trajectories: shapes are checked, status is counted, residuals are distances in the image."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic import Scene
+from fgpose.trajectory import Convergence, Status, Trajectory, reprojection_residual_px
+
+FRAMES = 4
+
+
+@pytest.fixture
+def parts(skeleton: Skeleton) -> dict[str, Any]:
+    status = np.full((FRAMES, 17), Status.OBSERVED)
+    status[0] = Status.PREDICTED
+    status[1, :8] = Status.UNOBSERVABLE
+    return {
+        "skeleton": skeleton,
+        "time_s": np.arange(FRAMES) / 50,
+        "positions_m": np.zeros((FRAMES, 17, 3)),
+        "status": status,
+        "camera_names": ("a", "b"),
+    }
+
+
+def test_status_is_counted_over_joints_and_frames(parts: dict[str, Any]) -> None:
+    trajectory = Trajectory(**parts)
+    assert trajectory.n_frames == FRAMES
+    assert trajectory.status_share(Status.PREDICTED) == 17 / 68
+    assert trajectory.status_share(Status.UNOBSERVABLE) == 8 / 68
+    assert trajectory.observed.sum() == 68 - 17 - 8
+    assert sum(map(trajectory.status_share, Status)) == pytest.approx(1)
+
+
+def test_all_shapes_that_belong_together_are_taken(parts: dict[str, Any], skeleton: Skeleton) -> None:
+    Trajectory(
+        **parts,
+        covariance_m2=np.zeros((FRAMES, 17, 3, 3)),
+        residual_px=np.zeros((FRAMES, 2, 17)),
+        bone_lengths_m=np.zeros(skeleton.n_lengths),
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [
+        ("positions_m", (FRAMES, 16, 3)),
+        ("status", (FRAMES + 1, 17)),
+        ("covariance_m2", (FRAMES, 17, 3)),
+        ("residual_px", (FRAMES, 3, 17)),
+        ("bone_lengths_m", (16,)),
+    ],
+)
+def test_a_shape_that_does_not_fit_is_one_clear_error(parts: dict[str, Any], name: str, shape: tuple[int, ...]) -> None:
+    parts[name] = np.zeros(shape)
+    with pytest.raises(ValueError, match=rf"{name} must be \(.*\), got \({shape[0]},"):
+        Trajectory(**parts)
+
+
+def test_a_result_cannot_be_changed(parts: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="read-only"):
+        Trajectory(**parts).positions_m[0] = 1
+
+
+def test_the_worst_of_several_problems() -> None:
+    parts = [Convergence(True, 5, 10.0, 1.0), Convergence(False, 3, 20.0, 2.0)]
+    assert Convergence.worst(parts) == Convergence(False, 5, 30.0, 3.0)
+
+
+def test_residuals_are_distances_to_the_detections(walking_scene: Scene) -> None:
+    observed = walking_scene.observations
+    shift_px = np.array([3.0, 4.0])
+    exact_px = walking_scene.rig.project(walking_scene.truth_m) + shift_px
+    exact_px[2, 1, 5] = np.nan
+    shifted = Observations(observed.skeleton, observed.time_s, exact_px, camera_names=observed.camera_names)
+    residual_px = reprojection_residual_px(shifted, walking_scene.rig, walking_scene.truth_m)
+    assert np.isnan(residual_px[2, 1, 5])
+    # 3-4-5; rounding of pixels of order 1e3.
+    np.testing.assert_allclose(residual_px[np.isfinite(residual_px)], 5.0, atol=1e-9)
+    assert np.isfinite(residual_px).sum() == residual_px.size - 1
