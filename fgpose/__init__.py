@@ -17,6 +17,7 @@ from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.observations import Observations
 from fgpose.refinement import refine
+from fgpose.rig_refinement import RigRefinement, refine_rig
 from fgpose.skeleton import Skeleton
 from fgpose.smoother import smooth
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
@@ -31,6 +32,7 @@ __all__ = [
     "Evaluation",
     "Fusion",
     "Observations",
+    "RigRefinement",
     "Skeleton",
     "Status",
     "Trajectory",
@@ -45,6 +47,7 @@ __all__ = [
     "load_trajectory",
     "recordings",
     "refine",
+    "refine_rig",
     "save_observations",
     "save_rig",
     "save_trajectory",

@@ -17,6 +17,8 @@ from threadpoolctl import threadpool_limits
 if TYPE_CHECKING:  # scipy takes half of the import time of fgpose, and few runs ask for covariances
     import scipy.sparse
 
+_INDETERMINATE = "the linear system is indeterminate: a joint is not held by any factor"
+
 
 def marginal_covariances(
     linear: gtsam.GaussianFactorGraph, active: Bool[np.ndarray, "frame joint"], *, with_velocity: bool
@@ -27,10 +29,15 @@ def marginal_covariances(
         linear: the linearised graph at the solution. Keys sort as in fgpose.keys.
         active: which joints have variables in which frame.
         with_velocity: whether they also have a velocity.
+
+    Raises:
+        ValueError: the system is indeterminate.
     """
-    information, n_variables = _information(linear)
     n_states = int(active.sum()) * (6 if with_velocity else 3)
-    n_lengths = n_variables - n_states
+    if n_states == 0:
+        return np.full((*active.shape, 3, 3), np.nan)
+    n_lengths = _n_lengths(linear, n_states)
+    information = _information(linear, n_lengths + n_states)
     frame_of, slot_of = _layout(active, with_velocity)
     diagonal, upper = _blocks(
         information[n_lengths:][:, n_lengths:], frame_of, slot_of, *_block_shape(active, with_velocity)
@@ -48,16 +55,23 @@ def marginal_covariances(
     return covariance_m2
 
 
-def _information(linear: gtsam.GaussianFactorGraph) -> tuple[scipy.sparse.csr_matrix, int]:
-    """A^T A of the linear system and its size, columns in key order: lengths, velocities, positions."""
+def _n_lengths(linear: gtsam.GaussianFactorGraph, n_states: int) -> int:
+    keys = gtsam.Ordering.NaturalGaussianFactorGraph(linear)  # sorted, and unlike linear.keys() it can be read
+    n_lengths = sum(gtsam.symbolChr(keys.at(index)) == ord("l") for index in range(keys.size()))
+    if 3 * (keys.size() - n_lengths) != n_states:
+        raise ValueError(_INDETERMINATE)
+    return n_lengths
+
+
+def _information(linear: gtsam.GaussianFactorGraph, n_variables: int) -> scipy.sparse.csr_matrix:
+    """A^T A of the linear system, columns in key order: lengths, velocities, positions."""
     import scipy.sparse
 
     row, column, value = linear.sparseJacobian_()
     row, column = row.astype(int) - 1, column.astype(int) - 1
-    n_columns = int(column.max())  # the last column is the right-hand side
-    keep = column < n_columns
-    A = scipy.sparse.csr_matrix((value[keep], (row[keep], column[keep])), shape=(int(row.max()) + 1, n_columns))
-    return (A.T @ A).tocsr(), n_columns
+    keep = column < n_variables  # behind them is the right-hand side, of which GTSAM leaves out what is zero
+    A = scipy.sparse.csr_matrix((value[keep], (row[keep], column[keep])), shape=(int(row.max()) + 1, n_variables))
+    return (A.T @ A).tocsr()
 
 
 def _block_shape(active: np.ndarray, with_velocity: bool) -> tuple[int, int]:
@@ -113,14 +127,16 @@ def _marginal_blocks(
     Sigma_t = S_t^{-1} + G_t Sigma_{t+1} G_t^T with G_t = S_t^{-1} U_t. The border (the shared lengths) is eliminated
     by the same sweeps, its Schur complement adds Y_t Sigma_L Y_t^T.
     """
-    from scipy.linalg.lapack import dpotrf, dpotri
+    from scipy.linalg import get_lapack_funcs
+
+    potrf, potri = get_lapack_funcs(("potrf", "potri"), dtype=float)
 
     def inverse(matrix: np.ndarray) -> np.ndarray:
         """Inverse of a symmetric positive definite matrix from its Cholesky factor: half the work of a general one."""
-        factor, failed = dpotrf(matrix, lower=1)
+        factor, failed = potrf(matrix, lower=1)
         if failed:
-            raise ValueError("the linear system is indeterminate: a joint is not held by any factor")
-        lower, _ = dpotri(factor, lower=1)
+            raise ValueError(_INDETERMINATE)
+        lower, _ = potri(factor, lower=1)
         return np.tril(lower) + np.tril(lower, -1).T
 
     n_frames = len(diagonal)

@@ -14,20 +14,19 @@ from jaxtyping import Bool, Float
 from fgpose import graph
 from fgpose.bone_lengths import RunningLengths
 from fgpose.camera import CameraRig
-from fgpose.config import Config, OnlineConfig
+from fgpose.config import Config
 from fgpose.evidence import Evidence, gather
+from fgpose.fixed_lag import FixedLagSmoother
 from fgpose.graph import FrameTime
 from fgpose.keys import position_key, velocity_key
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.tracks import joint_status
 from fgpose.trajectory import Estimate
+from fgpose.uncertainty import with_swing
 from fgpose_factors import freeze
 
-# Marginalising re-eliminates the whole window. Doing it for a quarter of the lag at once, and not at every frame, makes
-# the other frames four to eight times faster.
-_BLOCKS_PER_LAG = 4
-_NEVER_RELINEARIZE = 1e6  # velocities enter linearly
+_TIME_ROUNDING_S = 1e-6  # a frame that is exactly one lag old is old enough
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +57,10 @@ class Estimator:
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._lengths = RunningLengths(skeleton)
-        self._smoother = _fixed_lag_smoother(self.config.online)
+        self._smoother = FixedLagSmoother(self.config.online.relinearize_m)
         self._window: deque[_State] = deque()
+        self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
-        self._block_start_s = np.nan  # no block yet
         self._n_frames = 0
 
     def __reduce__(self) -> NoReturn:
@@ -83,10 +82,10 @@ class Estimator:
         active = self._active(evidence, now.time_s)
         state = self._predicted(before, now, active, evidence)
         self._lengths.add(evidence.guess_m[0], evidence.observed[0])
-        self._close_block(before, now.time_s)
         self._add(before, state, evidence)
         state = self._read(state)
         self._window.append(state)
+        self._let_go(now.time_s)
         self._n_frames += 1
         return self._estimate(state, evidence)
 
@@ -105,10 +104,11 @@ class Estimator:
     def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
         """Joints that take part: triangulated now or, with a motion model, not too long ago."""
         known = np.isfinite(evidence.guess_m[0]).all(axis=-1)
-        self._last_seen_s[known] = time_s
+        self._last_triangulated_s[known] = time_s
+        self._last_seen_s[evidence.seen[0]] = time_s
         if self.config.motion.model == "none":
             return np.asarray(known)
-        return self._last_seen_s >= time_s - self.config.motion.max_unseen_s
+        return self._last_triangulated_s >= time_s - self.config.motion.max_unseen_s
 
     def _predicted(self, before: _State | None, now: FrameTime, active: np.ndarray, evidence: Evidence) -> _State:
         """First guess of the newest frame: the motion carried on or, where it explains the images better, the
@@ -131,24 +131,14 @@ class Estimator:
         error = np.nansum(evidence.weights[0] * squared / (1 + squared), axis=0)
         return np.where(np.isfinite(positions_m).all(axis=-1), error, np.inf)
 
-    def _close_block(self, before: _State | None, time_s: float) -> None:
-        """Begin a new block of time stamps when the current one is full, and let go of what is older than the lag.
-
-        The newest frame so far moves on to the new block: the next one is tied to it.
-        """
-        if time_s < self._block_start_s + self._block_s:
-            return
-        self._block_start_s = time_s
-        if before is None:
-            return
-        self._update(gtsam.NonlinearFactorGraph(), gtsam.Values(), before)
-        oldest_s = time_s - self.config.online.lag_s - 2 * self._block_s
-        while len(self._window) > 1 and self._window[1].at.time_s < oldest_s:
+    def _let_go(self, time_s: float) -> None:
+        """Marginalise what is older than the lag, but for the newest such frame: it is the lag-old result."""
+        while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
             self._window.popleft()
+            self._smoother.drop_oldest()
 
-    @property
-    def _block_s(self) -> float:
-        return self.config.online.lag_s / _BLOCKS_PER_LAG
+    def _is_lagged(self, state: _State, time_s: float) -> bool:
+        return state.at.time_s <= time_s - self.config.online.lag_s + _TIME_ROUNDING_S
 
     def _keys(self, state: _State) -> Iterator[int]:
         for joint in state.joints:
@@ -165,10 +155,7 @@ class Estimator:
                 values.insert(velocity_key(joint, state.at.frame), state.velocities_mps[joint])
         for factor in self._factors(before, state, evidence, values):
             new.add(factor)
-        self._update(new, values, state)
-
-    def _update(self, new: gtsam.NonlinearFactorGraph, values: gtsam.Values, stamped: _State) -> None:
-        self._smoother.update(new, values, dict.fromkeys(self._keys(stamped), self._block_start_s))
+        self._smoother.add(new, values, list(self._keys(state)))
 
     def _factors(
         self, before: _State | None, state: _State, evidence: Evidence, values: gtsam.Values
@@ -177,6 +164,7 @@ class Estimator:
         yield from graph.projection_factors(
             self.rig, frame, evidence.undistorted_px[0], evidence.weights[0], state.active, config.projection
         )
+        yield from graph.anchor_factors(frame, evidence.anchored[0], evidence.guess_m[0], config.fusion)
         if config.symmetry.form == "frame":
             for factor in graph.symmetry_factors(self.skeleton, frame, state.active, config.symmetry):
                 yield freeze(factor, values)
@@ -191,9 +179,7 @@ class Estimator:
             entering = state.active & ~before.active
             yield from graph.motion_factors(before.at, state.at, np.flatnonzero(kept).tolist(), config.motion)
             step_s = state.at.time_s - before.at.time_s
-            yield from graph.fading_factors(
-                self.skeleton, frame, step_s, state.active, evidence.observed[0], config.motion
-            )
+            yield from graph.fading_factors(self.skeleton, frame, step_s, state.active, evidence.seen[0], config.motion)
         with_velocity = config.motion.model == "constant_velocity"
         joints = np.flatnonzero(entering).tolist()
         yield from graph.prior_factors(frame, joints, state.positions_m, config.prior, with_velocity=with_velocity)
@@ -203,9 +189,9 @@ class Estimator:
         positions_m = np.full((self.skeleton.n_joints, 3), np.nan)
         velocities_mps = np.zeros((self.skeleton.n_joints, 3))
         for joint in state.joints:
-            positions_m[joint] = self._smoother.calculateEstimatePoint3(position_key(joint, state.at.frame))
+            positions_m[joint] = self._smoother.point(position_key(joint, state.at.frame))
             if self.config.motion.model == "constant_velocity":
-                velocities_mps[joint] = self._smoother.calculateEstimatePoint3(velocity_key(joint, state.at.frame))
+                velocities_mps[joint] = self._smoother.point(velocity_key(joint, state.at.frame))
         return _State(state.at, positions_m, velocities_mps, state.active, state.status)
 
     def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
@@ -224,28 +210,16 @@ class Estimator:
     def _covariance(self, state: _State) -> Float[np.ndarray, "joint 3 3"]:
         covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
         keys = [position_key(joint, state.at.frame) for joint in state.joints]
-        if keys:
-            joint_marginal = self._smoother.getISAM2().jointMarginalCovariance(keys)
-            for joint, key in zip(state.joints, keys, strict=True):
-                covariance_m2[joint] = joint_marginal.at(key, key)
-        return covariance_m2
+        covariance_m2[state.joints] = self._smoother.covariances(keys)
+        unseen_s = state.at.time_s - self._last_seen_s
+        return with_swing(
+            covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
+        )[0]
 
     def _lagged(self, time_s: float) -> Estimate | None:
         """The newest frame that is at least one lag old, as everything since has changed it."""
-        old = [state for state in self._window if state.at.time_s <= time_s - self.config.online.lag_s]
-        if not old:
+        oldest = self._window[0]
+        if not self._is_lagged(oldest, time_s):
             return None
-        state = self._read(old[-1])
+        state = self._read(oldest)
         return Estimate(self.skeleton, state.at.frame, state.at.time_s, state.positions_m, state.status)
-
-
-def _fixed_lag_smoother(config: OnlineConfig) -> gtsam.IncrementalFixedLagSmoother:
-    params = gtsam.ISAM2Params()
-    params.findUnusedFactorSlots = True  # or memory and time grow without end
-    thresholds = gtsam.ISAM2ThresholdMap()
-    thresholds.insert(("x", np.full(3, config.relinearize_m)))
-    thresholds.insert(("v", np.full(3, _NEVER_RELINEARIZE)))
-    params.setRelinearizeThreshold(thresholds)
-    params.relinearizeSkip = 1
-    # A block carries the stamp of its first frame: one block more than the lag keeps its last frame long enough.
-    return gtsam.IncrementalFixedLagSmoother(config.lag_s * (1 + 1 / _BLOCKS_PER_LAG), params)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.camera import CameraRig
 from fgpose.config import Config
@@ -25,10 +25,22 @@ class Evidence:
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
     weights: Float[np.ndarray, "frame camera joint"]
     """Weight in (0, 1] of each detection; see fgpose.weights."""
-    observed: Bool[np.ndarray, "frame joint"]
-    """Whether at least two cameras detected the joint: one ray alone does not determine a position."""
+    n_views: Int[np.ndarray, "frame joint"]
+    """How many cameras detected the joint."""
     guess_m: Float[np.ndarray, "frame joint 3"]
     """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
+    anchored: Bool[np.ndarray, "frame joint"]
+    """Whether the guess is the fused per-view 3D: nothing else then tells how far away the joint is."""
+
+    @property
+    def observed(self) -> Bool[np.ndarray, "frame joint"]:
+        """Whether at least two cameras detected the joint: one ray alone does not determine a position."""
+        return self.n_views >= 2
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "frame joint"]:
+        """Whether any camera detected the joint."""
+        return self.n_views >= 1
 
     def frames(self, frames: slice | np.ndarray) -> Evidence:
         """Some of the frames."""
@@ -49,10 +61,12 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         undistorted_px, observations.confidence, rig, config.fusion.inlier_px
     ).positions_m
     fusion = fuse_candidates(observations.points3d_m, triangulated_m, undistorted_px, rig, config.fusion)
+    guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
     return Evidence(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
         weights=detection_weights(fusion, observations.confidence, config.projection),
-        observed=observations.seen.sum(axis=1) >= 2,
-        guess_m=np.where(np.isnan(triangulated_m), fusion.positions_m, triangulated_m),
+        n_views=observations.seen.sum(axis=1),
+        guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
+        anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1),
     )

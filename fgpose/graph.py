@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.camera import CameraRig
-from fgpose.config import Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
+from fgpose.config import FusionConfig, Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
 from fgpose.keys import length_key, position_key, velocity_key
 from fgpose.skeleton import Skeleton
 from fgpose_factors import (
@@ -113,6 +113,19 @@ def _holder(skeleton: Skeleton, joint: int, active: np.ndarray, seen: np.ndarray
     seen_neighbours = [other for other in neighbours if seen[other]]
     parents = [a for a, b in skeleton.bones if b == joint and active[a]]
     return next(iter(seen_neighbours + parents), None)
+
+
+def anchor_factors(
+    frame: int, anchored: Bool[np.ndarray, " joint"], fused_m: Float[np.ndarray, "joint 3"], config: FusionConfig
+) -> Iterator[gtsam.NonlinearFactor]:
+    """Hold joints that cannot be triangulated near the fused per-view 3D.
+
+    With fewer than two rays, motion and bones alone would let the body shrink towards the camera: every length and
+    every velocity becomes cheaper on the way. Robust, for the depth of one view can be far off.
+    """
+    noise = noise_model(3, config.anchor_sigma_m, "cauchy", 1.5)
+    for joint in np.flatnonzero(anchored).tolist():
+        yield gtsam.PriorFactorPoint3(position_key(joint, frame), fused_m[joint], noise)
 
 
 def prior_factors(

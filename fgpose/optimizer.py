@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import gtsam
 import numpy as np
@@ -23,6 +23,7 @@ _MIN_RELATIVE_DECREASE = 1e-7
 _ROUNDING = 1e-12
 
 
+@runtime_checkable
 class Problem(Protocol):
     """A non-linear least-squares problem over gtsam.Values."""
 

@@ -18,6 +18,7 @@ from fgpose.optimizer import levenberg_marquardt
 from fgpose.skeleton import Skeleton
 from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths
 from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
+from fgpose.uncertainty import unseen_for_s, with_swing
 from fgpose.window import Window
 
 Progress = Callable[[int, int], None]
@@ -25,6 +26,7 @@ Progress = Callable[[int, int], None]
 
 # Lengths learned from the sample are held: the windows then agree on them, and nothing is to be gained from each alone.
 _HELD_LENGTH_SIGMA_M = 1e-4
+_SAMPLE_FRAMES = 600
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +69,7 @@ def smooth(
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     lengths = _Lengths(median_lengths(skeleton, guess_m), config.prior.length_sigma_m)
     if len(spans) > 1:
-        sample = solve(_sample(evidence.time_s, config.solver.window_s), lengths)
+        sample = solve(_sample(observations.n_frames), lengths)
         lengths = _Lengths(sample.lengths_m, _HELD_LENGTH_SIGMA_M)
     solved = []
     for span in spans:
@@ -75,13 +77,17 @@ def smooth(
         if progress:
             progress(span.keep.stop, observations.n_frames)
     positions_m = np.concatenate([part.positions_m for part in solved])
-    covariances = [part.covariance_m2 for part in solved if part.covariance_m2 is not None]
+    covariance_m2 = None
+    if config.solver.covariance:
+        linear_m2 = np.concatenate([part.covariance_m2 for part in solved if part.covariance_m2 is not None])
+        unseen_s = unseen_for_s(evidence.seen, evidence.time_s)
+        covariance_m2 = with_swing(linear_m2, positions_m, unseen_s, skeleton, config.swing)
     return Trajectory(
         skeleton=skeleton,
         time_s=evidence.time_s,
         positions_m=positions_m,
         status=joint_status(active, evidence.observed),
-        covariance_m2=np.concatenate(covariances) if covariances else None,
+        covariance_m2=covariance_m2,
         residual_px=reprojection_residual_px(observations, rig, positions_m),
         camera_names=rig.names,
         bone_lengths_m=solved[0].lengths_m,
@@ -138,10 +144,9 @@ def _spans(time_s: Float[np.ndarray, " frame"], window_s: float, overlap_s: floa
     return spans
 
 
-def _sample(time_s: Float[np.ndarray, " frame"], window_s: float) -> np.ndarray:
-    """As many frames as one window has, spread evenly over the recording: far apart, their errors are independent."""
-    count = int(np.searchsorted(time_s, time_s[0] + window_s))
-    return np.unique(np.linspace(0, len(time_s) - 1, count).round().astype(int))
+def _sample(n_frames: int) -> np.ndarray:
+    """Frames spread evenly over the recording: far apart, their errors are independent."""
+    return np.unique(np.linspace(0, n_frames - 1, min(n_frames, _SAMPLE_FRAMES)).round().astype(int))
 
 
 def _cut(solved: _Solved, span: _Span) -> _Solved:

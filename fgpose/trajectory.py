@@ -42,8 +42,8 @@ class Convergence:
         return Convergence(
             converged=all(part.converged for part in parts),
             iterations=max((part.iterations for part in parts), default=0),
-            initial_error=sum(part.initial_error for part in parts),
-            final_error=sum(part.final_error for part in parts),
+            initial_error=sum((part.initial_error for part in parts), 0.0),
+            final_error=sum((part.final_error for part in parts), 0.0),
         )
 
 

@@ -61,13 +61,15 @@ class Window:
             yield from graph.projection_factors(
                 rig, frame, data.undistorted_px[frame], data.weights[frame], active, config.projection
             )
+            anchored = active & data.anchored[frame]
+            yield from graph.anchor_factors(frame, anchored, data.guess_m[frame], config.fusion)
             if config.symmetry.form == "frame":
                 yield from graph.symmetry_factors(skeleton, frame, active, config.symmetry)
             kept = active & before_active if config.motion.model != "none" else np.zeros_like(active)
             yield from graph.motion_factors(before, after, np.flatnonzero(kept).tolist(), config.motion)
             if frame:
                 step_s = time_s - before.time_s
-                yield from graph.fading_factors(skeleton, frame, step_s, active, data.observed[frame], config.motion)
+                yield from graph.fading_factors(skeleton, frame, step_s, active, data.seen[frame], config.motion)
             entering = np.flatnonzero(active & ~kept).tolist()
             yield from graph.prior_factors(
                 frame, entering, data.guess_m[frame], config.prior, with_velocity=self.with_velocity

@@ -1,0 +1,72 @@
+"""Covariance of joints that nobody sees: what a linearised bone cannot tell.
+
+A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, that is a plane, and as the plane
+turns with the body it seems to measure the joint in every direction: the covariance of the graph then claims
+centimetres where the arm has swung half around. How far unseen joints really swing was measured on motion capture (see
+SwingConfig); that much is added across the bone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import SwingConfig
+from fgpose.skeleton import Skeleton
+
+
+def unseen_for_s(seen: np.ndarray, time_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame joint"]:
+    """Time to the nearest frame, earlier or later, in which any camera sees the joint; inf if there is none.
+
+    Args:
+        seen: (T, J) whether any camera sees the joint.
+    """
+    unseen_s = np.full(seen.shape, np.inf)
+    for joint in range(seen.shape[1]):
+        known_s = time_s[seen[:, joint]]
+        if known_s.size:
+            after = np.searchsorted(known_s, time_s).clip(0, known_s.size - 1)
+            before = (after - 1).clip(0)
+            unseen_s[:, joint] = np.minimum(np.abs(known_s[after] - time_s), np.abs(time_s - known_s[before]))
+    return unseen_s
+
+
+def with_swing(
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    unseen_s: Float[np.ndarray, "frame joint"],
+    skeleton: Skeleton,
+    config: SwingConfig,
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """The covariance widened for the swing of every unseen joint and of those that hold it.
+
+    A bone of length L that has turned by an angle a has moved its end by L a across and L a^2 / 2 along itself.
+    """
+    swing_m2 = np.zeros_like(covariance_m2)
+    for joint, holder in _holders(skeleton):
+        bone_m = positions_m[:, joint] - positions_m[:, holder]
+        length_m = np.linalg.norm(bone_m, axis=-1)
+        direction = np.divide(bone_m, length_m[:, None], out=np.zeros_like(bone_m), where=length_m[:, None] > 0)
+        angle = config.angle_rad * (1.0 - np.exp(-unseen_s[:, joint] / config.time_s))
+        along = np.einsum("ti,tj->tij", direction, direction)
+        across_m2 = (length_m * angle) ** 2 / 2
+        along_m2 = (length_m * angle**2 / 2) ** 2
+        own_m2 = across_m2[:, None, None] * (np.eye(3) - along) + along_m2[:, None, None] * along
+        swung = (unseen_s[:, joint] > 0)[:, None, None] & np.isfinite(own_m2)
+        swing_m2[:, joint] = np.where(swung, own_m2 + swing_m2[:, holder], 0.0)
+    return covariance_m2 + swing_m2
+
+
+def _holders(skeleton: Skeleton) -> list[tuple[int, int]]:
+    """(joint, the joint that holds it), every holder before what it holds."""
+    holder_of: dict[int, int] = {}
+    for start, end in skeleton.bones:
+        holder_of.setdefault(end, start)
+
+    def depth(joint: int) -> int:
+        steps = 0
+        while joint in holder_of and steps <= skeleton.n_joints:
+            joint, steps = holder_of[joint], steps + 1
+        return steps
+
+    return sorted(holder_of.items(), key=lambda pair: depth(pair[0]))

@@ -1,0 +1,227 @@
+"""Online estimation: accuracy, what it tolerates, and joints that nobody sees."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+import fgpose
+from fgpose.config import config_from_dict
+from fgpose.io.skeletons import load_skeleton
+from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate, walking
+
+COVERED_99 = 11.34  # 99 % quantile of chi-square with 3 degrees of freedom
+
+
+def run(
+    observations: fgpose.Observations, rig: fgpose.CameraRig, config: fgpose.Config | None = None
+) -> list[fgpose.Estimate]:
+    estimator = fgpose.Estimator(rig, observations.skeleton, config)
+    return [estimator.update(frame) for frame in observations]
+
+
+def errors_m(estimates: list[fgpose.Estimate], truth_m: Float[np.ndarray, "frame joint 3"]) -> np.ndarray:
+    return np.array([np.linalg.norm(e.positions_m - truth_m[e.frame], axis=-1) for e in estimates])
+
+
+def hidden(
+    observations: fgpose.Observations,
+    frames: slice,
+    joints: list[int] | slice,
+    cameras: list[int] | slice = slice(None),
+) -> fgpose.Observations:
+    """The same recording, some joints unseen by some cameras for a while."""
+    points2d_px = observations.points2d_px.copy()
+    points3d_m = None if observations.points3d_m is None else observations.points3d_m.copy()
+    for array in (points2d_px, points3d_m):
+        if array is not None:
+            view = array[frames]
+            if isinstance(joints, slice):
+                view[:, cameras] = np.nan
+            else:
+                for joint in joints:
+                    view[:, cameras, joint] = np.nan
+    return replace(observations, points2d_px=points2d_px, points3d_m=points3d_m)
+
+
+@pytest.fixture(scope="module")
+def mocap_clear(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
+    """Six seconds of real motion (motion capture), noisy, nothing occluded."""
+    from conftest import MOCAP
+
+    from fgpose.synthetic import DetectionNoise, motion_from_npz
+
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    return simulate(truth_m[:300], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0)
+
+
+def test_without_noise_the_truth_is_recovered(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    truth_m = walking(40, 50.0, skeleton)
+    scene = simulate(truth_m, skeleton, rig, 50.0, NO_NOISE, NO_OCCLUSION, seed=0)
+    errors = errors_m(run(scene.observations, rig), truth_m)
+    # What is left is smoothing of exact points with the noise that is assumed of real ones (6 px are 24 mm here).
+    assert np.max(errors[5:]) < 5e-3
+
+
+def test_smoothing_beats_each_frame_alone(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
+    estimates = run(mocap_scene.observations, rig)
+    alone = fgpose.refine(mocap_scene.observations, rig)
+    online_m = np.median(errors_m(estimates[10:], mocap_scene.truth_m))
+    lagged = [estimate.smoothed for estimate in estimates if estimate.smoothed is not None]
+    lagged_m = np.median(errors_m(lagged, mocap_scene.truth_m))
+    alone_m = np.nanmedian(np.linalg.norm(alone.positions_m - mocap_scene.truth_m, axis=-1))
+    assert lagged_m < online_m < alone_m
+
+
+def test_an_infinite_lag_agrees_with_the_batch(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    """The last frame of the full history is what the batch gives for it, up to what differs by design: bone lengths
+    are a running estimate online, and linearisation points are kept until a joint moves by 3 cm."""
+    config = config_from_dict({"online": {"lag_s": float("inf")}, "symmetry": {"form": "none"}})
+    observations = mocap_clear.observations.frames(slice(0, 60))
+    online = run(observations, rig, config)[-1]
+    batch = fgpose.smooth(observations, rig, config)
+    difference_m = np.linalg.norm(online.positions_m - batch.positions_m[-1], axis=-1)
+    # 3 mm: a fifth of the error of either (16 mm), left by linearisation points up to 3 cm away.
+    assert np.median(difference_m) < 3e-3
+
+
+def test_the_lagged_estimate_is_one_lag_old(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    estimates = run(mocap_clear.observations.frames(slice(0, 60)), rig)
+    assert all(estimate.smoothed is None for estimate in estimates[:25])
+    for estimate in estimates[25:]:
+        assert estimate.smoothed is not None
+        assert estimate.frame - estimate.smoothed.frame == 25  # 0.5 s at 50 Hz
+
+
+def test_covariance_covers_the_error(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    estimates = run(mocap_clear.observations.frames(slice(0, 150)), rig)[20:]
+    nees = []
+    for estimate in estimates:
+        assert estimate.covariance_m2 is not None
+        error = estimate.positions_m - mocap_clear.truth_m[estimate.frame]
+        nees.append(np.einsum("ji,jik,jk->j", error, np.linalg.inv(estimate.covariance_m2), error))
+    # Detection errors are correlated in time, which white noise does not know: 90 % instead of 99 % is what is left.
+    assert np.mean(np.array(nees) < COVERED_99) > 0.9
+    assert 0.5 < np.median(nees) < 5.0  # the median of chi-square with 3 degrees of freedom is 2.4
+
+
+@pytest.mark.parametrize("unseen", [["right_wrist"], ["left_elbow", "left_wrist"], ["right_knee", "right_ankle"]])
+def test_an_unseen_limb_stays_attached_and_snaps_back(
+    unseen: list[str], mocap_clear: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    """Two seconds unseen: at most 1.2 bone lengths from its parent, covered, and back within three frames."""
+    joints = [skeleton.index(name) for name in unseen]
+    start, stop = 120, 220
+    estimates = run(hidden(mocap_clear.observations, slice(start, stop), joints), rig)
+    truth_m = mocap_clear.truth_m
+    errors = errors_m(estimates, truth_m)
+    for joint in joints:
+        parent = next(a for a, b in skeleton.bones if b == joint)
+        length_m = np.linalg.norm(truth_m[0, joint] - truth_m[0, parent])
+        apart_m = [np.linalg.norm(e.positions_m[joint] - e.positions_m[parent]) for e in estimates[start:stop]]
+        assert np.max(apart_m) <= 1.2 * length_m
+        covered = []
+        for estimate in estimates[start:stop]:
+            assert estimate.status[joint] == fgpose.Status.PREDICTED
+            assert estimate.covariance_m2 is not None
+            error = estimate.positions_m[joint] - truth_m[estimate.frame, joint]
+            covered.append(error @ np.linalg.solve(estimate.covariance_m2[joint], error) < COVERED_99)
+        assert np.mean(covered) >= 0.9
+        # Back means: within three times its usual error, from the third frame on.
+        usual_m = np.median(errors[50:start, joint])
+        assert np.all(errors[stop + 2 : stop + 6, joint] < 3 * usual_m)
+
+
+def test_unseen_for_too_long_is_given_up_and_found_again(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    config = config_from_dict({"motion": {"max_unseen_s": 0.4}})
+    estimates = run(hidden(mocap_clear.observations.frames(slice(0, 100)), slice(30, 80), slice(None)), rig, config)
+    assert (estimates[40].status == fgpose.Status.PREDICTED).all()
+    assert (estimates[60].status == fgpose.Status.UNOBSERVABLE).all()
+    assert np.isnan(estimates[60].positions_m).all()
+    assert (estimates[80].status == fgpose.Status.OBSERVED).all()
+    assert np.median(errors_m(estimates[82:], mocap_clear.truth_m)) < 0.04
+
+
+def test_any_subset_of_cameras(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    """A camera that is lost for good, then another: frames name the cameras they have."""
+    estimator = fgpose.Estimator(rig, mocap_clear.observations.skeleton)
+    kept = [rig.names, rig.names[:3], (rig.names[2], rig.names[0])]
+    estimates = []
+    for number, frame in enumerate(mocap_clear.observations.frames(slice(0, 90))):
+        estimates.append(estimator.update(frame.subset(list(kept[number // 30]))))
+    assert np.median(errors_m(estimates[60:], mocap_clear.truth_m)) < 0.05
+    assert estimates[-1].residual_px is not None
+    assert np.isnan(estimates[-1].residual_px[1]).all()
+    assert (estimates[-1].status == fgpose.Status.OBSERVED).all()
+
+
+def test_a_gap_in_time(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    estimator = fgpose.Estimator(rig, mocap_clear.observations.skeleton)
+    numbers = [*range(40), *range(90, 130)]
+    estimates = [estimator.update(mocap_clear.observations.frames(slice(n, n + 1))) for n in numbers]
+    errors = [
+        np.linalg.norm(e.positions_m - mocap_clear.truth_m[n], axis=-1) for e, n in zip(estimates, numbers, strict=True)
+    ]
+    assert np.median(errors[42:]) < 0.04
+
+
+@pytest.mark.parametrize("step", [0, -1])
+def test_a_repeated_or_older_frame_is_refused_and_changes_nothing(
+    step: int, mocap_clear: Scene, rig: fgpose.CameraRig
+) -> None:
+    frames = list(mocap_clear.observations.frames(slice(0, 12)))
+    estimator, other = (fgpose.Estimator(rig, mocap_clear.observations.skeleton) for _ in range(2))
+    for frame in frames[:11]:
+        estimator.update(frame)
+        other.update(frame)
+    with pytest.raises(ValueError, match="time must increase"):
+        estimator.update(frames[10 + step])
+    np.testing.assert_array_equal(estimator.update(frames[11]).positions_m, other.update(frames[11]).positions_m)
+
+
+def test_nobody_in_sight_from_the_start(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    estimates = run(hidden(mocap_clear.observations.frames(slice(0, 20)), slice(0, 10), slice(None)), rig)
+    assert np.isnan(estimates[9].positions_m).all()
+    assert (estimates[9].status == fgpose.Status.UNOBSERVABLE).all()
+    assert (estimates[10].status == fgpose.Status.OBSERVED).all()
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"motion": {"model": "none"}},
+        {"motion": {"model": "random_walk"}},
+        {"symmetry": {"form": "frame"}},
+        {"symmetry": {"form": "none"}},
+        {"projection": {"weighting": "uniform"}},
+        {"projection": {"kernel": "none", "weighting": "confidence"}},
+        {"online": {"lag_s": 0.001}},
+        {"online": {"lag_s": 1.0, "relinearize_m": 0.002}},
+    ],
+    ids=str,
+)
+def test_everything_can_be_switched_off(settings: dict, mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    estimates = run(mocap_clear.observations.frames(slice(0, 80)), rig, config_from_dict(settings))
+    # Each ingredient missing costs at most a few millimetres of the usual 17 mm on an unoccluded scene.
+    assert np.median(errors_m(estimates[10:], mocap_clear.truth_m)) < 0.025
+
+
+def test_bad_frames_are_refused(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    observations = mocap_clear.observations
+    estimator = fgpose.Estimator(rig, observations.skeleton)
+    with pytest.raises(ValueError, match="one frame at a time"):
+        estimator.update(observations.frames(slice(0, 2)))
+    with pytest.raises(ValueError, match="skeleton"):
+        fgpose.Estimator(rig, load_skeleton("coco_17")).update(observations.frames(slice(0, 1)))
+    stranger = replace(observations.frames(slice(0, 1)), camera_names=("a", "b", "c", "d"))
+    with pytest.raises(ValueError, match="lacks camera a, b, c, d"):
+        estimator.update(stranger)
+
+
+def test_it_says_why_it_cannot_be_saved(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    with pytest.raises(TypeError, match="cannot be saved"):
+        copy.deepcopy(fgpose.Estimator(rig, skeleton))

@@ -1,0 +1,48 @@
+"""The weights of detections."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fgpose.camera import CameraRig
+from fgpose.config import ProjectionConfig
+from fgpose.fusion import Fusion, fuse
+from fgpose.synthetic import Scene
+from fgpose.weights import detection_weights
+
+
+def weights_of(scene: Scene, rig: CameraRig, **settings: str) -> np.ndarray:
+    config = replace(ProjectionConfig(), **settings)
+    return detection_weights(fuse(scene.observations, rig), scene.observations.confidence, config)
+
+
+@pytest.mark.parametrize("weighting", ["fusion", "confidence", "uniform"])
+def test_weights_are_bounded(weighting: str, mocap_scene: Scene, rig: CameraRig) -> None:
+    weights = weights_of(mocap_scene, rig, weighting=weighting)
+    assert weights.max() <= 1.0
+    assert weights.min() >= ProjectionConfig().min_weight
+
+
+def test_occluded_detections_weigh_less(mocap_scene: Scene, rig: CameraRig) -> None:
+    weights = weights_of(mocap_scene, rig, weighting="fusion")
+    seen, occluded = mocap_scene.observations.seen, mocap_scene.occluded
+    assert np.median(weights[seen & occluded]) < 0.5 * np.median(weights[seen & ~occluded])
+
+
+def test_the_nearest_other_view_decides() -> None:
+    """Eq. 2 of the other views, bounded: by hand for three views and one joint."""
+    by_view_px2 = np.array([[0.0, 900.0, 100.0], [400.0, 0.0, 2500.0], [3600.0, 900.0, 0.0]])[None, :, :, None]
+    blank = np.ones((1, 3, 1))
+    fusion = Fusion(np.zeros((1, 1, 3)), blank, blank, by_view_px2)
+    weights = detection_weights(fusion, np.full((1, 3, 1), 0.5), ProjectionConfig(agreement_px=30.0))
+    expected = 0.25 / (1 + np.array([400.0, 900.0, 100.0]) / 900.0)
+    np.testing.assert_allclose(weights[0, :, 0], expected)
+
+
+def test_a_lone_view_keeps_its_confidence() -> None:
+    fusion = Fusion(np.zeros((1, 1, 3)), np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.zeros((1, 1, 1, 1)))
+    weights = detection_weights(fusion, np.full((1, 1, 1), 0.8), ProjectionConfig())
+    np.testing.assert_allclose(weights, 0.64)
