@@ -1,0 +1,8 @@
+"""The Rerun viewer: everything that is known of a recording in one picture, live, in a .rrd file, or both.
+
+Rerun is an optional dependency; it is imported only when a recording is opened.
+"""
+
+from fgpose.viewer.opening import open_recording as open_recording
+from fgpose.viewer.recording import NullRecording as NullRecording
+from fgpose.viewer.recording import Recording as Recording

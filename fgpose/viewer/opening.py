@@ -1,0 +1,57 @@
+"""Opening a recording that is seen: imports Rerun only then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fgpose.camera import CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.viewer.recording import NullRecording, Recording, UpAxis
+
+
+def open_recording(
+    path: str | Path | None,
+    rig: CameraRig,
+    skeleton: Skeleton,
+    trajectories: Sequence[str] = ("fused", "refined", "smoothed"),
+    *,
+    live: bool = False,
+    port: int = 9876,
+    endless: bool = False,
+    up: UpAxis = "+z",
+) -> Recording:
+    """Open a recording with its cameras, skeleton and layout; close it, or use it in a ``with`` block.
+
+    Args:
+        path: the .rrd file (https://rerun.io), which appears under this name when it is closed; None: no file.
+        rig: the cameras.
+        skeleton: the joints.
+        trajectories: names of the results that will be shown, the most important last: its errors are plotted first.
+        live: also serve viewers of this computer, however late they connect.
+        port: where they connect; 0 takes any free one, see ``viewer_url``.
+        endless: for runs of many hours: memory stays constant, and seeking in the file gets slower.
+        up: the world axis that points up.
+
+    Returns:
+        A recording; one that shows nothing when there is neither a path nor live.
+
+    Raises:
+        ValueError: the names of the results are repeated, reserved or absent.
+        ImportError: Rerun is not installed; the message says how to.
+        OSError: the file cannot be written, or the port is taken.
+    """
+    if not trajectories or len(set(trajectories)) != len(trajectories) or {"camera", "views"} & set(trajectories):
+        raise ValueError(f"results need different names, none of them camera or views; got {', '.join(trajectories)}")
+    if path is None and not live:
+        return NullRecording()
+    try:
+        from fgpose.viewer.rerun_recording import RerunRecording
+    except ModuleNotFoundError as error:
+        if error.name != "rerun":
+            raise
+        raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'") from None
+    scene = (rig, skeleton, tuple(trajectories))
+    return RerunRecording(
+        None if path is None else Path(path), scene, port=port if live else None, endless=endless, up=up
+    )

@@ -1,0 +1,263 @@
+"""A recording in Rerun: to a .rrd file, to live viewers, or both."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float, UInt8
+
+from fgpose.camera import Camera, CameraRig
+from fgpose.io.atomic import replacing
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Estimate, Trajectory
+from fgpose.viewer import palette, paths
+from fgpose.viewer.blueprint import blueprint
+from fgpose.viewer.content import observation_rows, residual_rows, trajectory_rows
+from fgpose.viewer.recording import Recording, UpAxis
+from fgpose.viewer.rows import Rows, scalar_rows
+from fgpose.viewer.scene import log_residual_styles, log_scene
+
+_HOST = "127.0.0.1"
+# What late viewers can still be sent; the oldest frames are dropped first.
+_SERVER_MEMORY = "256MB"
+_FLUSH_TIMEOUT_S = 10.0
+_JPEG_QUALITY = 80
+_EARLIER_THICKNESS = 0.5
+
+
+class RerunRecording(Recording):
+    """See Recording and open_recording."""
+
+    def __init__(
+        self,
+        path: Path | None,
+        scene: tuple[CameraRig, Skeleton, tuple[str, ...]],
+        *,
+        port: int | None,
+        endless: bool,
+        up: UpAxis,
+    ) -> None:
+        self._path = path
+        self._rig, self._skeleton, self._trajectories = scene
+        self._last_status: dict[str, np.ndarray] = {}
+        self._factors: tuple[str, ...] = ()
+        self._undistortion: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        self._file = ExitStack()
+        self._stream: rr.RecordingStream | None = rr.RecordingStream("fgpose")
+        # Exactly two timelines: frame and time.
+        self._stream.set_log_tick_enabled(False)
+        self._stream.set_log_time_enabled(False)
+        layout = blueprint(self._rig, self._skeleton, self._trajectories, up, following=port is not None)
+        self._stream.set_sinks(*self._sinks(path, port, endless), default_blueprint=layout)
+        if path is not None:
+            self._stream.send_recording_name(path.stem)
+        log_scene(self._stream, self._rig, self._skeleton, self._trajectories, up)
+
+    def _sinks(self, path: Path | None, port: int | None, endless: bool) -> Iterable[rr.FileSink | rr.GrpcServerSink]:
+        sinks = []
+        if port is not None:
+            server = rr.GrpcServerSink(_HOST, _free_port(port), server_memory_limit=_SERVER_MEMORY)
+            self.viewer_url = server.uri
+            sinks.append(server)
+        if path is not None:
+            temporary = self._file.enter_context(replacing(path))
+            sinks.append(rr.FileSink(temporary, write_footer=not endless))
+        return sinks
+
+    def log_observations(
+        self, observations: Observations, weights: Float[np.ndarray, "frame camera joint"] | None = None
+    ) -> None:
+        self._check_observations(observations, weights)
+        self._send(observation_rows(observations, self._rig, weights), observations.frame_time_s)
+
+    def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
+        self._check_trajectory(name, trajectory)
+        self._send(trajectory_rows(name, trajectory, self._rig, *self._look(name)), trajectory.time_s)
+
+    def log_residuals(
+        self, time_s: Float[np.ndarray, " frame"], residuals: Mapping[str, Float[np.ndarray, "frame joint"]]
+    ) -> None:
+        self._check_residuals(len(time_s), residuals)
+        if residuals:
+            self._name_factors(tuple(residuals))
+            self._send(residual_rows(self._skeleton, residuals), time_s)
+
+    def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
+        self._send([scalar_rows(paths.UPDATE_MS, update_ms)], time_s)
+
+    def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
+        (calibrated,) = self._rig.subset([camera]).cameras
+        width, height = calibrated.size_px
+        if image.shape[:2] != (height, width):
+            raise ValueError(
+                f"camera {camera}, frame {frame}: the picture is {image.shape[1]} x {image.shape[0]}, "
+                f"the calibration is for {width} x {height}"
+            )
+        picture = rr.Image(self._undistorted(calibrated, image)).compress(jpeg_quality=_JPEG_QUALITY)
+        self._set_time(frame, time_s)
+        self._open_stream.log(paths.image(camera), picture)
+
+    def log_estimate(
+        self,
+        estimate: Estimate,
+        observations: Observations | None = None,
+        weights: Float[np.ndarray, "camera joint"] | None = None,
+        *,
+        update_ms: float | None = None,
+        residuals: Mapping[str, Float[np.ndarray, " joint"]] | None = None,
+    ) -> None:
+        self._set_time(estimate.frame, estimate.time_s)
+        if observations is not None:
+            of_frame = None if weights is None else weights[None]
+            self._check_observations(observations, of_frame)
+            self._log(observation_rows(observations, self._rig, of_frame))
+        if update_ms is not None:
+            self._log([scalar_rows(paths.UPDATE_MS, np.array([update_ms]))])
+        if residuals:
+            by_factor = {factor: np.asarray(values)[None] for factor, values in residuals.items()}
+            self._check_residuals(1, by_factor)
+            self._name_factors(tuple(residuals))
+            self._log(residual_rows(self._skeleton, by_factor))
+        self._log_frame("online", estimate)
+        if estimate.smoothed is not None and "smoothed" in self._trajectories:
+            self._set_time(estimate.smoothed.frame, estimate.smoothed.time_s)
+            self._log_frame("smoothed", estimate.smoothed)
+
+    def _log_frame(self, name: str, estimate: Estimate) -> None:
+        trajectory = _one_frame(estimate, self._rig)
+        self._check_trajectory(name, trajectory)
+        before = self._last_status.get(name)
+        self._log(trajectory_rows(name, trajectory, self._rig, *self._look(name), before))
+        self._last_status[name] = trajectory.status[0]
+
+    def close(self) -> None:
+        if self._stream is None:
+            return
+        stream, self._stream = self._stream, None
+        with self._file:
+            try:
+                stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
+            except RuntimeError as error:
+                raise OSError(f"cannot write {self._path or self.viewer_url}: {error}; is the disk full?") from None
+            finally:
+                stream.disconnect()
+        self.viewer_url = None
+
+    def discard(self) -> None:
+        if self._stream is None:
+            return
+        stream, self._stream = self._stream, None
+        stream.disconnect()
+        self.viewer_url = None
+        # An error makes replacing drop its temporary file.
+        discarded = RuntimeError("discarded")
+        try:
+            self._file.__exit__(RuntimeError, discarded, None)
+        except RuntimeError as error:
+            if error is not discarded:
+                raise
+
+    @property
+    def _open_stream(self) -> rr.RecordingStream:
+        if self._stream is None:
+            raise ValueError("the recording is closed")
+        return self._stream
+
+    def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"]) -> None:
+        frame = np.arange(len(time_s))
+        for of_entity in rows:
+            of_entity.send(self._open_stream, frame, time_s)
+
+    def _log(self, rows: Iterable[Rows]) -> None:
+        for of_entity in rows:
+            of_entity.log(self._open_stream)
+
+    def _set_time(self, frame: int, time_s: float) -> None:
+        self._open_stream.set_time("frame", sequence=frame)
+        self._open_stream.set_time("time", duration=time_s)
+
+    def _look(self, name: str) -> tuple[palette.Colour, float]:
+        """Colour and thickness of a result; the last one stands out."""
+        index = self._trajectories.index(name)
+        return palette.trajectory_colour(name, index), 1.0 if name == self._trajectories[-1] else _EARLIER_THICKNESS
+
+    def _name_factors(self, factors: tuple[str, ...]) -> None:
+        if factors != self._factors:
+            log_residual_styles(self._open_stream, self._rig, self._skeleton, factors)
+            self._factors = factors
+
+    def _undistorted(self, camera: Camera, image: np.ndarray) -> np.ndarray:
+        if not camera.distortion.any():
+            return image
+        import cv2
+
+        if camera.name not in self._undistortion:
+            self._undistortion[camera.name] = _undistortion_maps(camera)
+        return cv2.remap(image, *self._undistortion[camera.name], interpolation=cv2.INTER_LINEAR)
+
+    def _check_skeleton(self, what: str, skeleton: Skeleton) -> None:
+        if skeleton.joints != self._skeleton.joints:
+            raise ValueError(
+                f"{what} has the joints of skeleton {skeleton.name}, "
+                f"the recording was opened with {self._skeleton.name}"
+            )
+
+    def _check_observations(self, observations: Observations, weights: np.ndarray | None) -> None:
+        self._check_skeleton("the observations", observations.skeleton)
+        observations.check_rig(self._rig)
+        if weights is not None and weights.shape != observations.seen.shape:
+            raise ValueError(f"weights must be {observations.seen.shape} as the points are, got {weights.shape}")
+
+    def _check_trajectory(self, name: str, trajectory: Trajectory) -> None:
+        if name not in self._trajectories:
+            raise ValueError(f"the recording was opened for {', '.join(self._trajectories)}, not for {name!r}")
+        self._check_skeleton(f"trajectory {name}", trajectory.skeleton)
+        if trajectory.residual_px is not None and trajectory.residual_px.shape[1] != self._rig.n_cameras:
+            raise ValueError(
+                f"trajectory {name} has residuals in {trajectory.residual_px.shape[1]} cameras, "
+                f"the recording has {self._rig.n_cameras}"
+            )
+
+    def _check_residuals(self, n_frames: int, residuals: Mapping[str, np.ndarray]) -> None:
+        expected = (n_frames, self._skeleton.n_joints)
+        for factor, values in residuals.items():
+            if values.shape != expected:
+                raise ValueError(f"residuals of {factor} must be {expected} (frames, joints), got {values.shape}")
+
+
+def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
+    return Trajectory(
+        skeleton=estimate.skeleton,
+        time_s=np.array([estimate.time_s]),
+        positions_m=estimate.positions_m[None],
+        status=np.asarray(estimate.status)[None],
+        covariance_m2=None if estimate.covariance_m2 is None else estimate.covariance_m2[None],
+        residual_px=None if estimate.residual_px is None else estimate.residual_px[None],
+        camera_names=rig.names,
+    )
+
+
+def _undistortion_maps(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where each pixel of the undistorted picture, with the same K, lies in the original one."""
+    import cv2
+
+    maps = cv2.fisheye.initUndistortRectifyMap if camera.lens == "fisheye" else cv2.initUndistortRectifyMap
+    x, y = maps(camera.K, camera.distortion, np.eye(3), camera.K, camera.size_px, cv2.CV_32FC1)
+    return x, y
+
+
+def _free_port(port: int) -> int:
+    """The port, or a free one for 0. Rerun itself notices a taken port only after the first data."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((_HOST, port))
+        except OSError as error:
+            raise OSError(f"cannot serve viewers on {_HOST}:{port}: {error.strerror}; choose another port") from None
+        return probe.getsockname()[1]

@@ -1,0 +1,117 @@
+"""Rows of one entity over time, built once from arrays and sent either as columns (batch) or one by one (live)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float, Int, UInt8
+
+from fgpose.trajectory import Status
+
+# Radius of the ellipsoid that holds 90 % of a Gaussian in three dimensions, in sigmas: sqrt of chi2's quantile.
+_SIGMAS_90 = 2.5003
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What one entity shows in each frame: ragged, as missing joints are left out."""
+
+    path: str
+    archetype: Any
+    lengths: Int[np.ndarray, " row"]
+    """How many instances (points, lines, values) each row has."""
+    fields: dict[str, Any] = field(default_factory=dict)
+    """The archetype's components, each flat over the instances of all rows."""
+    frames: Int[np.ndarray, " row"] | None = None
+    """Index of each row's frame, where there are fewer rows than frames."""
+
+    def send(
+        self, stream: rr.RecordingStream, frame: Int[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]
+    ) -> None:
+        """Send all rows at once."""
+        if self.frames is not None:
+            frame, time_s = frame[self.frames], time_s[self.frames]
+        indexes = [rr.TimeColumn("frame", sequence=frame), rr.TimeColumn("time", duration=time_s)]
+        columns = self.archetype.columns(**self.fields).partition(self.lengths)
+        stream.send_columns(self.path, indexes=indexes, columns=columns)
+
+    def log(self, stream: rr.RecordingStream) -> None:
+        """Log the only row at the stream's current time."""
+        stream.log(self.path, self.archetype.from_fields(**self.fields))
+
+
+def point_rows(
+    path: str,
+    archetype: Any,
+    positions: Float[np.ndarray, "frame joint dim"],
+    colours: UInt8[np.ndarray, "frame joint 3"] | None = None,
+    radii: Float[np.ndarray, "frame joint"] | None = None,
+) -> Rows:
+    """The joints that are known; a missing one is left out."""
+    known = np.isfinite(positions).all(axis=-1)
+    fields: dict[str, Any] = {"positions": positions[known], "keypoint_ids": np.nonzero(known)[1].astype(np.uint16)}
+    if colours is not None:
+        fields["colors"] = colours[known]
+    if radii is not None:
+        fields["radii"] = radii[known]
+    return Rows(path, archetype, known.sum(axis=1), fields)
+
+
+def bone_rows(
+    path: str,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    bones: tuple[tuple[int, int], ...],
+    colours: UInt8[np.ndarray, "frame bone 3"],
+    radii: Float[np.ndarray, "frame bone"],
+) -> Rows:
+    """The bones both of whose joints are known."""
+    strips = positions_m[:, np.array(bones, dtype=int).reshape(-1, 2)]
+    known = np.isfinite(strips).all(axis=(-1, -2))
+    fields = {"strips": strips[known], "colors": colours[known], "radii": radii[known]}
+    return Rows(path, rr.LineStrips3D, known.sum(axis=1), fields)
+
+
+def ellipsoid_rows(
+    path: str, positions_m: Float[np.ndarray, "frame joint 3"], covariance_m2: Float[np.ndarray, "frame joint 3 3"]
+) -> Rows:
+    """The regions that hold a joint with a probability of 90 %."""
+    known = np.isfinite(positions_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-1, -2))
+    variances_m2, axes = np.linalg.eigh(covariance_m2[known])
+    axes[np.linalg.det(axes) < 0, :, 0] *= -1
+    fields = {
+        "centers": positions_m[known],
+        "half_sizes": _SIGMAS_90 * np.sqrt(np.maximum(variances_m2, 0.0)),
+        "quaternions": _quaternions_xyzw(axes),
+    }
+    return Rows(path, rr.Ellipsoids3D, known.sum(axis=1), fields)
+
+
+def _quaternions_xyzw(rotations: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4"]:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(rotations).as_quat() if len(rotations) else np.zeros((0, 4))
+
+
+def scalar_rows(path: str, values: Float[np.ndarray, "frame ..."]) -> Rows:
+    """One number per frame, or one per frame and series; NaN is a gap in the plot."""
+    per_frame = int(np.prod(values.shape[1:]))
+    return Rows(path, rr.Scalars, np.full(len(values), per_frame), {"scalars": values.reshape(-1)})
+
+
+def status_rows(path: str, status: np.ndarray, before: int = Status.OBSERVED) -> Rows:
+    """The frames in which the status (T,) of a joint is another than in the one before, and the new status.
+
+    Observed is a gap, so that a recording shows at a glance when which joint was missing.
+    """
+    changes = np.flatnonzero(status != np.concatenate([[before], status[:-1]]))
+    names = ["" if value == Status.OBSERVED else Status(value).name.lower() for value in status[changes]]
+    return Rows(path, rr.StateChange, np.ones(len(changes), dtype=int), {"state": names}, changes)
+
+
+def document_rows(path: str, texts: list[str]) -> Rows:
+    """One Markdown page per frame."""
+    fields = {"text": texts, "media_type": [rr.MediaType.MARKDOWN] * len(texts)}
+    return Rows(path, rr.TextDocument, np.ones(len(texts), dtype=int), fields)
