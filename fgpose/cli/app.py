@@ -1,0 +1,142 @@
+"""From the arguments to the command, and from its errors to an exit code."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import sys
+import traceback
+import typing
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any, TextIO, Union
+
+from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
+from fgpose.cli.demo import Demo
+from fgpose.cli.view import View
+from fgpose.config import Config, load_config
+
+_DESCRIPTION = """3D human pose over time from several calibrated cameras.
+
+Try it on a real recording that comes with fgpose: fgpose demo
+
+Lengths are metres, times seconds, image errors pixels. --version prints the version; --traceback (or
+FGPOSE_TRACEBACK=1) shows where an error comes from.
+"""
+
+FAILED = 2
+"""Exit code after an error that the user can do something about, one line of it on stderr."""
+INTERRUPTED = 130
+_BROKEN_PIPE = 141
+_COMMANDS = {
+    "demo": Demo,
+    "smooth": Smooth,
+    "track": Track,
+    "refine": Refine,
+    "info": Info,
+    "evaluate": Evaluate,
+    "view": View,
+}
+Command = Demo | Smooth | Track | Refine | Info | Evaluate | View
+_ESTIMATORS = ("smooth", "track", "refine")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command that the arguments name (sys.argv by default).
+
+    Returns:
+        The exit code: 0, 2 after an error, 130 after Ctrl-C.
+
+    Raises:
+        SystemExit: the arguments are wrong (2) or ask for help (0).
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    with_traceback = "--traceback" in arguments or os.environ.get("FGPOSE_TRACEBACK", "") not in ("", "0")
+    arguments = [argument for argument in arguments if argument != "--traceback"]
+    if arguments[:1] == ["--version"]:
+        sys.stdout.write(f"fgpose {version('fgpose')}\n")
+        return 0
+    try:
+        with _plain_warnings():
+            _parse(arguments).run()
+        return 0
+    except KeyboardInterrupt:
+        sys.stderr.write("fgpose: interrupted\n")
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of a pipe has gone (fgpose info ... | head). Python must not complain again when it ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _BROKEN_PIPE
+    except (ValueError, OSError, ImportError, MemoryError) as error:
+        if with_traceback:
+            traceback.print_exc()
+        sys.stderr.write(f"fgpose: error: {_one_line(error)}\n")
+        return FAILED
+
+
+def _parse(arguments: list[str]) -> Command:
+    import tyro
+
+    config = _config_of(arguments)
+    # The list of the commands has one line for each; the help of a command says everything.
+    brief = arguments[:1] in ([], ["-h"], ["--help"])
+    commands = []
+    for name, command in _COMMANDS.items():
+        description = (command.__doc__ or "").partition("\n")[0] if brief else None
+        if name in _ESTIMATORS:
+            # What --config says is the default of every parameter, so that the command line overrides it.
+            command = _with_defaults(command, config)
+        commands.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
+    any_command: Any = Union[tuple(commands)]  # noqa: UP007
+    return tyro.cli(any_command, args=arguments, prog="fgpose", description=_DESCRIPTION)
+
+
+def _with_defaults(command: type, config: Config) -> type:
+    """The same command with other defaults of its parameters."""
+    (parameters,) = (field for field in dataclasses.fields(command) if field.name == "parameters")
+    kind = typing.get_type_hints(command, include_extras=True)["parameters"]
+    field = (parameters.name, kind, dataclasses.field(default=config))
+    namespace = {"__doc__": command.__doc__, "__module__": command.__module__}
+    return dataclasses.make_dataclass(
+        command.__name__, [field], bases=(command,), namespace=namespace, frozen=True, kw_only=True
+    )
+
+
+def _config_of(arguments: list[str]) -> Config:
+    """The configuration of the file after --config, if there is one; the defaults otherwise."""
+    if not arguments or arguments[0] not in _ESTIMATORS:
+        return Config()
+    for position, argument in enumerate(arguments):
+        if argument.startswith("--config="):
+            return load_config(Path(argument.removeprefix("--config=")))
+        if argument == "--config" and position + 1 < len(arguments):
+            return load_config(Path(arguments[position + 1]))
+    return Config()
+
+
+def _one_line(error: BaseException) -> str:
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+@contextmanager
+def _plain_warnings() -> Iterator[None]:
+    """Warnings as lines like those of errors, without the place in the code."""
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        sys.stderr.write(f"fgpose: warning: {' '.join(str(message).split())}\n")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = show
+        yield

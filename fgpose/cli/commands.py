@@ -1,0 +1,176 @@
+"""The commands that read a recording or results. The docstrings are what --help prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from fgpose.cli.options import OutputOptions, RecordingOptions, new_console, progress_bar
+from fgpose.config import Config
+
+if TYPE_CHECKING:
+    from fgpose.pipeline import Outputs, Result, Source
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorOptions(OutputOptions, RecordingOptions):
+    """What smooth, track and refine have in common."""
+
+    config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """TOML file of parameters, as those in configs/. Options given here override what it says."""
+    parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
+    """All parameters, with their units."""
+
+    def checked_outputs(self, *saved: str) -> Outputs:
+        """Where the results go, once it is certain that they can be written there."""
+        outputs = self.outputs(self.keypoints)
+        outputs.check(saved, (self.keypoints, self.rig))
+        return outputs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Smooth(EstimatorOptions):
+    """Smooth a whole recording: the most probable motion given all frames.
+
+    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Add --solver.covariance for the uncertainty of
+    every joint in every frame.
+
+    Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --projection.sigma-px 4
+    """
+
+    def run(self) -> None:
+        from fgpose.pipeline import run_smooth
+
+        outputs = self.checked_outputs("smoothed")
+        source = self.load()
+        with progress_bar("smoothing") as progress:
+            result = run_smooth(source, self.parameters, progress, compare="rrd" in self.formats or self.live)
+        finish(result, outputs, self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refine(EstimatorOptions):
+    """Estimate every frame alone by the paper's method: reprojection error with limb symmetry, no smoothing.
+
+    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Of the parameters only --fusion.*,
+    --refinement.* and --solver.max-iterations matter here.
+
+    Example: fgpose refine pose/ --rig Calib.toml --skeleton body_25b --fps 60
+    """
+
+    def run(self) -> None:
+        from fgpose.pipeline import run_refine
+
+        outputs = self.checked_outputs("refined")
+        source = self.load()
+        with progress_bar("refining") as progress:
+            result = run_refine(source, self.parameters, progress)
+        finish(result, outputs, self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track(EstimatorOptions):
+    """Replay a recording frame by frame through the online estimator, as if it were live, and time it.
+
+    Writes NAME_online.* (the newest pose after each frame) and NAME_smoothed.* (each frame once it is --online.lag-s
+    old), and NAME.rrd with both. Prints latencies in milliseconds.
+
+    Example: fgpose track pose/ --rig Calib.toml --skeleton body_25b --fps 60 --online.lag-s 0.3
+    """
+
+    def run(self) -> None:
+        from fgpose.pipeline import run_track
+
+        outputs = self.checked_outputs("online", "smoothed")
+        source = self.load()
+        if self.live:
+            self._run_live(source, outputs)
+            return
+        with progress_bar("tracking") as progress:
+            result = run_track(source, self.parameters, progress)
+        finish(result, outputs, self)
+
+    def _run_live(self, source: Source, outputs: Outputs) -> None:
+        from fgpose.cli.live import live_recording, wait_for_viewers
+        from fgpose.cli.tables import print_result
+        from fgpose.evidence import gather
+        from fgpose.pipeline import run_track, save_trajectories
+
+        weights = gather(source.observations, source.rig, self.parameters).weights
+        with live_recording(source, ("smoothed", "online"), outputs, self.port) as recording:
+            with progress_bar("tracking") as progress:
+                result = run_track(
+                    source,
+                    self.parameters,
+                    progress,
+                    lambda seen, estimate, update_ms: recording.log_estimate(
+                        estimate, seen, weights[estimate.frame], update_ms=update_ms
+                    ),
+                )
+            print_result(new_console(), result, save_trajectories(result, outputs))
+            wait_for_viewers(outputs)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(RecordingOptions):
+    """Report on a recording before solving it: what is seen, and what looks wrong.
+
+    Which cameras see what, how well they agree, whether a calibration looks wrong, a camera late, left and right
+    exchanged, or millimetres taken for metres. Nothing is written. Errors are pixels of the undistorted image.
+
+    Example: fgpose info pose/ --rig Calib.toml --skeleton body_25b --fps 60
+    """
+
+    min_gap_s: Annotated[float, arg(metavar="SECONDS")] = 0.5
+    """List stretches in which fewer than two cameras see a joint for longer than this, seconds."""
+
+    def run(self) -> None:
+        from fgpose.cli.info_tables import print_info
+        from fgpose.info import recording_info
+
+        source = self.load()
+        print_info(new_console(), recording_info(source.observations, source.rig, self.min_gap_s))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Compare a result with a reference: errors in millimetres, jitter in m/s^3, and a table of the joints.
+
+    Any trajectory files: parquet, npz, TRC, C3D. Joints are matched by name, frames by time; nothing is interpolated
+    and nothing is aligned but for PA-MPJPE.
+
+    Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
+    """
+
+    estimate: Positional[Path]
+    """File of the result."""
+    reference: Positional[Path]
+    """File of the reference."""
+    offset_s: Annotated[float, arg(metavar="SECONDS")] = 0.0
+    """Added to the reference's times, for a reference with a clock of its own, seconds."""
+
+    def run(self) -> None:
+        from fgpose.cli.tables import print_evaluation
+        from fgpose.evaluation import evaluate
+        from fgpose.io.trajectories import load_trajectory
+
+        estimate, reference = load_trajectory(self.estimate), load_trajectory(self.reference)
+        print_evaluation(new_console(), evaluate(estimate, reference, self.offset_s))
+
+
+def finish(result: Result, outputs: Outputs, options: OutputOptions) -> None:
+    """Write a result and say what it is; with --live, let viewers see it first."""
+    from fgpose.cli.live import live_recording, wait_for_viewers
+    from fgpose.cli.tables import print_result
+    from fgpose.pipeline import save_trajectories, show, write_outputs
+
+    if not options.live:
+        print_result(new_console(), result, write_outputs(result, outputs))
+        return
+    with live_recording(result.source, tuple(result.trajectories), outputs, options.port) as recording:
+        show(result, recording)
+        print_result(new_console(), result, save_trajectories(result, outputs))
+        wait_for_viewers(outputs)

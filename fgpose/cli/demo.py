@@ -1,0 +1,101 @@
+"""The demonstration on a recording that comes with fgpose."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import arg
+
+from fgpose.cli.options import first_frames, new_console, progress_bar
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.pipeline import Outputs, Result, Source
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo:
+    """Smooth and track a real recording that comes with fgpose: a man balancing on one leg, four cameras, 60 Hz.
+
+    Writes demo.parquet, demo.trc and demo.rrd into the output folder and says how to open them. Takes half a minute at
+    most.
+
+    Example: fgpose demo --output out
+    """
+
+    recording: Literal["balance_blazepose", "balance_openpose"] = "balance_blazepose"
+    """blazepose: 33 joints, with 3D joints of each view to be fused; openpose: 25 joints, 2D only, some missing."""
+    output: Annotated[Path, arg(metavar="FOLDER")] = Path("out")
+    """Folder for the results; it is made if it is absent."""
+    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
+    """Use the first so many frames only."""
+
+    def run(self) -> None:
+        from fgpose.cli.tables import latency_table, print_source, result_table
+        from fgpose.io.recordings import load_recording
+        from fgpose.pipeline import Outputs, Source, write_outputs
+
+        outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"))
+        outputs.check(("smoothed",))
+        console = new_console()
+        source = first_frames(Source(*load_recording(self.recording)), self.frames)
+        console.print(f"{self.recording}: real detections of a man balancing on one leg")
+        print_source(console, source)
+        result, batch_s = _run(source)
+        write_outputs(result, outputs)
+        headings = {"refined": "each frame alone", "online": "online", "smoothed": "smoothed"}
+        console.print(result_table(result, headings))
+        console.print(
+            f"batch smoother with covariance: {1000 * batch_s / source.observations.n_frames:.1f} ms per frame"
+        )
+        assert result.update_ms is not None
+        console.print(latency_table(result.update_ms))
+        _say_how_to_open(console, outputs)
+
+
+def _run(source: Source) -> tuple[Result, float]:
+    """Everything in one result, and how long the smoother took in seconds."""
+    from fgpose.config import Config
+    from fgpose.pipeline import Result, run_refine, run_smooth, run_track
+
+    config = Config()
+    config = replace(config, solver=replace(config.solver, covariance=True))
+    with progress_bar("each frame alone") as progress:
+        refined = run_refine(source, config, progress).trajectories
+    with progress_bar("batch smoother") as progress:
+        start_s = time.perf_counter()
+        smoothed = run_smooth(source, config, progress, compare=False).trajectories
+        batch_s = time.perf_counter() - start_s
+    with progress_bar("online estimator") as progress:
+        tracked = run_track(source, config, progress)
+    trajectories = {**refined, "online": tracked.trajectories["online"], **smoothed}
+    return Result(source, config, trajectories, ("smoothed",), tracked.update_ms), batch_s
+
+
+def _say_how_to_open(console: Console, outputs: Outputs) -> None:
+    rrd, parquet, trc = outputs.path("rrd"), outputs.path("parquet"), outputs.path("trc")
+    read = f"import pyarrow.parquet as pq; print(pq.read_table('{parquet}').slice(0, 5))"
+    lines = [
+        (str(rrd), f"everything in 3D: {_program('rerun')} {rrd}"),
+        ("", f"without a display: {_program('fgpose')} view {rrd} --web"),
+        (str(parquet), f'all numbers as a table: {_program("python")} -c "{read}"'),
+        (str(trc), "positions for OpenSim: File > Preview Experimental Data..."),
+    ]
+    width = max(len(path) for path, _ in lines)
+    for path, how in lines:
+        console.print(f"{path:<{width}}  {how}", soft_wrap=True)
+
+
+def _program(name: str) -> str:
+    """The program as the user can call it: by its name, or by its path where the environment is not activated."""
+    path = Path(sys.executable).with_name(name)
+    found = shutil.which(name)
+    if not path.exists() or (found is not None and Path(found).resolve() == path.resolve()):
+        return name
+    return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)

@@ -1,0 +1,135 @@
+"""What the commands print: results in a few short tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from fgpose.evaluation import Evaluation
+from fgpose.metrics import jitter_mps3
+from fgpose.pipeline import Result, Source
+from fgpose.trajectory import Status, Trajectory
+
+_MEANING = {
+    "fused": "fused",
+    "refined": "each frame alone",
+    "smoothed": "smoothed",
+    "online": "online",
+}
+
+
+def print_result(console: Console, result: Result, written: tuple[Path, ...]) -> None:
+    """What a run gave, and where it is."""
+    print_source(console, result.source)
+    console.print(result_table(result))
+    if result.update_ms is not None:
+        console.print(latency_table(result.update_ms))
+    if result.main.convergence is not None and not result.main.convergence.converged:
+        console.print("Not converged: raise --solver.max-iterations, or look at the input with fgpose info.")
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True)
+
+
+def print_source(console: Console, source: Source) -> None:
+    observations = source.observations
+    interval_s = np.diff(observations.frame_time_s)
+    rate = f" at {1 / np.median(interval_s):.4g} Hz" if len(interval_s) else ""
+    console.print(
+        f"{observations.n_frames} frames{rate}, {observations.n_cameras} cameras, "
+        f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
+    )
+
+
+def result_table(result: Result, names: Mapping[str, str] | None = None) -> Table:
+    """One column per trajectory: errors per camera, jitter, how many joints were seen.
+
+    Args:
+        result: of a run.
+        names: heading of each trajectory that is shown; by default all but the fused pose.
+    """
+    names = names or {name: _MEANING.get(name, name) for name in result.trajectories if name != "fused"}
+    table = _table("", *names.values())
+    trajectories = [result.trajectories[name] for name in names]
+    for c, camera in enumerate(result.source.rig.names):
+        _row(table, f"reprojection error {camera} [px]", trajectories, lambda each, c=c: _median_px(each, c))
+    _row(table, "reprojection error, all [px]", trajectories, lambda each: _median_px(each))
+    table.add_section()
+    _row(table, "jitter (mean jerk) [m/s^3]", trajectories, lambda each: jitter_mps3(each.positions_m, each.time_s))
+    for status in (Status.OBSERVED, Status.PREDICTED, Status.UNOBSERVABLE):
+        _row(
+            table, f"joints {status.name.lower()} [%]", trajectories, lambda each, s=status: 100 * each.status_share(s)
+        )
+    return table
+
+
+def latency_table(update_ms: np.ndarray) -> Table:
+    """Percentiles of the time that an update takes."""
+    table = _table("", "median", "90 %", "99 %", "max")
+    quantiles = np.percentile(update_ms, (50, 90, 99, 100))
+    table.add_row("update of the online estimator [ms]", *(f"{value:.1f}" for value in quantiles))
+    return table
+
+
+def print_evaluation(console: Console, evaluation: Evaluation) -> None:
+    """The errors over all joints, then one line per joint."""
+    console.print(
+        f"{evaluation.n_frames} frames and {evaluation.n_joints} joints in common, "
+        f"{100 * evaluation.share_missing:.1f} % of them missing on either side and left out"
+    )
+    console.print(_evaluation_table(evaluation))
+    joints = _table("joint", "absolute [mm]", "relative [mm]", "PCK [%]", "missing [%]")
+    for joint in evaluation.joints:
+        values = joint.mpjpe_absolute_mm, joint.mpjpe_relative_mm, 100 * joint.pck, 100 * joint.share_missing
+        joints.add_row(joint.joint, *map(_number, values))
+    console.print(joints)
+
+
+def _evaluation_table(evaluation: Evaluation) -> Table:
+    rows: list[tuple[str, float]] = [
+        ("MPJPE, absolute [mm]", evaluation.mpjpe_absolute_mm),
+        ("MPJPE, relative to the root [mm]", evaluation.mpjpe_relative_mm),
+        ("PA-MPJPE, after Procrustes alignment [mm]", evaluation.pa_mpjpe_mm),
+        ("PCK, absolute errors up to 150 mm [%]", 100 * evaluation.pck),
+        ("acceleration error [m/s^2]", evaluation.acceleration_error_mps2),
+        ("jitter of the estimate [m/s^3]", evaluation.jitter_estimate_mps3),
+        ("jitter of the reference [m/s^3]", evaluation.jitter_reference_mps3),
+    ]
+    if evaluation.nees is not None:
+        rows.append(("NEES (3 where the covariance is right)", evaluation.nees))
+    if evaluation.coverage_95 is not None:
+        rows.append(("inside the 95 % ellipsoids [%]", 100 * evaluation.coverage_95))
+    table = _table("", "value")
+    for label, value in rows:
+        table.add_row(label, _number(value))
+    return table
+
+
+def _table(*headings: str) -> Table:
+    table = Table(box=box.SIMPLE_HEAD)
+    table.add_column(headings[0])
+    for heading in headings[1:]:
+        table.add_column(heading, justify="right")
+    return table
+
+
+def _row(table: Table, label: str, trajectories: list[Trajectory], value: Callable[[Trajectory], float]) -> None:
+    table.add_row(label, *(_number(value(trajectory)) for trajectory in trajectories))
+
+
+def _number(value: float) -> str:
+    if np.isnan(value):
+        return "-"
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.1f}"
+
+
+def _median_px(trajectory: Trajectory, camera: int | None = None) -> float:
+    if trajectory.residual_px is None:
+        return np.nan
+    of_camera = trajectory.residual_px if camera is None else trajectory.residual_px[:, camera]
+    known = of_camera[np.isfinite(of_camera)]
+    return float(np.median(known)) if known.size else np.nan

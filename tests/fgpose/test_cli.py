@@ -1,0 +1,305 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fgpose.cli import app, commands, live, main, view
+from fgpose.io.calibration import save_rig
+from fgpose.io.keypoints import save_observations
+from fgpose.io.recordings import load_recording
+from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.smoother import smooth
+
+COMMANDS = ("demo", "smooth", "track", "refine", "info", "evaluate", "view")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ten frames of a real recording as a user would have them."""
+    folder = tmp_path_factory.mktemp("recording")
+    rig, observations = load_recording("balance_openpose")
+    save_rig(rig, folder / "Calib.toml")
+    save_observations(observations.frames(slice(0, 10)), folder / "walk.npz")
+    return folder
+
+
+@pytest.fixture
+def source(folder: Path) -> list[str]:
+    return [str(folder / "walk.npz"), "--rig", str(folder / "Calib.toml"), "--skeleton", "body_25b"]
+
+
+def failure(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """The one line of an error."""
+    assert main(arguments) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("fgpose: error: ")
+    assert line.count("\n") == 1
+    return line
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_explains_and_gives_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([command, "--help"])
+    assert end.value.code == 0
+    assert f"Example: fgpose {command}" in capsys.readouterr().out
+
+
+def test_help_of_the_program_lists_the_commands() -> None:
+    run = subprocess.run([sys.executable, "-m", "fgpose", "--help"], capture_output=True, text=True, check=True)
+    assert all(command in run.stdout for command in COMMANDS)
+
+
+def test_help_needs_no_heavy_package() -> None:
+    code = (
+        "import sys\nfrom fgpose.cli import main\n"
+        "try:\n    main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'rerun', 'cv2', 'pyarrow', 'ezc3d', 'scipy'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "[]"
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("fgpose 0.")
+
+
+@pytest.mark.parametrize("recording", ["balance_blazepose", "balance_openpose"])
+def test_demo(recording: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["demo", "--recording", recording, "--output", str(tmp_path), "--frames", "6"]) == 0
+    printed = capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"demo.parquet", "demo.rrd", "demo.trc"}
+    for what in (
+        "6 frames at 60 Hz, 4 cameras",
+        "cam_03",
+        "jitter",
+        "joints predicted",
+        "ms per frame",
+        "rerun",
+        "99 %",
+    ):
+        assert what in printed
+    demo = load_trajectory(tmp_path / "demo.parquet")
+    assert demo.n_frames == 6
+    assert demo.covariance_m2 is not None
+
+
+def test_smooth_takes_every_parameter(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--projection.sigma-px", "4", "--symmetry.form", "none", "--solver.covariance"]
+    assert main(["smooth", *source, "--output", str(tmp_path), "--name", "mine", *options]) == 0
+    assert "smoothed" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.parquet", "mine.rrd", "mine.trc"}
+    trajectory = load_trajectory(tmp_path / "mine.parquet")
+    assert trajectory.config is not None
+    assert trajectory.config.projection.sigma_px == 4
+    assert trajectory.config.symmetry.form == "none"
+    assert trajectory.covariance_m2 is not None
+
+
+def test_command_line_overrides_the_file(source: list[str], tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("[projection]\nsigma_px = 9.0\nkernel_scale = 2.5\n")
+    options = ["--config", str(file), "--projection.sigma-px", "7", "--formats", "npz"]
+    assert main(["smooth", *source, "--output", str(tmp_path / "out"), *options]) == 0
+    config = load_trajectory(tmp_path / "out" / "walk.npz").config
+    assert config is not None
+    assert (config.projection.sigma_px, config.projection.kernel_scale) == (7.0, 2.5)
+
+
+def test_track_writes_newest_and_lagged(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--output", str(tmp_path), "--online.lag-s", "0.05", "--formats", "npz", "rrd"]
+    assert main(["track", *source, *options]) == 0
+    printed = capsys.readouterr().out
+    assert all(word in printed for word in ("median", "90 %", "99 %", "max"))
+    assert {path.name for path in tmp_path.iterdir()} == {"walk_online.npz", "walk_smoothed.npz", "walk.rrd"}
+    assert load_trajectory(tmp_path / "walk_online.npz").n_frames == 10
+
+
+@pytest.mark.parametrize("command", ["smooth", "track"])
+def test_live_serves_until_ctrl_c(
+    command: str,
+    source: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def ctrl_c() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(live, "_sleep_forever", ctrl_c)
+    options = ["--output", str(tmp_path), "--live", "--port", "0", "--formats", "npz", "rrd", "--online.lag-s", "0.05"]
+    assert main([command, *source, *options]) == 0
+    assert "rerun rerun+http://127.0.0.1:" in capsys.readouterr().err
+    assert (tmp_path / "walk.rrd").stat().st_size > 1000
+
+
+def test_refine_with_some_cameras(source: list[str], tmp_path: Path) -> None:
+    options = ["--output", str(tmp_path), "--cameras", "cam_04", "cam_02", "--formats", "parquet", "trc", "c3d"]
+    assert main(["refine", *source, *options]) == 0
+    assert load_trajectory(tmp_path / "walk.parquet").camera_names == ("cam_04", "cam_02")
+    assert {path.suffix for path in tmp_path.iterdir()} == {".parquet", ".trc", ".c3d"}
+
+
+def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
+    folder = Path(app.__file__).parents[1] / "data" / "balance_blazepose"
+    arguments = [str(folder / "observations.npz"), "--rig", str(folder / "calibration.toml")]
+    assert main(["info", *arguments, "--skeleton", "blazepose_33"]) == 0
+    printed = capsys.readouterr().out
+    assert "cam_03 may be up to 3 frames late" in printed
+
+
+def test_evaluate_against_itself(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig, observations = load_recording("balance_openpose")
+    trajectory = smooth(observations.frames(slice(0, 10)), rig)
+    for name in ("estimate.parquet", "reference.trc"):
+        save_trajectory(trajectory, tmp_path / name)
+    assert main(["evaluate", str(tmp_path / "estimate.parquet"), str(tmp_path / "reference.trc")]) == 0
+    printed = capsys.readouterr().out
+    assert "10 frames and 25 joints in common" in printed
+    assert "left_ankle" in printed
+    (mpjpe,) = (line for line in printed.splitlines() if "MPJPE, absolute" in line)
+    assert mpjpe.split()[-1] == "0.0"
+
+
+@pytest.mark.parametrize("with_rig", [False, True])
+def test_view_opens_a_trajectory(with_rig: bool, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, observations = load_recording("balance_openpose")
+    save_trajectory(smooth(observations.frames(slice(0, 3)), rig), tmp_path / "walk.parquet")
+    opened: list[str] = []
+
+    def run(command: list[str], check: bool) -> subprocess.CompletedProcess[bytes]:
+        opened.extend(command)
+        assert Path(command[1]).stat().st_size > 1000
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(view.subprocess, "run", run)
+    options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
+    assert main(["view", str(tmp_path / "walk.parquet"), "--web", *options]) == 0
+    assert Path(opened[1]).name == "walk.rrd"
+    assert opened[2:] == ["--web-viewer"]
+    assert not Path(opened[1]).exists()
+
+
+def test_view_without_a_display_says_how_to_look(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(view, "_has_display", lambda: False)
+    (tmp_path / "walk.rrd").write_bytes(b"RRF2")
+    line = failure(["view", str(tmp_path / "walk.rrd")], capsys)
+    assert "--web" in line
+    assert "copy" in line
+
+
+@pytest.mark.parametrize(
+    ("change", "culprit"),
+    [
+        (["--cameras", "cam_01", "cam_09"], "cam_09"),
+        (["--skeleton", "body_99"], "body_99"),
+        (["--skeleton", "coco_17"], "coco_17"),
+        (["--rig", "no/such.toml"], "no/such.toml"),
+        (["--config", "no/such.toml"], "no/such.toml"),
+        (["--frames", "0"], "--frames"),
+        (["--projection.sigma-px", "-1"], "projection.sigma_px"),
+    ],
+)
+def test_wrong_input_is_one_line_that_names_it(
+    change: list[str], culprit: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert culprit in failure(["smooth", *source, "--output", str(tmp_path / "out"), *change], capsys)
+    assert not (tmp_path / "out").exists() or list((tmp_path / "out").iterdir()) == []
+
+
+def test_missing_keypoints_are_named(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    line = failure(["info", "no/such/folder", *source[1:]], capsys)
+    assert line == "fgpose: error: no/such/folder: No such file or directory\n"
+
+
+def test_truncated_keypoints_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for camera in ("cam_01", "cam_02", "cam_03", "cam_04"):
+        (tmp_path / "pose" / camera).mkdir(parents=True)
+        (tmp_path / "pose" / camera / f"{camera}_000000.json").write_text('{"version": 1.3, "people": [{"pose_key')
+    arguments = [str(tmp_path / "pose"), "--rig", str(folder / "Calib.toml"), "--skeleton", "body_25b", "--fps", "60"]
+    line = failure(["smooth", *arguments, "--output", str(tmp_path / "out")], capsys)
+    assert "cam_01_000000.json" in line
+    assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_folder_that_cannot_be_written_is_found_before_the_work(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_work(self: object) -> None:
+        raise AssertionError("the recording was read before the output was checked")
+
+    monkeypatch.setattr(commands.Smooth, "load", no_work)
+    (tmp_path / "file").touch()
+    line = failure(["smooth", *source, "--output", str(tmp_path / "file" / "out")], capsys)
+    assert str(tmp_path / "file" / "out") in line
+
+
+def test_result_never_replaces_its_input(source: list[str], folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = (folder / "walk.npz").read_bytes()
+    assert "walk.npz" in failure(["smooth", *source, "--output", str(folder), "--formats", "npz"], capsys)
+    assert (folder / "walk.npz").read_bytes() == before
+
+
+def test_missing_package_is_one_line(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    line = failure(["smooth", *source, "--output", str(tmp_path), "--formats", "c3d"], capsys)
+    assert 'pip install "fgpose[c3d]"' in line
+
+
+def test_unknown_option_suggests_the_nearest(source: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["smooth", *source, "--projection.sigma-pxx", "4"])
+    assert end.value.code == 2
+    assert "--projection.sigma-px" in capsys.readouterr().err
+
+
+def test_unknown_key_of_a_file_suggests_the_nearest(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "mine.toml").write_text("[projection]\nsigma_pxx = 4.0\n")
+    line = failure(["smooth", *source, "--config", str(tmp_path / "mine.toml")], capsys)
+    assert "mine.toml" in line
+    assert "projection.sigma_px?" in line
+
+
+@pytest.mark.parametrize("how", ["option", "environment"])
+def test_traceback_on_request(
+    how: str, source: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["info", "no/such/folder", *source[1:]]
+    if how == "option":
+        arguments.append("--traceback")
+    else:
+        monkeypatch.setenv("FGPOSE_TRACEBACK", "1")
+    assert main(arguments) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_nothing(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fgpose.pipeline.run_smooth", interrupted)
+    assert main(["smooth", *source, "--output", str(tmp_path)]) == 130
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path) -> None:
+    """Piped into a file, with a locale that knows ASCII only."""
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    command = [sys.executable, "-m", "fgpose", "refine", *source, "--output", str(tmp_path), "--formats", "npz"]
+    run = subprocess.run(command, env=environment, capture_output=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert np.isfinite(load_trajectory(tmp_path / "walk.npz").positions_m).any()

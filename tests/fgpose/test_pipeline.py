@@ -1,0 +1,208 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fgpose import pipeline
+from fgpose.config import Config
+from fgpose.evidence import gather
+from fgpose.io.calibration import save_rig
+from fgpose.io.keypoints import save_observations
+from fgpose.io.recordings import load_recording
+from fgpose.io.trajectories import load_trajectory
+from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, run_smooth, run_track, write_outputs
+from fgpose.residuals import whitened_residuals
+from fgpose.smoother import smooth
+from fgpose.trajectory import Estimate, Status
+from fgpose.viewer import Recording
+
+SHORT_LAG = replace(Config(), online=replace(Config().online, lag_s=0.1))
+
+
+@pytest.fixture(scope="module")
+def source() -> Source:
+    rig, observations = load_recording("balance_openpose")
+    return Source(rig, observations.frames(slice(0, 20)))
+
+
+@pytest.fixture(scope="module")
+def smoothed(source: Source) -> Result:
+    return run_smooth(source, Config())
+
+
+@pytest.fixture(scope="module")
+def tracked(source: Source) -> Result:
+    return run_track(source, SHORT_LAG)
+
+
+def test_smooth_gives_what_the_smoother_gives(source: Source, smoothed: Result) -> None:
+    expected = smooth(source.observations, source.rig, Config())
+    np.testing.assert_array_equal(smoothed.main.positions_m, expected.positions_m)
+    assert list(smoothed.trajectories) == ["fused", "refined", "smoothed"]
+    assert smoothed.saved == ("smoothed",)
+
+
+def test_comparison_can_be_left_out(source: Source) -> None:
+    assert list(run_smooth(source, Config(), compare=False).trajectories) == ["smoothed"]
+
+
+def test_progress_ends_with_all_frames(source: Source) -> None:
+    for run in (run_smooth, run_refine, run_track):
+        seen: list[tuple[int, int]] = []
+        run(source, Config(), lambda done, total, seen=seen: seen.append((done, total)))
+        assert seen[-1] == (20, 20)
+
+
+def test_track_collects_newest_and_lagged_estimates(source: Source, tracked: Result) -> None:
+    online, lagged = tracked.trajectories["online"], tracked.trajectories["smoothed"]
+    assert online.n_frames == 20
+    assert online.covariance_m2 is not None
+    assert tracked.update_ms is not None
+    assert tracked.update_ms.shape == (20,)
+    # 0.1 s are 6 frames: frames 0 to 13 are that old in the end, one less where times round down.
+    assert lagged.n_frames in (13, 14)
+    np.testing.assert_array_equal(lagged.time_s, source.observations.frame_time_s[: lagged.n_frames])
+    known = np.isfinite(lagged.positions_m).all(axis=-1)
+    np.testing.assert_array_equal(known, lagged.status != Status.UNOBSERVABLE)
+
+
+def test_lagged_estimates_are_smoother(tracked: Result) -> None:
+    """What has seen the next 0.1 s moves less from frame to frame than what has not."""
+    steps = {
+        name: np.nanmedian(np.linalg.norm(np.diff(trajectory.positions_m[:13], n=2, axis=0), axis=-1))
+        for name, trajectory in tracked.trajectories.items()
+    }
+    assert steps["smoothed"] < steps["online"]
+
+
+def test_recording_shorter_than_the_lag_has_no_lagged_estimates(source: Source) -> None:
+    assert list(run_track(source, Config()).trajectories) == ["online"]
+
+
+def test_each_update_is_reported(source: Source) -> None:
+    seen: list[int] = []
+
+    def on_update(frame: pipeline.Observations, estimate: Estimate, update_ms: float) -> None:
+        assert frame.n_frames == 1
+        assert update_ms > 0
+        seen.append(estimate.frame)
+
+    run_track(source, Config(), on_update=on_update)
+    assert seen == list(range(20))
+
+
+def test_every_format_is_written_and_read_again(tmp_path: Path, smoothed: Result) -> None:
+    outputs = Outputs(tmp_path / "new", "walk", ("parquet", "npz", "trc", "c3d", "rrd"))
+    written = write_outputs(smoothed, outputs)
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(path.name for path in written)
+    for path in written:
+        if path.suffix != ".rrd":
+            positions_m = load_trajectory(path, smoothed.main.skeleton).positions_m
+            # C3D keeps 32 bit millimetres.
+            np.testing.assert_allclose(positions_m, smoothed.main.positions_m, atol=1e-6)
+    assert load_trajectory(tmp_path / "new" / "walk.parquet").config == Config()
+
+
+def test_several_trajectories_have_files_of_their_own(tmp_path: Path, tracked: Result) -> None:
+    written = write_outputs(tracked, Outputs(tmp_path, "walk", ("npz",)))
+    assert {path.name for path in written} == {"walk_online.npz", "walk_smoothed.npz"}
+
+
+class Spy(Recording):
+    """Remembers what is shown."""
+
+    def __init__(self) -> None:
+        self.shown: dict[str, object] = {}
+
+    def log_observations(self, observations: object, weights: object = None) -> None:
+        self.shown["weights"] = weights
+
+    def log_trajectory(self, name: str, trajectory: object) -> None:
+        self.shown[name] = trajectory
+
+    def log_residuals(self, time_s: object, residuals: object) -> None:
+        self.shown["residuals"] = residuals
+
+    def log_update_times(self, time_s: object, update_ms: object) -> None:
+        self.shown["update_ms"] = update_ms
+
+
+def test_everything_is_shown(smoothed: Result, tracked: Result) -> None:
+    spy = Spy()
+    pipeline.show(smoothed, spy)
+    assert set(spy.shown) == {"weights", "fused", "refined", "smoothed", "residuals"}
+    spy = Spy()
+    pipeline.show(tracked, spy)
+    assert set(spy.shown) == {"weights", "online", "smoothed", "residuals", "update_ms"}
+
+
+def test_interrupted_viewer_leaves_no_file(tmp_path: Path, smoothed: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(result: Result, recording: Recording) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "show", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_outputs(smoothed, Outputs(tmp_path, "walk", ("rrd",)))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_outputs_are_checked_beforehand(tmp_path: Path) -> None:
+    (tmp_path / "walk.trc").mkdir()
+    with pytest.raises(OSError, match=r"walk\.trc: it is a folder"):
+        Outputs(tmp_path, "walk", ("trc",)).check(("smoothed",))
+    (tmp_path / "file").touch()
+    with pytest.raises(OSError, match="file"):
+        Outputs(tmp_path / "file", "walk", ("trc",)).check(("smoothed",))
+
+
+def test_input_is_not_replaced(tmp_path: Path) -> None:
+    outputs = Outputs(tmp_path, "walk", ("npz",))
+    with pytest.raises(ValueError, match=r"walk\.npz would replace an input"):
+        outputs.check(("smoothed",), (tmp_path / "walk.npz",))
+
+
+def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source) -> None:
+    save_rig(source.rig, tmp_path / "rig.npz")
+    save_observations(source.observations, tmp_path / "all.npz")
+    names = ("cam_04", "cam_02")
+    loaded = load_source(tmp_path / "all.npz", tmp_path / "rig.npz", "body_25b", cameras=names)
+    assert loaded.rig.names == loaded.observations.camera_names == names
+    # The calibration may have cameras that the keypoints lack, if these are not chosen.
+    save_observations(source.observations.subset(("cam_01", "cam_02")), tmp_path / "two.npz")
+    loaded = load_source(tmp_path / "two.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_02", "cam_01"))
+    assert loaded.rig.names == ("cam_02", "cam_01")
+    with pytest.raises(ValueError, match="cam_09"):
+        load_source(tmp_path / "all.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_09",))
+
+
+def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> None:
+    config = Config()
+    evidence = gather(source.observations, source.rig, config)
+    residuals = whitened_residuals(smoothed.main, evidence, config)
+    assert set(residuals) == {*(f"projection/cam_0{c}" for c in range(1, 5)), "symmetry", "motion"}
+    assert smoothed.main.residual_px is not None
+    expected = smoothed.main.residual_px[3, 0, 5] / config.projection.sigma_px * np.sqrt(evidence.weights[3, 0, 5])
+    assert residuals["projection/cam_01"][3, 5] == pytest.approx(expected)
+
+
+def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: Source, smoothed: Result) -> None:
+    """White noise on the acceleration, integrated twice in fine steps: the residual's mean square is 3."""
+    rng = np.random.default_rng(0)
+    config, n_frames, fine = Config(), 400, 50
+    step_s = 1 / (60 * fine)
+    shape = (n_frames * fine, 25, 3)
+    acceleration = rng.normal(scale=np.sqrt(config.motion.acceleration_density / step_s), size=shape)
+    positions_m = (np.cumsum(np.cumsum(acceleration, axis=0), axis=0) * step_s**2)[::fine]
+    trajectory = replace(
+        smoothed.main,
+        time_s=np.arange(n_frames) / 60,
+        positions_m=positions_m,
+        status=np.full((n_frames, 25), Status.OBSERVED),
+        residual_px=None,
+    )
+    motion = whitened_residuals(trajectory, gather(source.observations, source.rig, config), config)["motion"]
+    # 10,000 values of mean square 3 and standard deviation about 2.5: 3 +- 0.1 is four standard errors.
+    assert np.nanmean(motion**2) == pytest.approx(3.0, abs=0.1)

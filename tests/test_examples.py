@@ -1,0 +1,104 @@
+"""Every example runs as a user would run it, and prints numbers that mean what it says."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
+
+
+def run(name: str, *arguments: str) -> str:
+    process = subprocess.run(
+        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=120
+    )
+    assert process.returncode == 0, process.stderr
+    assert process.stderr == ""
+    return process.stdout
+
+
+def numbers(pattern: str, text: str) -> list[float]:
+    """The numbers in the first line that matches; each # of the pattern stands for one."""
+    match = re.search(pattern.replace("#", NUMBER), text)
+    assert match, f"{pattern!r} is not in:\n{text}"
+    return [float(group) for group in match.groups()]
+
+
+def test_one_joint():
+    printed = run("01_one_joint.py")
+    (squared_mm,) = numbers(r"least squares .* error # mm", printed)
+    *sigmas_mm, error_mm = numbers(r"robust .* sigma \[ *# +# +#\] mm, error # mm", printed)
+    # an outlier of 72 px is 28 cm at 4.5 m, a quarter or more of it in a mean of four
+    assert squared_mm > 50
+    # three axes of four sigma
+    assert error_mm < 4 * sum(sigma_mm**2 for sigma_mm in sigmas_mm) ** 0.5
+    # 3 px at 4.5 m and 1145 px are 12 mm for one view
+    assert all(4 < sigma_mm < 15 for sigma_mm in sigmas_mm)
+
+
+def test_smooth_a_recording(tmp_path: Path):
+    output = tmp_path / "balance.parquet"
+    printed = run("02_smooth_a_recording.py", "--frames", "40", "--output", str(output))
+    assert numbers(r"^# frames, # cameras", printed) == [40, 4]
+    alone = numbers(r"each frame alone +jitter +# m/s\^3, bone spread +# mm, reprojection error +# px", printed)
+    together = numbers(r"one motion +jitter +# m/s\^3, bone spread +# mm, reprojection error +# px", printed)
+    # a person's own jerk is of the order of 100 m/s^3; detections of 10 px at 60 fps make thousands
+    assert together[0] < alone[0] / 10
+    assert together[1] < alone[1] / 3
+    # smoother, and still where the detections are
+    assert together[2] < 1.2 * alone[2]
+    assert numbers(r"wrote .*: # frames of # joints", printed) == [40, 25]
+    assert output.stat().st_size > 10_000
+
+
+def test_online():
+    printed = run("03_online.py", "--frames", "40", "--lag-s", "0.25")
+    updates, lagged = numbers(r"updates: #, lagged results: #", printed)
+    assert updates == 40
+    # 0.25 s are 15 frames of 60 a second
+    assert lagged == 25
+    (newest_mm,) = numbers(r"newest +differs from the batch result by # mm", printed)
+    (later_mm,) = numbers(r"0.25 s later +differs from the batch result by # mm", printed)
+    # the camera's own noise is 10 px, 4 cm at 4 m and 1100 px
+    assert newest_mm < 30
+    assert later_mm < 30
+
+
+def test_custom_factor():
+    printed = run("04_custom_factor.py")
+    (jacobian_error,) = numbers(r"central differences #", printed)
+    # rounding of 1 m / 1e-6 m
+    assert jacobian_error < 1e-8
+    measured = numbers(r"measured +left # mm, right # mm, difference # mm, right hand # mm", printed)
+    estimated = numbers(r"estimated +left # mm, right # mm, difference # mm, right hand # mm", printed)
+    assert abs(measured[2]) > 50
+    assert abs(measured[3]) == 50
+    # sigmas of 5 mm and 2 mm against positions of 30 mm
+    assert abs(estimated[2]) < 5
+    assert abs(estimated[3]) < 2
+    assert measured[0] < estimated[0] < measured[1]
+
+
+@pytest.mark.parametrize("camera", ["cam_01", "cam_04"])
+def test_uncertainty(camera: str):
+    printed = run("05_uncertainty.py", "--frames", "45", "--hide", camera)
+    sigmas_mm = {
+        joint: numbers(rf"{joint} +# +# +#", printed)
+        for joint in ("neck", "left_elbow", "left_wrist", "right_wrist", "left_ankle")
+    }
+    for everything, without_one, _ in sigmas_mm.values():
+        # three cameras for four; 6 px at 4 m and 1100 px are 2 cm for one view of one frame
+        assert everything < without_one < 2 * everything
+        assert 1 < everything < 20
+    for joint in ("left_elbow", "left_wrist"):
+        assert sigmas_mm[joint][2] > 3 * sigmas_mm[joint][0]
+    assert sigmas_mm["left_wrist"][2] > sigmas_mm["left_elbow"][2]
+    # what is seen hardly notices; the table rounds to 0.1 mm
+    assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], abs=0.2)
+    # 2 of 25 joints
+    assert numbers(r"arm hidden: # %", printed)[0] == pytest.approx(8, abs=1)
