@@ -26,6 +26,8 @@ class RigRefinement:
     """A rig whose cameras agree better, and how far each was moved."""
 
     rig: CameraRig
+    observations: Observations
+    """The observations, their per-view 3D moved with the cameras that saw it."""
     rotation_deg: Float[np.ndarray, " camera"]
     translation_m: Float[np.ndarray, " camera"]
     residual_before_px: Float[np.ndarray, " camera"]
@@ -63,6 +65,7 @@ def refine_rig(observations: Observations, rig: CameraRig, config: Config | None
     ]
     return RigRefinement(
         rig=refined,
+        observations=_moved(observations, rig, refined),
         rotation_deg=np.array([np.rad2deg(np.linalg.norm(gtsam.Rot3.Logmap(move.rotation()))) for move in moves]),
         translation_m=np.array([np.linalg.norm(move.translation()) for move in moves]),
         residual_before_px=_residual_px(undistorted_px, confidence, rig, config),
@@ -118,6 +121,16 @@ def _camera_factors(
         yield gtsam.GenericProjectionFactorCal3_S2(
             undistorted_px[frame, joint], noise, key, position_key(joint, frame), camera.gtsam_intrinsics
         )
+
+
+def _moved(observations: Observations, before: CameraRig, after: CameraRig) -> Observations:
+    if observations.points3d_m is None:
+        return observations
+    points3d_m = [
+        new.to_world_frame(old.to_camera_frame(observations.points3d_m[:, index]))
+        for index, (old, new) in enumerate(zip(before.cameras, after.cameras, strict=True))
+    ]
+    return replace(observations, points3d_m=np.stack(points3d_m, axis=1))
 
 
 def _residual_px(

@@ -12,6 +12,8 @@ from fgpose.cli.options import OutputOptions, RecordingOptions, new_console, pro
 from fgpose.config import Config
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from fgpose.pipeline import Outputs, Result, Source
 
 
@@ -23,6 +25,15 @@ class EstimatorOptions(OutputOptions, RecordingOptions):
     """TOML file of parameters, as those in configs/. Options given here override what it says."""
     parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
     """All parameters, with their units."""
+    refine_calibration: bool = False
+    """First move the cameras a little, so that they agree on the person (--calibration.*). Writes the calibration
+    that results as NAME_calibration.toml."""
+
+    def load(self) -> Source:
+        source = super().load()
+        if not self.refine_calibration:
+            return source
+        return with_refined_calibration(source, self.parameters, self.outputs(self.keypoints), new_console())
 
     def checked_outputs(self, *saved: str) -> Outputs:
         """Where the results go, once it is certain that they can be written there."""
@@ -159,6 +170,20 @@ class Evaluate:
 
         estimate, reference = load_trajectory(self.estimate), load_trajectory(self.reference)
         print_evaluation(new_console(), evaluate(estimate, reference, self.offset_s))
+
+
+def with_refined_calibration(source: Source, config: Config, outputs: Outputs, console: Console) -> Source:
+    """The recording with its cameras refined; says how far they moved, and writes the calibration."""
+    from fgpose.cli.tables import print_refinement
+    from fgpose.io.calibration import save_rig
+    from fgpose.pipeline import Source
+    from fgpose.rig_refinement import refine_rig
+
+    refinement = refine_rig(source.observations, source.rig, config)
+    path = outputs.folder / f"{outputs.name}_calibration.toml"
+    save_rig(refinement.rig, path)
+    print_refinement(console, refinement, path)
+    return Source(refinement.rig, refinement.observations)
 
 
 def finish(result: Result, outputs: Outputs, options: OutputOptions) -> None:

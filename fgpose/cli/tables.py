@@ -13,6 +13,7 @@ from rich.table import Table
 from fgpose.evaluation import Evaluation
 from fgpose.metrics import jitter_mps3
 from fgpose.pipeline import Result, Source
+from fgpose.rig_refinement import RigRefinement
 from fgpose.trajectory import Status, Trajectory
 
 _MEANING = {
@@ -65,6 +66,21 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
             table, f"joints {status.name.lower()} [%]", trajectories, lambda each, s=status: 100 * each.status_share(s)
         )
     return table
+
+
+def print_refinement(console: Console, refinement: RigRefinement, path: Path) -> None:
+    """How far each camera was moved, and what that did to its error."""
+    table = _table("calibration refined", *refinement.rig.names)
+    rows = {
+        "turned by [deg]": (refinement.rotation_deg, 2),
+        "moved by [mm]": (1000 * refinement.translation_m, 0),
+        "triangulation error before [px]": (refinement.residual_before_px, 1),
+        "triangulation error after [px]": (refinement.residual_after_px, 1),
+    }
+    for name, (values, digits) in rows.items():
+        table.add_row(name, *(f"{value:.{digits}f}" for value in values))
+    console.print(table)
+    console.print(f"wrote {path}", soft_wrap=True)
 
 
 def latency_table(update_ms: np.ndarray) -> Table:

@@ -17,8 +17,8 @@ from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.scene import viewing_distance_m, viewing_target_m
 
 _EYE_ELEVATION_RAD = math.radians(22)
-# A little farther away than the cameras are: far enough to see them, near enough to see the person.
-_EYE_DISTANCE_SHARE = 1.05
+# Nearer than the cameras are: the person fills the view, and most cameras are still in it.
+_EYE_DISTANCE_SHARE = 0.75
 
 
 def blueprint(
@@ -40,8 +40,8 @@ def blueprint(
         _first_last("Reprojection error [px]", paths.REPROJECTION_PX, trajectories),
         _first_last("Bone lengths [m]", paths.BONE_LENGTH, trajectories),
         rrb.Tabs(
-            _status_view(trajectories[-1]),
             rrb.TimeSeriesView(origin=paths.WEIGHT, name="Weights of the views"),
+            _status_view(trajectories[-1]),
             rrb.TextDocumentView(origin=paths.RESIDUAL_TABLE, name="Residuals [sigmas]"),
             _residual_views(skeleton),
             rrb.TimeSeriesView(origin=paths.UPDATE_MS, name="Update [ms]"),

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from fgpose.cli import app, commands, live, main, view
-from fgpose.io.calibration import save_rig
+from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.smoother import smooth
+from fgpose.trajectory import reprojection_residual_px
 
 COMMANDS = ("demo", "smooth", "track", "refine", "info", "evaluate", "view")
 
@@ -74,7 +75,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 def test_demo(recording: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--recording", recording, "--output", str(tmp_path), "--frames", "6"]) == 0
     printed = capsys.readouterr().out
-    assert {path.name for path in tmp_path.iterdir()} == {"demo.parquet", "demo.rrd", "demo.trc"}
+    written = {"demo.parquet", "demo.rrd", "demo.trc", "demo_calibration.toml"}
+    assert {path.name for path in tmp_path.iterdir()} == written
     for what in (
         "6 frames at 60 Hz, 4 cameras",
         "cam_03",
@@ -100,6 +102,21 @@ def test_smooth_takes_every_parameter(source: list[str], tmp_path: Path, capsys:
     assert trajectory.config.projection.sigma_px == 4
     assert trajectory.config.symmetry.form == "none"
     assert trajectory.covariance_m2 is not None
+
+
+def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The calibration that is written is the one that was used, and reads back."""
+    options = ["--refine-calibration", "--name", "mine", "--formats", "npz"]
+    assert main(["smooth", *source, "--output", str(tmp_path), *options]) == 0
+    assert "turned by [deg]" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.npz", "mine_calibration.toml"}
+    rig = load_rig(tmp_path / "mine_calibration.toml")
+    trajectory = load_trajectory(tmp_path / "mine.npz")
+    observations = load_recording("balance_openpose")[1].frames(slice(0, trajectory.n_frames))
+    residual_px = reprojection_residual_px(observations, rig, trajectory.positions_m)
+    # The file has 15 digits; the keypoints were stored as float32, which rounds by 1e-4 px.
+    assert trajectory.residual_px is not None
+    np.testing.assert_allclose(residual_px, trajectory.residual_px, atol=1e-3)
 
 
 def test_command_line_overrides_the_file(source: list[str], tmp_path: Path) -> None:

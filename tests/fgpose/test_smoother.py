@@ -168,6 +168,18 @@ def test_two_cameras(long_scene: Scene, rig: fgpose.CameraRig) -> None:
     assert np.median(np.linalg.norm(trajectory.positions_m - long_scene.truth_m[:80], axis=-1)) < 0.04
 
 
+def test_detections_of_a_camera_that_looks_away(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """The person is behind one camera, whose detector sees somebody all the same: it neither pulls nor crashes."""
+    backward = np.diag([-1.0, 1.0, -1.0, 1.0])
+    away = replace(rig.cameras[0], world_T_camera=rig.cameras[0].world_T_camera @ backward)
+    wrong = fgpose.CameraRig((away, *rig.cameras[1:]))
+    observations = replace(long_scene.observations.frames(slice(0, 40)), points3d_m=None)
+    trajectory = fgpose.smooth(observations, wrong)
+    assert trajectory.residual_px is not None
+    assert np.isnan(trajectory.residual_px[:, 0]).all()
+    assert np.median(np.linalg.norm(trajectory.positions_m - long_scene.truth_m[:40], axis=-1)) < 0.03
+
+
 def test_cameras_must_match(long_scene: Scene, rig: fgpose.CameraRig) -> None:
     with pytest.raises(ValueError, match=f"lacks camera {rig.names[3]}"):
         fgpose.smooth(long_scene.observations, rig.subset(rig.names[:3]))

@@ -1,0 +1,33 @@
+#!/bin/sh
+# Build sdist and wheel, install the wheel into a clean environment, and use it from an empty folder.
+set -eu
+python=$1
+root=$(pwd)
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+"$python" -m build --quiet --outdir "$work/dist" "$root"
+"$python" -m venv "$work/venv"
+"$work/venv/bin/pip" install --quiet --disable-pip-version-check -c "$root/constraints.txt" "$work"/dist/*.whl
+cd "$work"
+"$work/venv/bin/python" -W error - <<'PYTHON'
+import pathlib
+import sys
+
+import fgpose
+import fgpose_factors
+
+for package in (fgpose, fgpose_factors):
+    assert pathlib.Path(package.__file__).is_relative_to(sys.prefix), package.__file__
+    assert pathlib.Path(package.__file__).with_name("py.typed").exists(), f"{package.__name__} has no type marker"
+for name in fgpose.recordings():
+    rig, observations = fgpose.load_recording(name)
+    trajectory = fgpose.smooth(observations.frames(slice(0, 10)), rig)
+    assert trajectory.status_share(fgpose.Status.OBSERVED) > 0.9
+fgpose.save_trajectory(trajectory, "smoothed.parquet")
+assert fgpose.load_trajectory("smoothed.parquet").n_frames == 10
+PYTHON
+"$work/venv/bin/fgpose" --version
+"$work/venv/bin/fgpose" evaluate smoothed.parquet smoothed.parquet > /dev/null
+"$work/venv/bin/pip" uninstall --quiet --yes fgpose
+"$work/venv/bin/pip" install --quiet --disable-pip-version-check -c "$root/constraints.txt" "$work"/dist/*.tar.gz
+"$work/venv/bin/python" -c "import fgpose, fgpose_factors; print('wheel and sdist install in a clean environment')"
