@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from fgpose.cli.tables import new_table
 from fgpose.info import CameraInfo, RecordingInfo
 
 _MAX_GAPS = 10
@@ -82,7 +82,7 @@ def _lateness(frames: float, form: str) -> str:
 
 def _seen_table(info: RecordingInfo) -> Table:
     """What each camera sees, and how many cameras see a joint at a time."""
-    table = _table("camera", "joints seen", "confidence", "distance [m]")
+    table = new_table("camera", "joints seen", "confidence", "distance [m]")
     for camera in info.cameras:
         seen = f"{100 * camera.share_seen:.0f} %"
         table.add_row(camera.name, seen, _number(camera.confidence, ".2f"), _number(camera.distance_m, ".2f"))
@@ -96,7 +96,7 @@ def _seen_table(info: RecordingInfo) -> Table:
 
 def _check_table(cameras: tuple[CameraInfo, ...]) -> Table:
     """How well each camera agrees with the others."""
-    table = _table(
+    table = new_table(
         "camera", "error\n[px]", "90 %\n[px]", "left out\n[px]", "offset\n[px]", "late\n[frames]", "swapped\n[%]"
     )
     table.caption = (
@@ -113,14 +113,6 @@ def _check_table(cameras: tuple[CameraInfo, ...]) -> Table:
             _number(camera.shift_frames, "+.1f"),
             _number(100 * camera.share_swapped, ".1f"),
         )
-    return table
-
-
-def _table(*headings: str) -> Table:
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column(headings[0])
-    for heading in headings[1:]:
-        table.add_column(heading, justify="right")
     return table
 
 

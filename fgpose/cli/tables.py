@@ -54,7 +54,7 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
         names: heading of each trajectory that is shown; by default all but the fused pose.
     """
     names = names or {name: _MEANING.get(name, name) for name in result.trajectories if name != "fused"}
-    table = _table("", *names.values())
+    table = new_table("", *names.values())
     trajectories = [result.trajectories[name] for name in names]
     for c, camera in enumerate(result.source.rig.names):
         _row(table, f"reprojection error {camera} [px]", trajectories, lambda each, c=c: _median_px(each, c))
@@ -70,7 +70,7 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
 
 def print_refinement(console: Console, refinement: RigRefinement, path: Path) -> None:
     """How far each camera was moved, and what that did to its error."""
-    table = _table("calibration refined", *refinement.rig.names)
+    table = new_table("calibration refined", *refinement.rig.names)
     rows = {
         "turned by [deg]": (refinement.rotation_deg, 2),
         "moved by [mm]": (1000 * refinement.translation_m, 0),
@@ -85,7 +85,7 @@ def print_refinement(console: Console, refinement: RigRefinement, path: Path) ->
 
 def latency_table(update_ms: np.ndarray) -> Table:
     """Percentiles of the time that an update takes."""
-    table = _table("", "median", "90 %", "99 %", "max")
+    table = new_table("", "median", "90 %", "99 %", "max")
     quantiles = np.percentile(update_ms, (50, 90, 99, 100))
     table.add_row("update of the online estimator [ms]", *(f"{value:.1f}" for value in quantiles))
     return table
@@ -98,7 +98,7 @@ def print_evaluation(console: Console, evaluation: Evaluation) -> None:
         f"{100 * evaluation.share_missing:.1f} % of them missing on either side and left out"
     )
     console.print(_evaluation_table(evaluation))
-    joints = _table("joint", "absolute [mm]", "relative [mm]", "PCK [%]", "missing [%]")
+    joints = new_table("joint", "absolute [mm]", "relative [mm]", "PCK [%]", "missing [%]")
     for joint in evaluation.joints:
         values = joint.mpjpe_absolute_mm, joint.mpjpe_relative_mm, 100 * joint.pck, 100 * joint.share_missing
         joints.add_row(joint.joint, *map(_number, values))
@@ -119,13 +119,14 @@ def _evaluation_table(evaluation: Evaluation) -> Table:
         rows.append(("NEES (3 where the covariance is right)", evaluation.nees))
     if evaluation.coverage_95 is not None:
         rows.append(("inside the 95 % ellipsoids [%]", 100 * evaluation.coverage_95))
-    table = _table("", "value")
+    table = new_table("", "value")
     for label, value in rows:
         table.add_row(label, _number(value))
     return table
 
 
-def _table(*headings: str) -> Table:
+def new_table(*headings: str) -> Table:
+    """An empty table: text in the first column, numbers in the others."""
     table = Table(box=box.SIMPLE_HEAD)
     table.add_column(headings[0])
     for heading in headings[1:]:

@@ -39,12 +39,13 @@ def test_status_is_counted_over_joints_and_frames(parts: dict[str, Any]) -> None
 
 
 def test_all_shapes_that_belong_together_are_taken(parts: dict[str, Any], skeleton: Skeleton) -> None:
-    Trajectory(
+    trajectory = Trajectory(
         **parts,
         covariance_m2=np.zeros((FRAMES, 17, 3, 3)),
         residual_px=np.zeros((FRAMES, 2, 17)),
         bone_lengths_m=np.zeros(skeleton.n_lengths),
     )
+    assert trajectory.n_frames == FRAMES
 
 
 @pytest.mark.parametrize(
