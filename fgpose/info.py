@@ -22,6 +22,10 @@ _INLIER_PX = 20.0
 # takes part in their comparison.
 _CALIBRATION_RATIO = 2.5
 _MIN_CALIBRATION_PX = 20.0
+# A camera that is a little off: the robust triangulation of all cameras settles on the others, which it then misses by
+# several times their error, and mostly by a constant.
+_DISAGREEMENT_RATIO = 3.0
+_MIN_DISAGREEMENT_PX = 10.0
 # A camera late by 3 frames at 60 Hz gains 20 to 40 %, its neighbours up to 15 %; a good one gains less than 3 %.
 _CLEAR_GAIN = 0.1
 _MIN_SHIFT_FRAMES = 0.5
@@ -95,6 +99,8 @@ class RecordingInfo:
     """Median diagonal of the box around the person."""
     suspected_calibration: str | None
     """Camera whose calibration looks wrong."""
+    disagreeing: str | None
+    """Camera that misses what the others agree on by a constant: its calibration may be a little off."""
     suspected_shifts: tuple[tuple[str, float], ...]
     """Cameras that are clearly late (frames; negative: early), the clearest first."""
     possible_shift: tuple[str, float] | None
@@ -109,7 +115,7 @@ class RecordingInfo:
         """Whether anything should be looked into before the recording is solved."""
         return bool(
             self.suspected_calibration or self.suspected_shifts or self.suspected_swaps or self.implausible
-        )  # a possible shift and gaps are remarks
+        )  # a disagreeing camera, a possible shift and gaps are remarks
 
 
 def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float = 0.5) -> RecordingInfo:
@@ -151,6 +157,7 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         never_seen=tuple(np.array(observations.skeleton.joints)[~np.any(n_seen >= 2, axis=0)].tolist()),
         person_size_m=size_m,
         suspected_calibration=calibration,
+        disagreeing=None if calibration or shifts else _disagreeing(cameras),
         suspected_shifts=shifts,
         possible_shift=None if calibration or shifts else _possible_shift(cameras),
         suspected_swaps=tuple(camera.name for camera in cameras if camera.share_swapped > _SUSPECT_SWAPS),
@@ -200,6 +207,16 @@ def _suspected_calibration(cameras: tuple[CameraInfo, ...]) -> str | None:
     others_px = np.median([camera.left_out_px for camera in known if camera is not worst])
     clear = worst.left_out_px > max(_CALIBRATION_RATIO * others_px, _MIN_CALIBRATION_PX)
     return worst.name if clear else None
+
+
+def _disagreeing(cameras: tuple[CameraInfo, ...]) -> str | None:
+    """The camera that misses the triangulation by much more than the others do, mostly by a constant."""
+    if len(cameras) < 3:
+        return None
+    worst = max(cameras, key=lambda camera: np.nan_to_num(camera.residual_px))
+    others_px = np.nanmedian([camera.residual_px for camera in cameras if camera is not worst])
+    clear = worst.residual_px > max(_DISAGREEMENT_RATIO * others_px, _MIN_DISAGREEMENT_PX)
+    return worst.name if clear and worst.offset_px > 0.5 * worst.left_out_px else None
 
 
 def _suspected_shifts(

@@ -48,6 +48,12 @@ def hints(info: RecordingInfo) -> Iterator[str]:
             "it by far. Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out with "
             "--cameras. Other suspicions only count once this is settled."
         )
+    if info.disagreeing:
+        (camera,) = (camera for camera in info.cameras if camera.name == info.disagreeing)
+        yield (
+            f"{camera.name} misses what the other cameras agree on by {camera.residual_px:.0f} px, mostly by a "
+            "constant: its calibration may be a little off. Try --refine-calibration."
+        )
     for name, frames in info.suspected_shifts:
         yield f"{name} looks {_lateness(frames, '.1f')}. Shift its images, then look again."
     if info.possible_shift:
