@@ -26,6 +26,12 @@ from fgpose_factors import (
     symmetric_bone_length_factor,
 )
 
+# A motion model that foresees a position to better than this leaves the cameras no digits of the double precision that
+# the elimination works in: GTSAM then calls the system indeterminate (seen at 4 um).
+_FINEST_STEP_M = 2e-5
+# Making a noise model costs as much as making a factor; sigmas that agree to a thousandth share theirs.
+_SIGMAS_PER_E_FOLD = 1000
+
 
 @dataclass(frozen=True)
 class FrameTime:
@@ -45,9 +51,10 @@ def projection_factors(
 ) -> Iterator[gtsam.NonlinearFactor]:
     """One reprojection factor per camera and joint that has a detection; sigma = sigma_px / sqrt(weight)."""
     used = np.isfinite(undistorted_px).all(axis=-1) & active
-    sigmas_px = config.sigma_px / np.sqrt(np.maximum(weights, config.min_weight))
+    steps = np.round(-_SIGMAS_PER_E_FOLD / 2 * np.log(np.maximum(weights, config.min_weight)))
+    sigmas_px = config.sigma_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
     for camera, joint in np.argwhere(used).tolist():
-        noise = _projection_noise(round(float(sigmas_px[camera, joint]), 2), config.kernel, config.kernel_scale)
+        noise = _projection_noise(float(sigmas_px[camera, joint]), config.kernel, config.kernel_scale)
         yield projection_factor(
             position_key(joint, frame), undistorted_px[camera, joint], noise, rig.cameras[camera].gtsam
         )
@@ -55,7 +62,6 @@ def projection_factors(
 
 @lru_cache(maxsize=4096)
 def _projection_noise(sigma_px: float, kernel: Kernel, kernel_scale: float) -> gtsam.noiseModel.Base:
-    # Making a noise model costs as much as making a factor; sigmas rounded to 0.01 px share theirs.
     return noise_model(2, sigma_px, kernel, kernel_scale)
 
 
@@ -73,19 +79,31 @@ def symmetry_factors(
 def motion_factors(
     before: FrameTime, after: FrameTime, joints: Sequence[int], config: MotionConfig
 ) -> Iterator[gtsam.NonlinearFactor]:
-    """One factor per joint that is in the graph in both frames."""
+    """One factor per joint that is in the graph in both frames.
+
+    Frames nearer in time than double precision can tell apart count as the shortest step that it can: below a
+    millisecond with the default densities, so that bursts of frames are no trouble.
+    """
     if config.model == "none":
         return
+    step_s = max(after.time_s - before.time_s, _shortest_step_s(config))
     for joint in joints:
         start, end = position_key(joint, before.frame), position_key(joint, after.frame)
         if config.model == "random_walk":
-            yield random_walk_factor(start, end, after.time_s - before.time_s, config.velocity_density)
+            yield random_walk_factor(start, end, step_s, config.velocity_density)
         else:
             yield constant_velocity_factor(
                 (start, velocity_key(joint, before.frame), before.time_s),
-                (end, velocity_key(joint, after.frame), after.time_s),
+                (end, velocity_key(joint, after.frame), before.time_s + step_s),
                 config.acceleration_density,
             )
+
+
+def _shortest_step_s(config: MotionConfig) -> float:
+    """The step over which the model foresees a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2."""
+    if config.model == "random_walk":
+        return _FINEST_STEP_M**2 / config.velocity_density
+    return (12 * _FINEST_STEP_M**2 / config.acceleration_density) ** (1 / 3)
 
 
 def fading_factors(

@@ -104,6 +104,24 @@ def test_motion_factors_join_a_joint_to_itself_one_frame_earlier(model, kind, sy
         assert {joint_and_frame(key) for key in keys(factor)} == {(joint, 4), (joint, 7)}
 
 
+@pytest.mark.parametrize("model", ["constant_velocity", "random_walk"])
+def test_the_motion_of_a_burst_of_frames_keeps_within_double_precision(model):
+    config = MotionConfig(model=model, acceleration_density=20.0)
+
+    def information(step_s: float) -> float:
+        (factor,) = graph.motion_factors(FrameTime(0, 1.0), FrameTime(1, 1.0 + step_s), [0], config)
+        values = gtsam.Values()
+        for frame in (0, 1):
+            values.insert(position_key(0, frame), np.zeros(3))
+            values.insert(velocity_key(0, frame), np.zeros(3))
+        A, _ = factor.linearize(values).jacobian()
+        return float(np.abs(A.T @ A).max())
+
+    assert information(1e-12) <= 1.01 / graph._FINEST_STEP_M**2
+    # A kilohertz is taken as it is: 12 / (q h^3) with 20 m^2/s^3, or 1 / (q h) with 1 m^2/s.
+    assert information(1e-3) == pytest.approx(6e8 if model == "constant_velocity" else 1e3, rel=1e-6)
+
+
 def test_no_motion_model_no_motion_factors():
     config = MotionConfig(model="none")
     assert not list(graph.motion_factors(FrameTime(0, 0.0), FrameTime(1, 0.1), [1, 2], config))
