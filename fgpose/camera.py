@@ -60,8 +60,16 @@ class Camera:
             object.__setattr__(self, name, array)
             if not np.isfinite(array).all():
                 raise ValueError(f"camera {self.name}: {name} contains a number that is not finite")
+        self._check_shapes()
         self._check_intrinsics()
         self._check_pose()
+
+    def _check_shapes(self) -> None:
+        for name, shape in (("K", (3, 3)), ("world_T_camera", (4, 4)), ("distortion", (self.distortion.size,))):
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"camera {self.name}: {name} must be {shape}, got {getattr(self, name).shape}")
+        if self.lens not in _DISTORTION_SIZES:
+            raise ValueError(f"camera {self.name}: unknown lens {self.lens!r}; known: {', '.join(_DISTORTION_SIZES)}")
 
     def _check_intrinsics(self) -> None:
         K = self.K

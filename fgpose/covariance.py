@@ -125,7 +125,7 @@ def _marginal_blocks(
 
     With S the information of a frame given all earlier ones: S_t = D_t - U_{t-1}^T S_{t-1}^{-1} U_{t-1}, and backwards
     Sigma_t = S_t^{-1} + G_t Sigma_{t+1} G_t^T with G_t = S_t^{-1} U_t. The border (the shared lengths) is eliminated
-    by the same sweeps, its Schur complement adds Y_t Sigma_L Y_t^T.
+    by the same sweeps, its Schur complement adds Y_t Sigma_L Y_t^T. Overwrites its arguments.
     """
     from scipy.linalg import get_lapack_funcs
 
@@ -140,16 +140,15 @@ def _marginal_blocks(
         return np.tril(lower) + np.tril(lower, -1).T
 
     n_frames = len(diagonal)
-    gains = np.empty_like(upper)
-    inverses = np.empty_like(diagonal)
+    inverses, gains = diagonal, upper  # in place: they are the largest arrays of a run, up to a gigabyte
     reduced = border.copy()
     for t in range(n_frames):
-        S = diagonal[t]
-        if t:
-            S = S - upper[t - 1].T @ gains[t - 1]
-            reduced[t] -= gains[t - 1].T @ reduced[t - 1]
-        inverses[t] = inverse(S)
-        gains[t] = inverses[t] @ upper[t]
+        inverses[t] = inverse(diagonal[t])
+        gain = inverses[t] @ upper[t]
+        if t < n_frames - 1:
+            diagonal[t + 1] -= upper[t].T @ gain
+            reduced[t + 1] -= gain.T @ reduced[t]
+        gains[t] = gain
     response = np.empty_like(border)
     for t in reversed(range(n_frames)):
         response[t] = inverses[t] @ reduced[t]
@@ -158,5 +157,6 @@ def _marginal_blocks(
             inverses[t] += gains[t] @ inverses[t + 1] @ gains[t].T
     if border.shape[2]:
         lengths = inverse(corner - np.einsum("tsl,tsm->lm", border, response))
-        inverses += response @ lengths @ response.transpose(0, 2, 1)
+        for t in range(n_frames):
+            inverses[t] += response[t] @ lengths @ response[t].T
     return inverses

@@ -17,6 +17,11 @@ from fgpose.weights import detection_weights
 _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
 
 
+# Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. The median does not mind a few
+# wild triangulations.
+_MAX_BODY_M = 30.0
+
+
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """The observations of some frames, made ready for the factor graph."""
@@ -52,7 +57,22 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     observations.check_rig(rig)
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [_gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config) for start in starts]
-    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    evidence = Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    _refuse_millimetres(evidence.guess_m)
+    return evidence
+
+
+def _refuse_millimetres(positions_m: Float[np.ndarray, "frame joint 3"]) -> None:
+    """Raise ValueError when the body is as large as a village: the rig's lengths are millimetres, not metres."""
+    known = positions_m[np.asarray(np.isfinite(positions_m).any(axis=(1, 2)))]
+    if not len(known):
+        return
+    centre_m = np.nanmedian(known, axis=1, keepdims=True)
+    size_m = float(np.nanmedian(np.linalg.norm(known - centre_m, axis=-1)))
+    if size_m > _MAX_BODY_M:
+        raise ValueError(
+            f"the joints are {size_m:.0f} m apart: the calibration looks like millimetres; divide its lengths by 1000"
+        )
 
 
 def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:

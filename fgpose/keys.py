@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import gtsam
 
-_JOINTS_PER_FRAME = 256
+from fgpose.skeleton import MAX_JOINTS
+
+_JOINTS_PER_FRAME = MAX_JOINTS
 _POSITION = gtsam.symbol("x", 0)
 _VELOCITY = gtsam.symbol("v", 0)
 _LENGTH = gtsam.symbol("l", 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -65,11 +66,11 @@ class Observations:
             time_s=self._checked_time(n_frames, n_cameras),
         )
 
-    def _store(self, **arrays: np.ndarray | None) -> None:
-        for name, array in arrays.items():
-            if array is not None:
-                array.setflags(write=False)
-            object.__setattr__(self, name, array)
+    def _store(self, **values: Any) -> None:
+        for name, value in values.items():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+            object.__setattr__(self, name, value)
 
     def _where(self, bad: np.ndarray) -> str:
         frame, camera, joint = np.argwhere(bad)[0][:3]
@@ -146,14 +147,20 @@ class Observations:
         return np.asarray(np.isfinite(self.points2d_px).all(axis=-1))
 
     def frames(self, frames: slice) -> Observations:
-        """Some of the frames, as a recording of its own."""
-        return replace(
-            self,
+        """Some of the frames, as a recording of its own. Raises ValueError when there is none."""
+        if not len(self.points2d_px[frames]):
+            raise ValueError(f"no frame is left: {frames} of {self.n_frames} frames")
+        # Not replace(): what was checked as a whole is not checked again, frame by frame, in a live loop.
+        part = object.__new__(Observations)
+        part._store(
+            skeleton=self.skeleton,
+            camera_names=self.camera_names,
             time_s=self.time_s[frames],
             points2d_px=self.points2d_px[frames],
             confidence=self.confidence[frames],
             points3d_m=None if self.points3d_m is None else self.points3d_m[frames],
         )
+        return part
 
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""
@@ -177,7 +184,7 @@ class Observations:
 
         Raises ValueError when a camera of the observations is not among them.
         """
-        if self.camera_names == camera_names or self._is_unnamed(len(camera_names)):
+        if self.camera_names == camera_names or self._is_unnamed(camera_names):
             return self
         missing = [name for name in self.camera_names if name not in camera_names]
         if missing:
@@ -204,12 +211,14 @@ class Observations:
         """Frame by frame, each a recording of one frame, as Estimator.update takes it."""
         return (self.frames(slice(frame, frame + 1)) for frame in range(self.n_frames))
 
-    def _is_unnamed(self, n_cameras: int) -> bool:
-        return self.camera_names == _default_names(self.n_cameras) and self.n_cameras == n_cameras
+    def _is_unnamed(self, rig_names: tuple[str, ...]) -> bool:
+        # In a rig that has a cam_0 of its own, cam_0 is a name, not a place in the order.
+        default = self.camera_names == _default_names(self.n_cameras)
+        return default and self.n_cameras == len(rig_names) and not set(self.camera_names) & set(rig_names)
 
     def check_rig(self, rig: CameraRig) -> None:
         """Raise ValueError unless the rig has exactly these cameras in this order; unnamed ones go by their order."""
-        if self.camera_names == rig.names or self._is_unnamed(rig.n_cameras):
+        if self.camera_names == rig.names or self._is_unnamed(rig.names):
             return
         missing = [name for name in self.camera_names if name not in rig.names]
         unused = [name for name in rig.names if name not in self.camera_names]

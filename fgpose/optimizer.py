@@ -34,7 +34,7 @@ class Problem(Protocol):
 
 @dataclass(frozen=True)
 class Solution:
-    """The optimum, and the linear system at it."""
+    """Where the optimiser ended, and how."""
 
     values: gtsam.Values
     convergence: Convergence

@@ -26,6 +26,7 @@ from fgpose.refinement import refine
 from fgpose.residuals import whitened_residuals
 from fgpose.skeleton import Skeleton
 from fgpose.smoother import smooth
+from fgpose.tracks import joint_status
 from fgpose.trajectory import Estimate, Status, Trajectory, reprojection_residual_px
 from fgpose.viewer import Recording, open_recording
 from fgpose.viewer.recording import UpAxis
@@ -195,13 +196,11 @@ def fused_trajectory(source: Source, config: Config) -> Trajectory:
     observations, rig = source.observations, source.rig
     positions_m = fuse(observations, rig, config.fusion).positions_m
     known = np.asarray(np.isfinite(positions_m).all(axis=-1))
-    seen_twice = observations.seen.sum(axis=1) >= 2
-    status = np.where(known, np.where(seen_twice, Status.OBSERVED, Status.PREDICTED), Status.UNOBSERVABLE)
     return Trajectory(
         skeleton=observations.skeleton,
         time_s=observations.frame_time_s,
         positions_m=positions_m,
-        status=status.astype(np.int8),
+        status=joint_status(known, observations.seen.sum(axis=1) >= 2),
         residual_px=reprojection_residual_px(observations, rig, positions_m),
         camera_names=rig.names,
         config=config,

@@ -19,6 +19,7 @@ from fgpose_factors import noise_model
 # A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be among
 # the views that agree, and nothing could be learned about it.
 _INLIER_FACTOR = 2.5
+_NOTHING_TO_LEARN_FROM = "the calibration cannot be refined: no joint is seen by two cameras that agree"
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +50,11 @@ def refine_rig(observations: Observations, rig: CameraRig, config: Config | None
     """
     config = config or Config()
     observations.check_rig(rig)
-    count = min(config.calibration.max_frames, observations.n_frames)
-    frames = np.unique(np.linspace(0, observations.n_frames - 1, count).astype(int))
+    useful = np.flatnonzero((observations.seen.sum(axis=1) >= 2).any(axis=1))
+    if not useful.size:
+        raise ValueError(_NOTHING_TO_LEARN_FROM)
+    count = min(config.calibration.max_frames, len(useful))
+    frames = useful[np.linspace(0, len(useful) - 1, count).astype(int)]
     undistorted_px = rig.undistort(observations.points2d_px[frames])
     confidence = observations.confidence[frames]
     refined = CameraRig(
@@ -85,7 +89,7 @@ def _bundle_adjusted(
     known = np.asarray(np.isfinite(points_m).all(axis=-1))
     used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
     if not known.any():
-        raise ValueError("the calibration cannot be refined: no joint is seen by two cameras that agree")
+        raise ValueError(_NOTHING_TO_LEARN_FROM)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for frame, joint in np.argwhere(known).tolist():
         values.insert(position_key(joint, frame), points_m[frame, joint])
@@ -116,7 +120,7 @@ def _camera_factors(
     # The kernel goes by pixels: its scale, in sigmas, shrinks as the sigma grows.
     scale = projection.kernel_scale / np.sqrt(counted_as_one)
     for frame, joint in detections:
-        weight = max(confidence[frame, joint] ** 2, projection.min_weight) / counted_as_one
+        weight = max(confidence[frame, joint], projection.min_weight) / counted_as_one
         noise = noise_model(2, projection.sigma_px / float(np.sqrt(weight)), projection.kernel, float(scale))
         yield gtsam.GenericProjectionFactorCal3_S2(
             undistorted_px[frame, joint], noise, key, position_key(joint, frame), camera.gtsam_intrinsics

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+MAX_JOINTS = 4096
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
 
@@ -41,6 +42,8 @@ class Skeleton:
         if len(set(self.joints)) != len(self.joints):
             repeated = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
             raise ValueError(f"skeleton {self.name}: joint names must differ, repeated: {', '.join(repeated)}")
+        if len(self.joints) > MAX_JOINTS:
+            raise ValueError(f"skeleton {self.name}: {len(self.joints)} joints, at most {MAX_JOINTS} are possible")
         if not self.joints or not self.root:
             raise ValueError(f"skeleton {self.name}: at least one joint and a root are needed")
         for what in ("bones", "left_right", "limbs", "lines"):

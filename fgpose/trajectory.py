@@ -119,6 +119,12 @@ class Estimate:
     smoothed: Estimate | None = None
     """The estimate of the frame that is one lag old, which has seen everything since. None until there is one."""
 
+    def __post_init__(self) -> None:
+        # The estimator goes on from these very arrays.
+        for array in (self.positions_m, self.status, self.covariance_m2, self.residual_px):
+            if array is not None:
+                array.setflags(write=False)
+
 
 def reprojection_residual_px(
     observations: Observations, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]

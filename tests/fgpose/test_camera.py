@@ -6,6 +6,7 @@ from typing import Any
 
 import cv2
 import gtsam
+import jaxtyping
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -141,6 +142,25 @@ def changed(matrix: np.ndarray, index: tuple[int, int], value: float) -> np.ndar
 def test_a_bad_calibration_is_one_error_that_names_the_camera(change: dict[str, Any], message: str) -> None:
     good: dict[str, Any] = {"size_px": (1000, 1000), "K": K, "world_T_camera": np.eye(4), "distortion": np.zeros(0)}
     with pytest.raises(ValueError, match=f"camera left: .*{message}"):
+        Camera("left", **(good | change))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"K": np.eye(2)}, r"K must be \(3, 3\), got \(2, 2\)"),
+        ({"world_T_camera": np.eye(4)[:3]}, r"world_T_camera must be \(4, 4\), got \(3, 4\)"),
+        ({"distortion": np.zeros((1, 5))}, r"distortion must be \(5,\), got \(1, 5\)"),
+        ({"lens": "omnidirectional"}, "unknown lens 'omnidirectional'; known: pinhole, fisheye"),
+    ],
+)
+def test_without_type_checks_a_wrong_shape_is_the_same_error(
+    change: dict[str, Any], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In the tests the annotations are checked first; in production nothing else stands before a wrong shape."""
+    monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
+    good: dict[str, Any] = {"size_px": (1000, 1000), "K": K, "world_T_camera": np.eye(4), "distortion": np.zeros(0)}
+    with pytest.raises(ValueError, match=f"camera left: {message}"):
         Camera("left", **(good | change))
 
 

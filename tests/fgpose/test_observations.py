@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -188,3 +189,14 @@ def test_unnamed_cameras_go_by_their_order(parts: dict[str, Any], rig: CameraRig
     observations.check_rig(rig.subset(rig.names[:3]))
     with pytest.raises(ValueError, match="the calibration lacks camera cam_0"):
         observations.check_rig(rig)
+
+
+def test_cameras_that_the_rig_calls_by_the_default_names_go_by_name(parts: dict[str, Any], rig: CameraRig) -> None:
+    del parts["camera_names"]
+    observations = Observations(**parts)
+    names = ("cam_1", "cam_0", "cam_2")
+    named = CameraRig(tuple(replace(camera, name=name) for name, camera in zip(names, rig.cameras, strict=False)))
+    with pytest.raises(ValueError, match="come in a different order"):
+        observations.check_rig(named)
+    reordered = observations.with_cameras(named.names)
+    np.testing.assert_array_equal(reordered.points2d_px[:, 0], observations.points2d_px[:, 1])

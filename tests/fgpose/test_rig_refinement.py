@@ -42,6 +42,14 @@ def test_a_right_rig_stays(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
     assert result.translation_m.max() < 0.03
 
 
+def test_frames_in_which_nobody_is_there_do_not_count(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
+    seen = walking_scene.observations
+    points2d_px = np.full((3000, *seen.points2d_px.shape[1:]), np.nan)
+    points2d_px[10:15] = seen.points2d_px[:5]  # between two of 50 frames spread evenly
+    result = fgpose.refine_rig(fgpose.Observations(seen.skeleton, np.arange(3000) / 30, points2d_px), rig)
+    assert np.isfinite(result.residual_after_px).all()
+
+
 def test_nothing_to_learn_from(skeleton: fgpose.Skeleton, rig: fgpose.CameraRig) -> None:
     observations = fgpose.Observations(skeleton, np.arange(3) / 50, np.full((3, 4, 17, 2), np.nan))
     with pytest.raises(ValueError, match="no joint is seen by two cameras"):

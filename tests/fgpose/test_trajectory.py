@@ -10,7 +10,7 @@ import pytest
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
-from fgpose.trajectory import Convergence, Status, Trajectory, reprojection_residual_px
+from fgpose.trajectory import Convergence, Estimate, Status, Trajectory, reprojection_residual_px
 
 FRAMES = 4
 
@@ -67,6 +67,9 @@ def test_a_shape_that_does_not_fit_is_one_clear_error(parts: dict[str, Any], nam
 def test_a_result_cannot_be_changed(parts: dict[str, Any]) -> None:
     with pytest.raises(ValueError, match="read-only"):
         Trajectory(**parts).positions_m[0] = 1
+    estimate = Estimate(parts["skeleton"], 0, 0.0, np.zeros((parts["skeleton"].n_joints, 3)), np.zeros(3))
+    with pytest.raises(ValueError, match="read-only"):
+        estimate.positions_m[0] = 1
 
 
 def test_the_worst_of_several_problems() -> None:
