@@ -18,8 +18,8 @@ _QUARTILE = 0.6745
 class RunningLengths:
     """Running median of every shared bone length, and how well it is known, in constant memory.
 
-    Each complete bone of each frame's triangulated (not smoothed) pose is a sample, so that an estimate that was wrong
-    at first cannot confirm itself. Samples are counted in bins of 1 mm.
+    Each complete bone of each frame's first guess (triangulated or fused, not smoothed) is a sample, so that an
+    estimate that was wrong at first cannot confirm itself. Samples are counted in bins of 1 mm.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:

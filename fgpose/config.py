@@ -47,7 +47,7 @@ class ProjectionConfig:
     weighting: Literal["fusion", "confidence", "uniform"] = "fusion"
     """Where the weight of each detection comes from: the views' agreement (eq. 2) times the detector's confidence, the
     confidence alone, or none."""
-    agreement_px: float = 30.0
+    agreement_px: float = 100.0
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
     fusion). Raising it trusts detections that no other view confirms."""
     min_weight: float = 0.02
@@ -72,7 +72,7 @@ class MotionConfig:
 
     model: Literal["none", "random_walk", "constant_velocity"] = "constant_velocity"
     """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
-    acceleration_density: float = 20.0
+    acceleration_density: float = 2.0
     """Power spectral density of the acceleration, m^2/s^3 (constant_velocity). Raising it follows fast motion more
     closely and smooths less."""
     velocity_density: float = 1.0
@@ -142,9 +142,9 @@ class SolverConfig:
     """Upper bound of iterations per window."""
     step_tolerance_m: float = 2e-4
     """Converged when an iteration moves the joints by less than this on average, metres. Raising it stops earlier."""
-    window_s: float = 20.0
+    window_s: float = 15.0
     """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
-    overlap_s: float = 1.5
+    overlap_s: float = 0.75
     """Each window looks this far beyond its ends, seconds. Raising it makes seams smaller and takes longer."""
     covariance: bool = False
     """Also compute the marginal covariance of every joint in every frame."""

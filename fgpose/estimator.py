@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from typing import NoReturn
 
 import gtsam
@@ -128,7 +128,10 @@ class Estimator:
         """Robust (Geman-McClure) reprojection error per joint, in units of the kernel's scale; inf without a point."""
         scale_px = self.config.projection.sigma_px * self.config.projection.kernel_scale
         squared = np.sum((self.rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
-        error = np.nansum(evidence.weights[0] * squared / (1 + squared), axis=0)
+        # A point behind a camera that sees the joint has no image there: as bad as the farthest outlier.
+        robust = np.where(np.isfinite(squared), squared / (1 + squared), 1.0)
+        seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
+        error = np.sum(np.where(seen, evidence.weights[0] * robust, 0.0), axis=0)
         return np.where(np.isfinite(positions_m).all(axis=-1), error, np.inf)
 
     def _let_go(self, time_s: float) -> None:
@@ -186,13 +189,17 @@ class Estimator:
 
     def _read(self, state: _State) -> _State:
         """The state with the estimated values in place of the guesses."""
-        positions_m = np.full((self.skeleton.n_joints, 3), np.nan)
         velocities_mps = np.zeros((self.skeleton.n_joints, 3))
+        if self.config.motion.model == "constant_velocity":
+            velocities_mps[state.active] = self._points(velocity_key, state)[state.active]
+        return replace(state, positions_m=self._points(position_key, state), velocities_mps=velocities_mps)
+
+    def _points(self, key: Callable[[int, int], int], state: _State) -> Float[np.ndarray, "joint 3"]:
+        """Current positions or velocities of a frame in the window; NaN where a joint takes no part."""
+        points = np.full((self.skeleton.n_joints, 3), np.nan)
         for joint in state.joints:
-            positions_m[joint] = self._smoother.point(position_key(joint, state.at.frame))
-            if self.config.motion.model == "constant_velocity":
-                velocities_mps[joint] = self._smoother.point(velocity_key(joint, state.at.frame))
-        return _State(state.at, positions_m, velocities_mps, state.active, state.status)
+            points[joint] = self._smoother.point(key(joint, state.at.frame))
+        return points
 
     def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
         residual_px = np.linalg.norm(self.rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
@@ -221,5 +228,5 @@ class Estimator:
         oldest = self._window[0]
         if not self._is_lagged(oldest, time_s):
             return None
-        state = self._read(oldest)
-        return Estimate(self.skeleton, state.at.frame, state.at.time_s, state.positions_m, state.status)
+        positions_m = self._points(position_key, oldest)
+        return Estimate(self.skeleton, oldest.at.frame, oldest.at.time_s, positions_m, oldest.status)

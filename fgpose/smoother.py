@@ -70,7 +70,7 @@ def smooth(
     lengths = _Lengths(median_lengths(skeleton, guess_m), config.prior.length_sigma_m)
     if len(spans) > 1:
         sample = solve(_sample(observations.n_frames), lengths)
-        lengths = _Lengths(sample.lengths_m, _HELD_LENGTH_SIGMA_M)
+        lengths = _Lengths(_first_known([sample.lengths_m, lengths.lengths_m]), _HELD_LENGTH_SIGMA_M)
     solved = []
     for span in spans:
         solved.append(_cut(solve(span.solve, lengths, config.solver.covariance), span))
@@ -90,7 +90,7 @@ def smooth(
         covariance_m2=covariance_m2,
         residual_px=reprojection_residual_px(observations, rig, positions_m),
         camera_names=rig.names,
-        bone_lengths_m=solved[0].lengths_m,
+        bone_lengths_m=_first_known([part.lengths_m for part in solved]),
         convergence=Convergence.worst([part.convergence for part in solved]),
         config=config,
     )
@@ -147,6 +147,14 @@ def _spans(time_s: Float[np.ndarray, " frame"], window_s: float, overlap_s: floa
 def _sample(n_frames: int) -> np.ndarray:
     """Frames spread evenly over the recording: far apart, their errors are independent."""
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, _SAMPLE_FRAMES)).round().astype(int))
+
+
+def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
+    """Each length from the first that knows it: a person may come late."""
+    known = lengths_m[0]
+    for others in lengths_m[1:]:
+        known = np.where(np.isnan(known), others, known)
+    return known
 
 
 def _cut(solved: _Solved, span: _Span) -> _Solved:

@@ -42,6 +42,8 @@ def with_swing(
 
     A bone of length L that has turned by an angle a has moved its end by L a across and L a^2 / 2 along itself.
     """
+    if not (unseen_s > 0).any():
+        return covariance_m2
     swing_m2 = np.zeros_like(covariance_m2)
     for joint, holder in _holders(skeleton):
         bone_m = positions_m[:, joint] - positions_m[:, holder]

@@ -30,9 +30,9 @@ def mean_error_m(trajectory: fgpose.Trajectory, scene: Scene) -> float:
 def test_without_noise_the_truth_is_recovered(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     truth_m = walking(60, 50.0, skeleton)
     scene = simulate(truth_m, skeleton, rig, 50.0, NO_NOISE, NO_OCCLUSION, seed=0)
-    trajectory = fgpose.smooth(scene.observations, rig)
-    # What is left is smoothing of exact points with the noise that is assumed of real ones (6 px are 24 mm here).
-    assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 4e-3
+    trajectory = fgpose.smooth(scene.observations, rig, config_from_dict({"projection": {"sigma_px": 0.5}}))
+    # What is left is smoothing of exact points with 0.5 px (2 mm here) of assumed noise.
+    assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1e-3
     assert trajectory.convergence is not None
     assert trajectory.convergence.converged
 
@@ -178,6 +178,30 @@ def test_detections_of_a_camera_that_looks_away(long_scene: Scene, rig: fgpose.C
     assert trajectory.residual_px is not None
     assert np.isnan(trajectory.residual_px[:, 0]).all()
     assert np.median(np.linalg.norm(trajectory.positions_m - long_scene.truth_m[:40], axis=-1)) < 0.03
+
+
+def test_a_calibration_in_millimetres(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    cameras = []
+    for camera in rig.cameras:
+        pose = camera.world_T_camera.copy()
+        pose[:3, 3] *= 1000
+        cameras.append(replace(camera, world_T_camera=pose))
+    observations = replace(long_scene.observations.frames(slice(0, 20)), points3d_m=None)
+    with pytest.raises(ValueError, match="looks like millimetres"):
+        fgpose.smooth(observations, fgpose.CameraRig(tuple(cameras)))
+
+
+def test_a_person_who_comes_late(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """Nobody in the first window: the bone lengths of the second are the result's."""
+    points2d_px = long_scene.observations.points2d_px[:150].copy()
+    points2d_px[:90] = np.nan
+    observations = replace(long_scene.observations.frames(slice(0, 150)), points2d_px=points2d_px, points3d_m=None)
+    config = config_from_dict({"solver": {"window_s": 1.0, "overlap_s": 0.2}, "motion": {"max_unseen_s": 0.1}})
+    trajectory = fgpose.smooth(observations, rig, config)
+    assert trajectory.bone_lengths_m is not None
+    assert np.isfinite(trajectory.bone_lengths_m).all()
+    assert (trajectory.status[:80] == fgpose.Status.UNOBSERVABLE).all()
+    assert np.median(np.linalg.norm(trajectory.positions_m[95:] - long_scene.truth_m[95:150], axis=-1)) < 0.03
 
 
 def test_cameras_must_match(long_scene: Scene, rig: fgpose.CameraRig) -> None:

@@ -38,11 +38,11 @@ def test_the_nearest_other_view_decides() -> None:
     blank = np.ones((1, 3, 1))
     fusion = Fusion(np.zeros((1, 1, 3)), blank, blank, by_view_px2)
     weights = detection_weights(fusion, np.full((1, 3, 1), 0.5), ProjectionConfig(agreement_px=30.0))
-    expected = 0.25 / (1 + np.array([400.0, 900.0, 100.0]) / 900.0)
+    expected = 0.5 / (1 + np.array([400.0, 900.0, 100.0]) / 900.0)
     np.testing.assert_allclose(weights[0, :, 0], expected)
 
 
 def test_a_lone_view_keeps_its_confidence() -> None:
     fusion = Fusion(np.zeros((1, 1, 3)), np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.zeros((1, 1, 1, 1)))
     weights = detection_weights(fusion, np.full((1, 1, 1), 0.8), ProjectionConfig())
-    np.testing.assert_allclose(weights, 0.64)
+    np.testing.assert_allclose(weights, 0.8)
