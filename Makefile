@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint types pytest wheel benchmark pictures format clean
+.PHONY: demo test lint types pytest wheel benchmark format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -25,8 +25,10 @@ pytest: $(STAMP)
 wheel: $(STAMP)
 	sh tests/check_wheel.sh $(BIN)/python
 
+# The peer brings its own OpenCV under the same import name as ours, so it gets an environment of its own.
 benchmark: $(STAMP)
-	$(BIN)/pip install --quiet -c constraints.txt -r benchmarks/requirements.txt
+	test -x $(VENV)/bench/bin/python || $(PYTHON) -m venv $(VENV)/bench
+	$(VENV)/bench/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.txt
 	$(BIN)/python benchmarks/run.py
 
 format: $(STAMP)

@@ -1,0 +1,77 @@
+"""Long runs in a process of their own, so that nothing else counts in their memory.
+
+``python isolated.py batch|online RECORDING.npz`` prints one JSON object. RECORDING is of the scenario of this folder.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from timing import peak_memory_mb, resident_memory_mb, timed
+
+import fgpose
+from fgpose.io.keypoints import save_observations
+from fgpose.synthetic import ring_rig
+
+_SHORT_FRAMES = 300
+_SHORT_RUNS = 3
+
+
+def run_isolated(task: Literal["batch", "online"], observations: fgpose.Observations) -> dict[str, Any]:
+    """The numbers of a task on a recording, measured in a fresh process."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "recording.npz"
+        save_observations(observations, path)
+        command = [sys.executable, str(Path(__file__)), task, str(path)]
+        return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
+
+
+def batch(observations: fgpose.Observations) -> dict[str, Any]:
+    """The whole recording once, between runs over its first frames."""
+    rig = ring_rig()
+    short = observations.frames(slice(0, _SHORT_FRAMES))
+
+    def short_runs() -> list[float]:
+        return [timed(lambda: fgpose.smooth(short, rig))[0].cpu_s for _ in range(_SHORT_RUNS)]
+
+    before_s = short_runs()
+    timing, trajectory = timed(lambda: fgpose.smooth(observations, rig))
+    peak_mb = peak_memory_mb()
+    short_ms = 1e3 * float(np.median(before_s + short_runs())) / short.n_frames
+    convergence = trajectory.convergence
+    return {
+        "wall_ms": 1e3 * timing.wall_s / observations.n_frames,
+        "cpu_ms": 1e3 * timing.cpu_s / observations.n_frames,
+        "short_cpu_ms": short_ms,
+        "peak_mb": peak_mb,
+        "converged": convergence is not None and convergence.converged,
+    }
+
+
+def online(observations: fgpose.Observations) -> dict[str, Any]:
+    """Every frame as if live; time and memory after each."""
+    estimator = fgpose.Estimator(ring_rig(), observations.skeleton)
+    wall_ms, cpu_ms, resident_mb = [], [], []
+    for index in range(observations.n_frames):
+        frame = observations.frames(slice(index, index + 1))
+        timing, _ = timed(lambda frame=frame: estimator.update(frame), collect=False)
+        wall_ms.append(1e3 * timing.wall_s)
+        cpu_ms.append(1e3 * timing.cpu_s)
+        resident_mb.append(resident_memory_mb())
+    return {"wall_ms": wall_ms, "cpu_ms": cpu_ms, "resident_mb": resident_mb}
+
+
+def _main(task: str, path: str) -> None:
+    observations = fgpose.load_observations(path, ring_rig(), "h36m_17")
+    result = {"batch": batch, "online": online}[task](observations)
+    print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    _main(*sys.argv[1:])

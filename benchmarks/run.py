@@ -1,0 +1,115 @@
+"""Measure fgpose: ``python benchmarks/run.py [--quick] [--only NAME]``. Exit code 1 when a limit is missed.
+
+Prints a Markdown table and, but for --quick, updates benchmarks/results.json. See README.md beside this file.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+
+import accuracy
+import speed
+import tyro
+from metric import Metric, markdown_table
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from fgpose.io.atomic import replacing
+
+_RESULTS = Path(__file__).with_name("results.json")
+
+Benchmarks = dict[str, Callable[[], list[Metric]]]
+
+
+def _full() -> Benchmarks:
+    return {
+        "batch": partial(speed.batch, 300, 9),
+        "batch-long": partial(speed.batch_long, 30_000),
+        "aniposelib": partial(accuracy.against_aniposelib, 300, 5, accuracy.FULL_SWEEP),
+        "online": partial(speed.online, 2_000),
+        "online-long": partial(speed.online_long, 20_000),
+        "covariance": partial(speed.covariance, 300, 5),
+        "import": partial(speed.import_time, 7),
+        "occluded": partial(accuracy.occluded, 300, accuracy.FULL_SWEEP),
+    }
+
+
+def _quick() -> Benchmarks:
+    """The same on fewer frames and runs, in less than two minutes: for a first look, not for the record."""
+    return {
+        "batch": partial(speed.batch, 300, 3),
+        "batch-long": partial(speed.batch_long, 2_000),
+        "aniposelib": partial(accuracy.against_aniposelib, 60, 2, accuracy.QUICK_SWEEP),
+        "online": partial(speed.online, 500),
+        "online-long": partial(speed.online_long, 1_500),
+        "covariance": partial(speed.covariance, 300, 2),
+        "import": partial(speed.import_time, 3),
+        "occluded": partial(accuracy.occluded, 60, accuracy.QUICK_SWEEP),
+    }
+
+
+def _measure(benchmarks: Benchmarks) -> dict[str, list[Metric]]:
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    results = {}
+    with Progress(*columns, console=Console(stderr=True)) as progress:
+        task = progress.add_task("", total=len(benchmarks))
+        for name, benchmark in benchmarks.items():
+            progress.update(task, description=name)
+            results[name] = benchmark()
+            progress.advance(task)
+    return results
+
+
+def _conditions() -> dict[str, object]:
+    """What the numbers depend on besides the code."""
+    packages = ("gtsam", "numpy", "scipy")
+    return {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "load_1min": round(os.getloadavg()[0], 2),
+        **{package: version(package) for package in packages},
+    }
+
+
+def main(quick: bool = False, only: str = "") -> int:
+    """Measure speed, memory and accuracy.
+
+    Args:
+        quick: fewer frames and runs, less than two minutes.
+        only: one benchmark by name.
+    """
+    benchmarks = _quick() if quick else _full()
+    if only and only not in benchmarks:
+        print(f"no benchmark {only}; there are {', '.join(benchmarks)}", file=sys.stderr)
+        return 2
+    results = _measure({only: benchmarks[only]} if only else benchmarks)
+    metrics = [metric for group in results.values() for metric in group]
+    print(markdown_table(metrics))
+    if not quick:
+        _keep(results)
+    return int(any(metric.missed for metric in metrics))
+
+
+def _keep(results: dict[str, list[Metric]]) -> None:
+    """Replace these benchmarks in the results file."""
+    kept = json.loads(_RESULTS.read_text(encoding="utf-8")) if _RESULTS.exists() else {}
+    for name, metrics in results.items():
+        kept[name] = {
+            "conditions": _conditions(),
+            "metrics": [{**asdict(metric), "met": metric.met} for metric in metrics],
+        }
+    with replacing(_RESULTS) as temporary:
+        temporary.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    sys.exit(tyro.cli(main))

@@ -1,0 +1,31 @@
+"""What every benchmark runs on: 17 joints, 4 cameras, 50 Hz, real motion, synthetic detections, one seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose import load_skeleton
+from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, ring_rig, simulate
+
+# Punching on the spot: the person stays in all four images, so that every detection there can be is there.
+_CLIP = Path(__file__).parents[1] / "tests" / "data" / "mocap_cmu" / "cmu_02_05_start.npz"
+_SEED = 0
+
+
+def scene(n_frames: int, occlusion: Occlusion = NO_OCCLUSION) -> Scene:
+    """The start of the clip or, beyond its end, the clip back and forth."""
+    clip_m, fps = motion_from_npz(_CLIP)
+    truth_m = clip_m[:n_frames] if n_frames <= len(clip_m) else _back_and_forth(clip_m, n_frames)
+    return simulate(truth_m, load_skeleton("h36m_17"), ring_rig(), fps, DetectionNoise(), occlusion, _SEED)
+
+
+def _back_and_forth(clip_m: Float[np.ndarray, "clip joint 3"], n_frames: int) -> Float[np.ndarray, "frame joint 3"]:
+    """The clip swings to its end and back: it slows down where it turns and is nowhere faster than recorded."""
+    from scipy.interpolate import CubicSpline
+
+    half = (len(clip_m) - 1) / 2
+    at = half * (1.0 - np.cos(np.arange(n_frames) / half))
+    return np.asarray(CubicSpline(np.arange(len(clip_m)), clip_m)(at))

@@ -1,0 +1,114 @@
+"""Time and memory of fgpose alone: batch, online, covariance, import."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+import sys
+
+import numpy as np
+from isolated import run_isolated
+from metric import Metric
+from scenario import scene
+from timing import Timing, timed
+
+import fgpose
+
+_IMPORT = "import time; import numpy, gtsam; t = time.perf_counter(); import fgpose; print(time.perf_counter() - t)"
+_LONG_FRAMES = 10_000
+_WARM_UP_FRAMES = 50
+"""Twice the lag: by then the online window is full and everything is imported."""
+
+
+def _median_ms(timings: list[Timing], n_frames: int) -> tuple[float, float]:
+    """Median wall and processor time per frame."""
+    wall_s, cpu_s = np.median([(timing.wall_s, timing.cpu_s) for timing in timings], axis=0)
+    return float(1e3 * wall_s / n_frames), float(1e3 * cpu_s / n_frames)
+
+
+def batch(n_frames: int, runs: int) -> list[Metric]:
+    """A short recording, everything included that smooth does: triangulation, weights, graph, solution, residuals."""
+    short = scene(n_frames)
+    timings = [timed(lambda: fgpose.smooth(short.observations, short.rig))[0] for _ in range(runs)]
+    wall_ms, cpu_ms = _median_ms(timings, n_frames)
+    return [Metric(f"batch, {n_frames} frames: time", wall_ms, "ms/frame", limit=3.0, cpu=cpu_ms)]
+
+
+def batch_long(n_frames: int) -> list[Metric]:
+    """A long recording in a fresh process."""
+    result = run_isolated("batch", scene(n_frames).observations)
+    name = f"batch, {n_frames} frames"
+    # A recording of a few windows pays as much again for the sample from which it learns its bone lengths.
+    limit = 1.3 if n_frames >= _LONG_FRAMES else None
+    return [
+        Metric(f"{name}: time", result["wall_ms"], "ms/frame", cpu=result["cpu_ms"]),
+        # By processor time: the two parts lie a minute apart, in which the load of a shared machine changes.
+        Metric(
+            f"{name}: CPU time per frame over that of 300", result["cpu_ms"] / result["short_cpu_ms"], "x", limit=limit
+        ),
+        Metric(f"{name}: peak resident memory", result["peak_mb"], "MB", limit=1500.0),
+    ]
+
+
+def online(n_frames: int) -> list[Metric]:
+    """Latency of an update, with covariance and residuals, lag 0.5 s."""
+    result = run_isolated("online", scene(n_frames).observations)
+    wall_ms, cpu_ms = (np.array(result[name])[_WARM_UP_FRAMES:] for name in ("wall_ms", "cpu_ms"))
+    return [
+        Metric(
+            f"online, {n_frames} frames: {what}",
+            float(np.percentile(wall_ms, percent)),
+            "ms",
+            limit=limit,
+            cpu=float(np.percentile(cpu_ms, percent)),
+        )
+        for what, percent, limit in (("median update", 50, 7.0), ("99th percentile", 99, 20.0))
+    ]
+
+
+def online_long(n_frames: int) -> list[Metric]:
+    """Whether memory and time stay flat: the last quarter of a long run against the second."""
+    result = run_isolated("online", scene(n_frames).observations)
+    resident_mb, wall_ms, cpu_ms = (
+        np.array_split(np.array(result[name]), 4) for name in ("resident_mb", "wall_ms", "cpu_ms")
+    )
+    name = f"online, {n_frames} frames, last quarter over second"
+    cpu_ratio = float(np.median(cpu_ms[3]) / np.median(cpu_ms[1]))
+    memory_ratio = resident_mb[3].mean() / resident_mb[1].mean()
+    return [
+        Metric(f"{name}: resident memory", float(memory_ratio), "x", limit=1.02, exact=True),
+        Metric(
+            f"{name}: median update",
+            float(np.median(wall_ms[3]) / np.median(wall_ms[1])),
+            "x",
+            limit=1.1,
+            cpu=cpu_ratio,
+        ),
+        Metric(f"online, {n_frames} frames: resident memory at the end", float(resident_mb[3][-1]), "MB"),
+    ]
+
+
+def covariance(n_frames: int, runs: int) -> list[Metric]:
+    """What the covariances of all joints in all frames cost on top of the solution; the runs alternate."""
+    short = scene(n_frames)
+    plain = fgpose.Config()
+    with_covariance = dataclasses.replace(plain, solver=dataclasses.replace(plain.solver, covariance=True))
+    ratios = []
+    for _ in range(runs):
+        without, _ = timed(lambda: fgpose.smooth(short.observations, short.rig, plain))
+        full, _ = timed(lambda: fgpose.smooth(short.observations, short.rig, with_covariance))
+        ratios.append((full.wall_s / without.wall_s - 1, full.cpu_s / without.cpu_s - 1))
+    wall, cpu = np.median(ratios, axis=0)
+    return [
+        Metric("covariance of all joints and frames over the solution", float(wall), "x", limit=2.0, cpu=float(cpu))
+    ]
+
+
+def import_time(runs: int) -> list[Metric]:
+    """`import fgpose` after numpy and gtsam, in fresh processes."""
+    times_s = [
+        float(subprocess.run([sys.executable, "-c", _IMPORT], check=True, stdout=subprocess.PIPE, text=True).stdout)
+        for _ in range(runs + 1)
+    ]
+    # The first run may have to compile and to read from disk.
+    return [Metric("import fgpose beyond numpy and gtsam", float(np.median(times_s[1:])), "s", limit=0.3)]
