@@ -51,7 +51,7 @@ class Estimator:
     range factors, so that no Python callback is left in iSAM2.
 
     It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
-    feed it the last few seconds again; it settles within one lag.
+    feed it the last few seconds again; it settles within a second.
     """
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
