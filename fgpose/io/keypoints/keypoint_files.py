@@ -72,7 +72,7 @@ def load_observations(
     try:
         matched = match_cameras(cameras, rig.names)
         if fps is None:
-            raise ValueError("these keypoints have no times; give the frames per second: fps=...")
+            raise ValueError("these keypoints have no times; give the frames per second (fps, or --fps)")
         detections = _stack([cameras[matched[name]] for name in rig.names], rig, skeleton)
         return _observations(detections, rig, skeleton, fps, person, points3d_frame, points3d_unit)
     except ValueError as error:
