@@ -34,6 +34,8 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
     with path.open("rb") as stream:
         try:
             with np.load(stream, allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
+                members = {name: archive[name] for name in archive.files}
         except _DAMAGE as error:
             raise ValueError(f"a damaged npz: {error}") from None
+    # Any zip opens as an npz; NumPy gives a member that is no array as bytes.
+    return {name: member for name, member in members.items() if isinstance(member, np.ndarray)}

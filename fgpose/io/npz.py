@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fgpose.io.arrays import read_arrays
 from fgpose.io.atomic import replacing
 from fgpose.io.description import describe, described
 from fgpose.trajectory import Status, Trajectory
@@ -45,11 +46,10 @@ def read_npz(path: Path) -> Trajectory:
     """The trajectory that write_npz wrote.
 
     Raises:
-        ValueError, KeyError, zipfile.BadZipFile: the file is something else.
+        ValueError, KeyError: the file is damaged or something else.
     """
-    # Opened here: NumPy leaves a damaged file open.
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        statuses = np.array([Status[name.upper()] for name in archive["status_names"].tolist()])
-        arrays = {name: archive[name] for name in ("time_s", "positions_m", *_ARRAYS) if name in archive}
-        texts = {name: str(archive[name]) for name in _TEXTS if name in archive}
-        return Trajectory(status=statuses[archive["status"]], **arrays, **described(texts))
+    archive = read_arrays(path)
+    statuses = np.array([Status[name.upper()] for name in archive["status_names"].tolist()])
+    arrays = {name: archive[name] for name in ("time_s", "positions_m", *_ARRAYS) if name in archive}
+    texts = {name: str(archive[name]) for name in _TEXTS if name in archive}
+    return Trajectory(status=statuses[archive["status"]], **arrays, **described(texts))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -97,7 +96,7 @@ def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up
     except KeyError as error:
         raise ValueError(f"{path}: not a trajectory of fgpose: {error.args[0]} is missing") from None
     # OSError: what pyarrow and ezc3d raise for damaged content; that the file can be read has been seen above.
-    except (ValueError, TypeError, IndexError, EOFError, OSError, RuntimeError, zipfile.BadZipFile) as error:
+    except (ValueError, TypeError, IndexError, EOFError, OSError, RuntimeError) as error:
         raise ValueError(f"{path}: not a readable {kind} trajectory: {error}") from None
 
 
