@@ -15,8 +15,6 @@ from fgpose.triangulation import triangulate_robust
 from fgpose.weights import detection_weights
 
 _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
-
-
 # Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. The median does not mind a few
 # wild triangulations.
 _MAX_BODY_M = 30.0

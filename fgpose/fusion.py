@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from fgpose.camera import CameraRig
 from fgpose.config import FusionConfig
+from fgpose.metrics import mean_known
 from fgpose.observations import Observations
 from fgpose.triangulation import triangulate_robust
 
@@ -79,7 +80,7 @@ def _from_candidates(
 ) -> Fusion:
     squared_px2 = np.sum((rig.project(points3d_m) - undistorted_px[:, None]) ** 2, axis=-1)
     term = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
-    error = _mean_of_known(term, axis=2)
+    error = mean_known(term, axis=2)
     # A candidate that no view can check (its only detection is missing) still counts when it is all there is.
     known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
     checked = known & np.isfinite(error)
@@ -104,12 +105,4 @@ def _from_triangulation(
     error = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
     known = np.isfinite(error)
     weights = np.where(known, 1.0 / np.maximum(np.where(known, error, 1.0), _MIN_ERROR_PX2), 0.0)
-    n_cameras = rig.n_cameras
-    return Fusion(triangulated_m, weights, error, np.repeat(squared_px2[:, None], n_cameras, axis=1))
-
-
-def _mean_of_known(values: np.ndarray, axis: int) -> np.ndarray:
-    known = np.isfinite(values)
-    count = known.sum(axis=axis)
-    total = np.where(known, values, 0.0).sum(axis=axis)
-    return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
+    return Fusion(triangulated_m, weights, error, np.repeat(squared_px2[:, None], rig.n_cameras, axis=1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -16,9 +16,9 @@ from fgpose.evidence import Evidence, gather
 from fgpose.observations import Observations
 from fgpose.optimizer import levenberg_marquardt
 from fgpose.skeleton import Skeleton
-from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths
+from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
 from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
-from fgpose.uncertainty import unseen_for_s, with_swing
+from fgpose.uncertainty import with_swing
 from fgpose.window import Window
 
 Progress = Callable[[int, int], None]
@@ -51,7 +51,7 @@ def smooth(
     """The most probable motion given all frames, by batch optimisation of the factor graph.
 
     A recording longer than solver.window_s is solved in overlapping windows, with bone lengths learned beforehand from
-    stretches spread over all of it, so that windows agree where they meet.
+    frames spread over all of it, so that windows agree where they meet.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
@@ -59,15 +59,14 @@ def smooth(
     config = config or Config()
     evidence = gather(observations, rig, config)
     active = active_joints(evidence.guess_m, evidence.time_s, config.motion)
-    guess_m = fill_gaps(evidence.guess_m, evidence.time_s)
-    evidence = Evidence(**{**vars(evidence), "guess_m": guess_m})
+    evidence = replace(evidence, guess_m=fill_gaps(evidence.guess_m, evidence.time_s))
     skeleton = observations.skeleton
 
     def solve(frames: slice | np.ndarray, lengths: _Lengths, covariance: bool = False) -> _Solved:
         return _solve_window(rig, skeleton, config, evidence.frames(frames), active[frames], lengths, covariance)
 
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
-    lengths = _Lengths(median_lengths(skeleton, guess_m), config.prior.length_sigma_m)
+    lengths = _Lengths(median_lengths(skeleton, evidence.guess_m), config.prior.length_sigma_m)
     if len(spans) > 1:
         sample = solve(_sample(observations.n_frames), lengths)
         lengths = _Lengths(_first_known([sample.lengths_m, lengths.lengths_m]), _HELD_LENGTH_SIGMA_M)
@@ -80,7 +79,7 @@ def smooth(
     covariance_m2 = None
     if config.solver.covariance:
         linear_m2 = np.concatenate([part.covariance_m2 for part in solved if part.covariance_m2 is not None])
-        unseen_s = unseen_for_s(evidence.seen, evidence.time_s)
+        unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
         covariance_m2 = with_swing(linear_m2, positions_m, unseen_s, skeleton, config.swing)
     return Trajectory(
         skeleton=skeleton,

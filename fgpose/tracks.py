@@ -17,16 +17,21 @@ def active_joints(
     known = np.asarray(np.isfinite(guess_m).all(axis=-1))
     if config.model == "none":
         return known
-    return np.stack([_near(time_s, time_s[known[:, j]], config.max_unseen_s) for j in range(known.shape[1])], axis=1)
+    return time_to_known_s(known, time_s) <= config.max_unseen_s
 
 
-def _near(time_s: np.ndarray, known_s: np.ndarray, distance_s: float) -> np.ndarray:
-    if known_s.size == 0:
-        return np.zeros(time_s.shape, dtype=bool)
-    after = np.searchsorted(known_s, time_s).clip(0, known_s.size - 1)
-    before = (after - 1).clip(0)
-    nearest_s = np.minimum(np.abs(known_s[after] - time_s), np.abs(time_s - known_s[before]))
-    return nearest_s <= distance_s
+def time_to_known_s(
+    known: Bool[np.ndarray, "frame joint"], time_s: Float[np.ndarray, " frame"]
+) -> Float[np.ndarray, "frame joint"]:
+    """Time to the nearest frame, earlier or later, in which the joint is known; inf if there is none."""
+    apart_s = np.full(known.shape, np.inf)
+    for joint in range(known.shape[1]):
+        known_s = time_s[known[:, joint]]
+        if known_s.size:
+            after = np.searchsorted(known_s, time_s).clip(0, known_s.size - 1)
+            before = (after - 1).clip(0)
+            apart_s[:, joint] = np.minimum(np.abs(known_s[after] - time_s), np.abs(time_s - known_s[before]))
+    return apart_s
 
 
 def fill_gaps(

@@ -8,27 +8,13 @@ SwingConfig); that much is added across the bone.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import SwingConfig
 from fgpose.skeleton import Skeleton
-
-
-def unseen_for_s(seen: np.ndarray, time_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame joint"]:
-    """Time to the nearest frame, earlier or later, in which any camera sees the joint; inf if there is none.
-
-    Args:
-        seen: (T, J) whether any camera sees the joint.
-    """
-    unseen_s = np.full(seen.shape, np.inf)
-    for joint in range(seen.shape[1]):
-        known_s = time_s[seen[:, joint]]
-        if known_s.size:
-            after = np.searchsorted(known_s, time_s).clip(0, known_s.size - 1)
-            before = (after - 1).clip(0)
-            unseen_s[:, joint] = np.minimum(np.abs(known_s[after] - time_s), np.abs(time_s - known_s[before]))
-    return unseen_s
 
 
 def with_swing(
@@ -59,6 +45,7 @@ def with_swing(
     return covariance_m2 + swing_m2
 
 
+@lru_cache(maxsize=16)  # asked for at every update of the online estimator that has an unseen joint
 def _holders(skeleton: Skeleton) -> list[tuple[int, int]]:
     """(joint, the joint that holds it), every holder before what it holds."""
     holder_of: dict[int, int] = {}

@@ -4,7 +4,7 @@ import numpy as np
 
 from fgpose.config import MotionConfig
 from fgpose.skeleton import Skeleton
-from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths
+from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
 from fgpose.trajectory import Status
 
 NAN = np.nan
@@ -69,3 +69,10 @@ def test_lengths_are_medians_over_time_and_both_sides():
     np.testing.assert_allclose(lengths_m, [0.31, NAN])
     positions_m[1, 3] = NAN
     np.testing.assert_allclose(median_lengths(body, positions_m), [0.30, NAN])
+
+
+def test_time_to_the_nearest_sight() -> None:
+    seen = np.array([[True, False], [False, False], [False, False], [True, False]])
+    unseen_s = time_to_known_s(seen, np.array([0.0, 0.1, 0.2, 0.5]))
+    np.testing.assert_allclose(unseen_s[:, 0], [0.0, 0.1, 0.2, 0.0])
+    assert np.isinf(unseen_s[:, 1]).all()

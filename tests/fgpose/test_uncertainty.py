@@ -6,7 +6,7 @@ import numpy as np
 
 from fgpose.config import SwingConfig
 from fgpose.skeleton import Skeleton
-from fgpose.uncertainty import unseen_for_s, with_swing
+from fgpose.uncertainty import with_swing
 
 
 def widened(skeleton: Skeleton, unseen: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
@@ -19,13 +19,6 @@ def widened(skeleton: Skeleton, unseen: dict[str, float]) -> tuple[np.ndarray, n
         unseen_s[0, skeleton.index(name)] = seconds
     nothing = np.zeros((1, skeleton.n_joints, 3, 3))
     return with_swing(nothing, positions_m, unseen_s, skeleton, SwingConfig())[0], positions_m[0]
-
-
-def test_time_to_the_nearest_sight() -> None:
-    seen = np.array([[True, False], [False, False], [False, False], [True, False]])
-    unseen_s = unseen_for_s(seen, np.array([0.0, 0.1, 0.2, 0.5]))
-    np.testing.assert_allclose(unseen_s[:, 0], [0.0, 0.1, 0.2, 0.0])
-    assert np.isinf(unseen_s[:, 1]).all()
 
 
 def test_a_seen_joint_keeps_its_covariance(skeleton: Skeleton) -> None:
