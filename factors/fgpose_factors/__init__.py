@@ -2,13 +2,14 @@
 
 from fgpose_factors.bone_length import (
     BoneLengths,
+    bone_length_and_direction,
     shared_bone_length_factor,
     shared_length_residual,
     symmetric_bone_length_factor,
     symmetric_length_residual,
 )
 from fgpose_factors.custom import custom_factor, freeze
-from fgpose_factors.noise import Kernel, noise_model
+from fgpose_factors.noise import Kernel, noise_model, robust_loss, robust_weight
 from fgpose_factors.projection import projection_factor, projection_residual
 from fgpose_factors.smoothness import (
     constant_velocity_factor,
@@ -21,6 +22,7 @@ from fgpose_factors.smoothness import (
 __all__ = [
     "BoneLengths",
     "Kernel",
+    "bone_length_and_direction",
     "constant_velocity_factor",
     "custom_factor",
     "fading_velocity_factor",
@@ -31,6 +33,8 @@ __all__ = [
     "projection_factor",
     "projection_residual",
     "random_walk_factor",
+    "robust_loss",
+    "robust_weight",
     "shared_bone_length_factor",
     "shared_length_residual",
     "symmetric_bone_length_factor",

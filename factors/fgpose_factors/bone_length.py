@@ -11,8 +11,15 @@ import numpy as np
 from fgpose_factors.custom import custom_factor
 
 
-def _length_and_direction(start_m: np.ndarray, end_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of two points and its gradient by the end point: the unit direction, zero for a bone of length zero."""
+def bone_length_and_direction(start_m: np.ndarray, end_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of two points and its gradient by the end point: the unit direction, zero for a bone of length zero.
+
+    Args:
+        start_m, end_m: (..., 3) each, metres.
+
+    Returns:
+        Distances (...) in metres and directions (..., 3).
+    """
     difference = end_m - start_m
     length = np.sqrt(np.einsum("...i,...i->...", difference, difference))[..., None]
     # At length zero the distance has a kink and any direction is a subgradient. Zero lets other factors decide.
@@ -31,8 +38,8 @@ def symmetric_length_residual(
     Returns:
         Residual (1,) and four Jacobians (1, 3).
     """
-    left_m, left = _length_and_direction(left_start_m, left_end_m)
-    right_m, right = _length_and_direction(right_start_m, right_end_m)
+    left_m, left = bone_length_and_direction(left_start_m, left_end_m)
+    right_m, right = bone_length_and_direction(right_start_m, right_end_m)
     return np.array([left_m - right_m]), (-left[None], left[None], right[None], -right[None])
 
 
@@ -48,7 +55,7 @@ def shared_length_residual(
     Returns:
         Residual (1,) and Jacobians (1, 3), (1, 3), (1, 1).
     """
-    distance_m, direction = _length_and_direction(start_m, end_m)
+    distance_m, direction = bone_length_and_direction(start_m, end_m)
     return np.array([distance_m - length_m]), (-direction[None], direction[None], -np.ones((1, 1)))
 
 
@@ -92,7 +99,7 @@ class BoneLengths:
         self, linear: gtsam.GaussianFactorGraph, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray
     ) -> None:
         """Append every factor, linearised at these (N, 3), (N, 3) and (N,) values."""
-        distances_m, directions = _length_and_direction(starts_m, ends_m)
+        distances_m, directions = bone_length_and_direction(starts_m, ends_m)
         right_hand_sides = (lengths_m - distances_m)[:, None]
         minus_one = -np.ones((1, 1))
         noise = gtsam.noiseModel.Isotropic.Sigma(1, self.sigma_m)

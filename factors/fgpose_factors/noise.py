@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import gtsam
+import numpy as np
 
 Kernel = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey"]
 
@@ -36,3 +37,45 @@ def noise_model(dim: int, sigma: float, kernel: Kernel = "none", kernel_scale: f
     if kernel not in _M_ESTIMATORS:
         raise ValueError(f"unknown kernel {kernel!r}; known: none, {', '.join(_M_ESTIMATORS)}")
     return gtsam.noiseModel.Robust.Create(_M_ESTIMATORS[kernel].Create(kernel_scale), gaussian)
+
+
+def robust_loss(squared: np.ndarray, kernel: Kernel, kernel_scale: float) -> np.ndarray:
+    """Loss of squared whitened residuals, as GTSAM counts it in the error of a graph: half the square without a kernel.
+
+    Args:
+        squared: squared norms of whitened residuals, of any shape.
+        kernel, kernel_scale: as in noise_model.
+    """
+    scale = kernel_scale**2
+    match kernel:
+        case "none":
+            return 0.5 * squared
+        case "huber":
+            return np.where(squared <= scale, 0.5 * squared, kernel_scale * (np.sqrt(squared) - 0.5 * kernel_scale))
+        case "cauchy":
+            return 0.5 * scale * np.log1p(squared / scale)
+        case "geman_mcclure":
+            return 0.5 * scale * squared / (scale + squared)
+        case "tukey":
+            return scale / 6 * (1 - (1 - np.minimum(squared / scale, 1.0)) ** 3)
+
+
+def robust_weight(squared: np.ndarray, kernel: Kernel, kernel_scale: float) -> np.ndarray:
+    """Weight by which a kernel multiplies the information of a residual when it is linearised.
+
+    Args:
+        squared: squared norms of whitened residuals, of any shape.
+        kernel, kernel_scale: as in noise_model.
+    """
+    scale = kernel_scale**2
+    match kernel:
+        case "none":
+            return np.ones_like(squared)
+        case "huber":
+            return kernel_scale / np.sqrt(np.maximum(squared, scale))
+        case "cauchy":
+            return scale / (scale + squared)
+        case "geman_mcclure":
+            return (scale / (scale + squared)) ** 2
+        case "tukey":
+            return (1 - np.minimum(squared / scale, 1.0)) ** 2

@@ -8,7 +8,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from fgpose_factors import Kernel, noise_model
+from fgpose_factors import Kernel, noise_model, robust_loss, robust_weight
 
 KEY = gtsam.symbol("x", 0)
 
@@ -85,3 +85,18 @@ def test_an_unknown_kernel_is_refused_and_the_known_ones_are_named(monkeypatch):
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(ValueError, match="unknown kernel 'l1'; known: none, huber, cauchy, geman_mcclure, tukey"):
         noise_model(2, 1.0, cast("Kernel", "l1"))
+
+
+@pytest.mark.parametrize("kernel", ["none", *WEIGHTS])
+def test_loss_and_weight_in_numpy_are_those_of_gtsam(kernel: Kernel) -> None:
+    scale, sigma_m = 1.7, 0.02
+    offsets_sigmas = np.array([0.0, 0.3, 1.6999, 1.7001, 3.0, 50.0])
+    noise = noise_model(3, sigma_m, kernel, scale)
+    for offset_sigmas in offsets_sigmas:
+        factor = gtsam.PriorFactorPoint3(KEY, np.zeros(3), noise)
+        values = gtsam.Values()
+        values.insert(KEY, np.array([0.0, offset_sigmas * sigma_m, 0.0]))
+        squared = np.array([offset_sigmas**2])
+        assert robust_loss(squared, kernel, scale)[0] == pytest.approx(factor.error(values), rel=1e-12, abs=1e-15)
+        A, _ = factor.linearize(values).jacobian()
+        assert robust_weight(squared, kernel, scale)[0] == pytest.approx((A[0, 0] * sigma_m) ** 2, rel=1e-12, abs=1e-15)
