@@ -32,6 +32,10 @@ _FINEST_STEP_M = 2e-5
 # Making a noise model costs as much as making a factor; sigmas that agree to a thousandth share theirs.
 _SIGMAS_PER_E_FOLD = 1000
 
+# The depth of one view can be far off.
+ANCHOR_KERNEL: Kernel = "cauchy"
+ANCHOR_KERNEL_SCALE = 1.5
+
 
 @dataclass(frozen=True)
 class FrameTime:
@@ -51,13 +55,20 @@ def projection_factors(
 ) -> Iterator[gtsam.NonlinearFactor]:
     """One reprojection factor per camera and joint that has a detection; sigma = sigma_px / sqrt(weight)."""
     used = np.isfinite(undistorted_px).all(axis=-1) & active
-    steps = np.round(-_SIGMAS_PER_E_FOLD / 2 * np.log(np.maximum(weights, config.min_weight)))
-    sigmas_px = config.sigma_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
+    sigmas_px = projection_sigma_px(weights, config)
     for camera, joint in np.argwhere(used).tolist():
         noise = _projection_noise(float(sigmas_px[camera, joint]), config.kernel, config.kernel_scale)
         yield projection_factor(
             position_key(joint, frame), undistorted_px[camera, joint], noise, rig.cameras[camera].gtsam
         )
+
+
+def projection_sigma_px(
+    weights: Float[np.ndarray, "*detections"], config: ProjectionConfig
+) -> Float[np.ndarray, "*detections"]:
+    """Standard deviation of each detection; sigmas that agree to a thousandth are the same."""
+    steps = np.round(-_SIGMAS_PER_E_FOLD / 2 * np.log(np.maximum(weights, config.min_weight)))
+    return config.sigma_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
 
 
 @lru_cache(maxsize=4096)
@@ -79,14 +90,10 @@ def symmetry_factors(
 def motion_factors(
     before: FrameTime, after: FrameTime, joints: Sequence[int], config: MotionConfig
 ) -> Iterator[gtsam.NonlinearFactor]:
-    """One factor per joint that is in the graph in both frames.
-
-    Frames nearer in time than double precision can tell apart count as the shortest step that it can: below a
-    millisecond with the default densities, so that bursts of frames are no trouble.
-    """
+    """One factor per joint that is in the graph in both frames."""
     if config.model == "none":
         return
-    step_s = max(after.time_s - before.time_s, _shortest_step_s(config))
+    step_s = max(after.time_s - before.time_s, shortest_step_s(config))
     for joint in joints:
         start, end = position_key(joint, before.frame), position_key(joint, after.frame)
         if config.model == "random_walk":
@@ -99,8 +106,12 @@ def motion_factors(
             )
 
 
-def _shortest_step_s(config: MotionConfig) -> float:
-    """The step over which the model foresees a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2."""
+def shortest_step_s(config: MotionConfig) -> float:
+    """The least time between two frames that the motion model is given, even when they are nearer than that.
+
+    Over it the model foresees a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2. That is below a millisecond
+    with the default densities, so that bursts of frames are no trouble.
+    """
     if config.model == "random_walk":
         return _FINEST_STEP_M**2 / config.velocity_density
     return (12 * _FINEST_STEP_M**2 / config.acceleration_density) ** (1 / 3)
@@ -118,14 +129,14 @@ def fading_factors(
     if config.model != "constant_velocity":
         return
     for joint in np.flatnonzero(active & ~seen).tolist():
-        holder = _holder(skeleton, joint, active, seen)
-        reference = None if holder is None else velocity_key(holder, frame)
+        held_by = holder(skeleton, joint, active, seen)
+        reference = None if held_by is None else velocity_key(held_by, frame)
         yield fading_velocity_factor(
             velocity_key(joint, frame), reference, step_s, config.acceleration_density, config.fade_s
         )
 
 
-def _holder(skeleton: Skeleton, joint: int, active: np.ndarray, seen: np.ndarray) -> int | None:
+def holder(skeleton: Skeleton, joint: int, active: np.ndarray, seen: np.ndarray) -> int | None:
     """The neighbour that an unseen joint moves with: a seen one, or the one nearer to the root."""
     neighbours = [other for other in skeleton.neighbours[joint] if active[other]]
     seen_neighbours = [other for other in neighbours if seen[other]]
@@ -139,9 +150,9 @@ def anchor_factors(
     """Hold joints that cannot be triangulated near the fused per-view 3D.
 
     With fewer than two rays, motion and bones alone would let the body shrink towards the camera: every length and
-    every velocity becomes cheaper on the way. Robust, for the depth of one view can be far off.
+    every velocity becomes cheaper on the way.
     """
-    noise = noise_model(3, config.anchor_sigma_m, "cauchy", 1.5)
+    noise = noise_model(3, config.anchor_sigma_m, ANCHOR_KERNEL, ANCHOR_KERNEL_SCALE)
     for joint in np.flatnonzero(anchored).tolist():
         yield gtsam.PriorFactorPoint3(position_key(joint, frame), fused_m[joint], noise)
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
-import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
+from threadpoolctl import threadpool_limits
 
 from fgpose.camera import CameraRig
+from fgpose.chain import Chain
 from fgpose.config import Config
-from fgpose.covariance import marginal_covariances
 from fgpose.evidence import Evidence, gather
 from fgpose.observations import Observations
-from fgpose.optimizer import levenberg_marquardt
+from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
 from fgpose.skeleton import Skeleton
 from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
 from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
@@ -104,21 +105,37 @@ def _solve_window(
     lengths: _Lengths,
     covariance: bool,
 ) -> _Solved:
-    window = Window(rig, skeleton, config, evidence, active, lengths.lengths_m, lengths.sigma_m)
-    solution = levenberg_marquardt(
-        window,
-        window.initial(),
-        gtsam.Ordering.ColamdGaussianFactorGraph,
-        config.solver.max_iterations,
-        window.small_step,
-    )
-    covariance_m2 = None
-    if covariance:
-        linear = window.linearize(solution.values)
-        covariance_m2 = marginal_covariances(linear, active, with_velocity=window.with_velocity)
-    return _Solved(
-        window.positions_m(solution.values), covariance_m2, window.lengths_m(solution.values), solution.convergence
-    )
+    if not active.any():
+        nobody_m = np.full((*active.shape, 3), np.nan)
+        no_lengths_m = np.full(skeleton.n_lengths, np.nan)
+        return _Solved(nobody_m, np.full((*active.shape, 3, 3), np.nan), no_lengths_m, Convergence(True, 0, 0.0, 0.0))
+    arguments = (rig, skeleton, config, evidence, active, lengths.lengths_m, lengths.sigma_m)
+    chain = Chain(*arguments)
+    # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.
+    with threadpool_limits(limits=1, user_api="blas"):
+        if config.solver.backend == "chain":
+            solved = _optimize(chain, config.solver.max_iterations)
+        else:
+            solved = _optimize(Window(*arguments), config.solver.max_iterations)
+        if not covariance:
+            return solved
+        return replace(solved, covariance_m2=chain.covariance_m2(solved.positions_m))
+
+
+@runtime_checkable
+class _StretchProblem(Problem[State, Step], Protocol):
+    """What the chain and the GTSAM window have in common."""
+
+    def initial(self) -> State: ...
+
+    def positions_m(self, state: State) -> Float[np.ndarray, "frame joint 3"]: ...
+
+    def lengths_m(self, state: State) -> Float[np.ndarray, " length"]: ...
+
+
+def _optimize(problem: _StretchProblem[State, Step], max_iterations: int) -> _Solved:
+    solution = levenberg_marquardt(problem, problem.initial(), max_iterations)
+    return _Solved(problem.positions_m(solution.state), None, problem.lengths_m(solution.state), solution.convergence)
 
 
 @dataclass(frozen=True)

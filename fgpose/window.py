@@ -1,4 +1,4 @@
-"""One stretch of a recording as one factor graph: build, linearise, read back."""
+"""One stretch of a recording as one GTSAM factor graph: build, linearise, read back."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from fgpose.camera import CameraRig
 from fgpose.config import Config
 from fgpose.evidence import Evidence
 from fgpose.graph import FrameTime
+from fgpose.graph_problem import GraphProblem
 from fgpose.keys import length_key, position_key, velocity_key
 from fgpose.skeleton import Skeleton
+from fgpose.tracks import kept_joints
 from fgpose_factors import BoneLengths
 
 
-class Window:
-    """The optimisation problem of a stretch of frames (an optimizer.Problem).
+class Window(GraphProblem):
+    """The optimisation problem of a stretch of frames.
 
     Args:
         evidence: of these frames; its first guess must be finite wherever a joint is active.
@@ -38,11 +40,11 @@ class Window:
         lengths_m: Float[np.ndarray, " length"],
         length_sigma_m: float,
     ) -> None:
+        super().__init__(gtsam.NonlinearFactorGraph(), config.solver.step_tolerance_m)
         self.evidence, self.active, self.config = evidence, active, config
         self.with_velocity = config.motion.model == "constant_velocity"
         self._rows = np.full(active.shape, -1)
         self._rows[active] = np.arange(active.sum())
-        self.graph = gtsam.NonlinearFactorGraph()
         for factor in self._factors(rig, skeleton):
             self.graph.add(factor)
         self.bones: BoneLengths | None = None
@@ -53,7 +55,7 @@ class Window:
 
     def _factors(self, rig: CameraRig, skeleton: Skeleton) -> Iterator[gtsam.NonlinearFactor]:
         data, config = self.evidence, self.config
-        before_active = np.zeros(skeleton.n_joints, dtype=bool)
+        kept = kept_joints(self.active, config.motion)
         before = FrameTime(-1, float(data.time_s[0]))
         for frame, time_s in enumerate(data.time_s.tolist()):
             active = self.active[frame]
@@ -65,16 +67,15 @@ class Window:
             yield from graph.anchor_factors(frame, anchored, data.guess_m[frame], config.fusion)
             if config.symmetry.form == "frame":
                 yield from graph.symmetry_factors(skeleton, frame, active, config.symmetry)
-            kept = active & before_active if config.motion.model != "none" else np.zeros_like(active)
-            yield from graph.motion_factors(before, after, np.flatnonzero(kept).tolist(), config.motion)
+            yield from graph.motion_factors(before, after, np.flatnonzero(kept[frame]).tolist(), config.motion)
             if frame:
                 step_s = time_s - before.time_s
                 yield from graph.fading_factors(skeleton, frame, step_s, active, data.seen[frame], config.motion)
-            entering = np.flatnonzero(active & ~kept).tolist()
+            entering = np.flatnonzero(active & ~kept[frame]).tolist()
             yield from graph.prior_factors(
                 frame, entering, data.guess_m[frame], config.prior, with_velocity=self.with_velocity
             )
-            before, before_active = after, active
+            before = after
 
     def _add_bones(self, skeleton: Skeleton, lengths_m: np.ndarray, length_sigma_m: float) -> None:
         bones = [
@@ -119,31 +120,29 @@ class Window:
         start, end, length = self._bone_rows.T
         return points[start], points[end], self.lengths_m(values)[length]
 
-    def error(self, values: gtsam.Values) -> float:
-        error = self.graph.error(values)
-        return error if self.bones is None else error + self.bones.error(*self._bone_arguments(values))
+    def error(self, state: gtsam.Values) -> float:
+        error = super().error(state)
+        return error if self.bones is None else error + self.bones.error(*self._bone_arguments(state))
 
-    def linearize(self, values: gtsam.Values) -> gtsam.GaussianFactorGraph:
-        linear = self.graph.linearize(values)
+    def gaussian(self, state: gtsam.Values) -> gtsam.GaussianFactorGraph:
+        linear = super().gaussian(state)
         if self.bones is not None:
-            self.bones.linearize_into(linear, *self._bone_arguments(values))
+            self.bones.linearize_into(linear, *self._bone_arguments(state))
         return linear
 
-    def positions_m(self, values: gtsam.Values) -> Float[np.ndarray, "frame joint 3"]:
+    def moves_m(self, step: gtsam.VectorValues) -> Float[np.ndarray, "variable 3"]:
+        vector = step.vector()
+        return vector[len(vector) - 3 * int(self.active.sum()) :].reshape(-1, 3)
+
+    def positions_m(self, state: gtsam.Values) -> Float[np.ndarray, "frame joint 3"]:
         """Positions of the active joints; NaN elsewhere."""
         positions_m = np.full((*self.active.shape, 3), np.nan)
-        positions_m[self.active] = self._active_positions(values)
+        positions_m[self.active] = self._active_positions(state)
         return positions_m
 
-    def lengths_m(self, values: gtsam.Values) -> Float[np.ndarray, " length"]:
+    def lengths_m(self, state: gtsam.Values) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none is in the graph."""
         lengths_m = np.full(self._lengths_m.shape, np.nan)
         for length in np.flatnonzero(np.isfinite(self._lengths_m)).tolist():
-            lengths_m[length] = values.atDouble(length_key(length))
+            lengths_m[length] = state.atDouble(length_key(length))
         return lengths_m
-
-    def small_step(self, step: gtsam.VectorValues) -> bool:
-        """Whether the joints move by less than the tolerance on average."""
-        vector = step.vector()
-        moves = vector[len(vector) - 3 * int(self.active.sum()) :].reshape(-1, 3)
-        return not moves.size or bool(np.linalg.norm(moves, axis=1).mean() < self.config.solver.step_tolerance_m)

@@ -1,0 +1,304 @@
+"""One stretch of a recording as normal equations in numpy: the same cost as the factor graph of fgpose.window.
+
+All factors of a kind are evaluated in one expression, and the frames are eliminated one after the other in LAPACK.
+GTSAM treats every factor alone, which takes several times as long for a graph as regular as this one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose import graph
+from fgpose.block_tridiagonal import BlockTridiagonal, Coupling
+from fgpose.camera import CameraRig
+from fgpose.chain_terms import (
+    Anchors,
+    ChainState,
+    Fading,
+    FrameSymmetry,
+    Information,
+    Motion,
+    Priors,
+    Projections,
+    SharedLengths,
+    Term,
+)
+from fgpose.config import Config
+from fgpose.evidence import Evidence
+from fgpose.skeleton import Skeleton
+from fgpose.tracks import kept_joints
+
+# The steps that an information matrix leads to are right only near the state that it belongs to, but the gradient is
+# always that of the state itself: so near, they lead to the same place in hardly more iterations.
+_NEAR_M = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """What the terms are made from. Joints that never take part are left out: they are numbered by their slots."""
+
+    skeleton: Skeleton
+    config: Config
+    evidence: Evidence
+    active: Bool[np.ndarray, "frame joint"]
+    """Of all joints of the skeleton, like the evidence."""
+    lengths_m: Float[np.ndarray, " length"]
+    """NaN where a bone has no length."""
+    length_sigma_m: float
+
+    @property
+    def joints(self) -> Int[np.ndarray, " slot"]:
+        return np.flatnonzero(self.active.any(axis=0))
+
+    @property
+    def slot_of(self) -> Int[np.ndarray, " joint"]:
+        slots = np.full(self.skeleton.n_joints, -1)
+        slots[self.joints] = np.arange(len(self.joints))
+        return slots
+
+    @property
+    def n_kinds(self) -> int:
+        return 2 if self.config.motion.model == "constant_velocity" else 1
+
+    def kept(self) -> Bool[np.ndarray, "frame slot"]:
+        """Whether a motion factor leads to this joint from the frame before."""
+        return kept_joints(self.active, self.config.motion)[:, self.joints]
+
+    def present(self, *joints: int) -> Bool[np.ndarray, " frame"]:
+        return np.all(self.active[:, list(joints)], axis=1)
+
+
+class Chain:
+    """The optimisation problem of a stretch of frames (an optimizer.Problem), linear in time and fast.
+
+    Args: see fgpose.window.Window.
+    """
+
+    def __init__(
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config,
+        evidence: Evidence,
+        active: Bool[np.ndarray, "frame joint"],
+        lengths_m: Float[np.ndarray, " length"],
+        length_sigma_m: float,
+    ) -> None:
+        self._stretch = stretch = _Stretch(skeleton, config, evidence, active, lengths_m, length_sigma_m)
+        motion = _motion(stretch)
+        self._terms: list[Term] = [
+            motion,
+            *_projections(stretch, rig),
+            *_fading(stretch),
+            *_anchors(stretch),
+            *_symmetry(stretch),
+            _priors(stretch),
+        ]
+        self._coupling = Coupling(motion.coupling, np.repeat(motion.kept, 3, axis=1))
+        n_frames, n_kinds, n_slots = len(active), stretch.n_kinds, len(stretch.joints)
+        # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
+        self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
+        self._factorized: BlockTridiagonal | None = None
+        self._factorized_at = self.initial()
+
+    def initial(self) -> ChainState:
+        """The first guess; velocities start at zero, the solution does not depend on them."""
+        stretch = self._stretch
+        joints = np.zeros(self._frames.shape[:4])
+        active = stretch.active[:, stretch.joints]
+        joints[:, 0][active] = stretch.evidence.guess_m[:, stretch.joints][active]
+        return ChainState(joints, np.nan_to_num(stretch.lengths_m))
+
+    def error(self, state: ChainState) -> float:
+        return sum(term.error(state) for term in self._terms)
+
+    def linearize(self, state: ChainState) -> _Linearized:
+        return _Linearized(self, state)
+
+    def gradient(self, state: ChainState) -> ChainState:
+        gradient = ChainState(np.zeros_like(state.joints), np.zeros_like(state.lengths_m))
+        for term in self._terms:
+            term.add_gradient(gradient, state)
+        return gradient
+
+    def factorized(self, state: ChainState, damping: float) -> BlockTridiagonal:
+        """The factorised information matrix around a state, damped. That of a nearby state serves again.
+
+        Raises:
+            numpy.linalg.LinAlgError: it is not positive definite.
+        """
+        if damping or self._factorized is None or self._mean_move_m(_difference(state, self._factorized_at)) > _NEAR_M:
+            self._factorized = None  # its memory is used again
+            factorized = self._factorize(state, damping)
+            if damping:
+                return factorized
+            self._factorized, self._factorized_at = factorized, state
+        return self._factorized
+
+    def _factorize(self, state: ChainState, damping: float = 0.0) -> BlockTridiagonal:
+        information = Information(self._frames, len(state.lengths_m))
+        for term in self._terms:
+            term.add_information(information, state)
+        size = int(np.prod(self._frames.shape[1:4]))
+        diagonal = self._frames.reshape(-1, size, size)
+        np.einsum("tii->ti", diagonal)[:] += damping
+        np.einsum("ll->l", information.corner)[:] += damping
+        return BlockTridiagonal(
+            diagonal, self._coupling, information.border.reshape(len(diagonal), size, -1), information.corner
+        )
+
+    def moved(self, state: ChainState, step: ChainState) -> ChainState:
+        return ChainState(state.joints + step.joints, state.lengths_m + step.lengths_m)
+
+    def is_small(self, step: ChainState) -> bool:
+        """Whether the joints move by less than the tolerance on average."""
+        return self._mean_move_m(step) < self._stretch.config.solver.step_tolerance_m
+
+    def _mean_move_m(self, step: ChainState) -> float:
+        active = self._stretch.active[:, self._stretch.joints]
+        moves_m = np.linalg.norm(step.joints[:, 0][active], axis=-1)
+        return float(moves_m.mean()) if moves_m.size else 0.0
+
+    def positions_m(self, state: ChainState) -> Float[np.ndarray, "frame joint 3"]:
+        """Positions of the active joints; NaN elsewhere."""
+        return self._of_all_joints(state.joints[:, 0])
+
+    def lengths_m(self, state: ChainState) -> Float[np.ndarray, " length"]:
+        """Shared bone lengths; NaN where none takes part."""
+        stretch = self._stretch
+        used = [length for *_, length in _bones_with_length(stretch)]
+        lengths_m = np.full(state.lengths_m.shape, np.nan)
+        lengths_m[used] = state.lengths_m[used]
+        return lengths_m
+
+    def covariance_m2(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3 3"]:
+        """Marginal covariance of every active joint's position around these; NaN elsewhere.
+
+        Raises:
+            ValueError: a joint is not held by any term.
+        """
+        state = self.initial()
+        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._stretch.joints])
+        self._factorized = None
+        try:
+            blocks = self._factorize(state).inverse_blocks()
+        except np.linalg.LinAlgError as error:
+            raise ValueError(f"a joint is not held by any factor: {error}") from None
+        return self._of_all_joints(np.einsum("tjajb->tjab", blocks.reshape(self._frames.shape)[:, 0, :, :, 0]))
+
+    def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:
+        stretch = self._stretch
+        of_joints = np.full((*stretch.active.shape, *of_slots.shape[2:]), np.nan)
+        of_joints[:, stretch.joints] = of_slots
+        of_joints[~stretch.active] = np.nan
+        return of_joints
+
+
+def _difference(state: ChainState, other: ChainState) -> ChainState:
+    return ChainState(state.joints - other.joints, state.lengths_m - other.lengths_m)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linearized:
+    """Gauss-Newton's system around a state."""
+
+    chain: Chain
+    state: ChainState
+
+    def solve(self, damping: float) -> ChainState | None:
+        gradient = self.chain.gradient(self.state)
+        try:
+            factorized = self.chain.factorized(self.state, damping)
+        except np.linalg.LinAlgError:
+            return None
+        joints, lengths_m = factorized.solve(gradient.joints.reshape(len(gradient.joints), -1), gradient.lengths_m)
+        if not np.isfinite(joints).all() or not np.isfinite(lengths_m).all():
+            return None
+        return ChainState(-joints.reshape(gradient.joints.shape), -lengths_m)
+
+
+def _projections(stretch: _Stretch, rig: CameraRig) -> Iterator[Projections]:
+    evidence, config = stretch.evidence, stretch.config.projection
+    joints = stretch.joints
+    for number, camera in enumerate(rig.cameras):
+        measured_px = evidence.undistorted_px[:, number, joints]
+        used = np.isfinite(measured_px).all(axis=-1) & stretch.active[:, joints]
+        sigma_px = graph.projection_sigma_px(evidence.weights[:, number, joints], config)
+        precision = np.where(used, sigma_px**-2, 0.0)
+        yield Projections(camera, np.nan_to_num(measured_px), precision, config.kernel, config.kernel_scale)
+
+
+def _motion(stretch: _Stretch) -> Motion:
+    config, kept = stretch.config.motion, stretch.kept()[1:]
+    step_s = np.maximum(np.diff(stretch.evidence.time_s), graph.shortest_step_s(config))
+    one, zero = np.ones_like(step_s), np.zeros_like(step_s)
+    if config.model != "constant_velocity":
+        return Motion(kept, one[:, None, None], 1 / (config.velocity_density * step_s[:, None, None]))
+    transition = np.array([[one, step_s], [zero, one]])
+    across = -6 / step_s**2
+    precision = np.array([[12 / step_s**3, across], [across, 4 / step_s]]) / config.acceleration_density
+    return Motion(kept, transition.transpose(2, 0, 1), precision.transpose(2, 0, 1))
+
+
+def _fading(stretch: _Stretch) -> Iterator[Fading]:
+    config, active = stretch.config.motion, stretch.active
+    unseen = active & ~stretch.evidence.seen
+    unseen[:1] = False
+    if config.model != "constant_velocity" or not unseen.any():
+        return
+    frame, joint = np.nonzero(unseen)
+    holders = [
+        graph.holder(stretch.skeleton, j, active[f], stretch.evidence.seen[f]) for f, j in np.argwhere(unseen).tolist()
+    ]
+    reference = np.array([-1 if holder is None else stretch.slot_of[holder] for holder in holders])
+    step_s = np.diff(stretch.evidence.time_s)[frame - 1]
+    precision = step_s / (config.fade_s**2 * config.acceleration_density)
+    yield Fading(frame, stretch.slot_of[joint], reference, precision)
+
+
+def _anchors(stretch: _Stretch) -> Iterator[Anchors]:
+    evidence, joints = stretch.evidence, stretch.joints
+    anchored = (stretch.active & evidence.anchored)[:, joints]
+    if anchored.any():
+        positions_m = np.where(anchored[..., None], evidence.guess_m[:, joints], 0.0)
+        precision = anchored / stretch.config.fusion.anchor_sigma_m**2
+        yield Anchors(positions_m, precision, graph.ANCHOR_KERNEL, graph.ANCHOR_KERNEL_SCALE)
+
+
+def _symmetry(stretch: _Stretch) -> Iterator[SharedLengths | FrameSymmetry]:
+    config, slot_of = stretch.config.symmetry, stretch.slot_of
+    if config.form == "shared_length":
+        bones = list(_bones_with_length(stretch))
+        if bones:
+            start, end, length = np.array(bones).T
+            present = np.stack([stretch.present(a, b) for a, b, _ in bones], axis=1)
+            yield SharedLengths(slot_of[start], slot_of[end], length, present, config.sigma_m)
+    elif config.form == "frame":
+        pairs = [(*left, *right) for left, right in stretch.skeleton.limb_pairs]
+        present = np.stack([stretch.present(*pair) for pair in pairs], axis=1)
+        used = present.any(axis=0)
+        if used.any():
+            yield FrameSymmetry(slot_of[np.array(pairs)[used]].T, present[:, used], config.sigma_m)
+
+
+def _bones_with_length(stretch: _Stretch) -> Iterator[tuple[int, int, int]]:
+    """Start, end and length of every bone that is somewhere complete and has a first guess of its length."""
+    if stretch.config.symmetry.form == "shared_length":
+        for (start, end), length in zip(stretch.skeleton.bones, stretch.skeleton.length_of_bone, strict=True):
+            if np.isfinite(stretch.lengths_m[length]) and stretch.present(start, end).any():
+                yield start, end, length
+
+
+def _priors(stretch: _Stretch) -> Priors:
+    """Those of the graph; besides, what takes no part is held at zero, so that every unknown is determined."""
+    config, active = stretch.config.prior, stretch.active[:, stretch.joints]
+    entering = active & ~stretch.kept()
+    sigmas = (config.position_sigma_m, config.velocity_sigma_mps)[: stretch.n_kinds]
+    precision = np.stack([entering / sigma**2 + ~active for sigma in sigmas], axis=1)
+    joints = np.zeros((*precision.shape, 3))
+    joints[:, 0][entering] = stretch.evidence.guess_m[:, stretch.joints][entering]
+    return Priors(joints, precision, np.nan_to_num(stretch.lengths_m), stretch.length_sigma_m**-2)
