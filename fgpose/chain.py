@@ -16,21 +16,22 @@ from fgpose import graph
 from fgpose.block_tridiagonal import BlockTridiagonal, Coupling
 from fgpose.camera import CameraRig
 from fgpose.chain_terms import (
-    Anchors,
     ChainState,
     Fading,
     FrameSymmetry,
     Information,
     Motion,
+    PointPriors,
     Priors,
     Projections,
     SharedLengths,
     Term,
 )
 from fgpose.config import Config
-from fgpose.evidence import Evidence
+from fgpose.evidence import Evidence, ray_directions
 from fgpose.skeleton import Skeleton
 from fgpose.tracks import kept_joints
+from fgpose_factors import depth_covariance_m2
 
 # The steps that an information matrix leads to are right only near the state that it belongs to, but the gradient is
 # always that of the state itself: so near, they lead to the same place in hardly more iterations.
@@ -95,6 +96,7 @@ class Chain:
             *_projections(stretch, rig),
             *_fading(stretch),
             *_anchors(stretch),
+            *_depths(stretch, rig),
             *_symmetry(stretch),
             _priors(stretch),
         ]
@@ -260,13 +262,28 @@ def _fading(stretch: _Stretch) -> Iterator[Fading]:
     yield Fading(frame, stretch.slot_of[joint], reference, precision)
 
 
-def _anchors(stretch: _Stretch) -> Iterator[Anchors]:
+def _anchors(stretch: _Stretch) -> Iterator[PointPriors]:
     evidence, joints = stretch.evidence, stretch.joints
     anchored = (stretch.active & evidence.anchored)[:, joints]
     if anchored.any():
         positions_m = np.where(anchored[..., None], evidence.guess_m[:, joints], 0.0)
-        precision = anchored / stretch.config.fusion.anchor_sigma_m**2
-        yield Anchors(positions_m, precision, graph.ANCHOR_KERNEL, graph.ANCHOR_KERNEL_SCALE)
+        information = anchored[..., None, None] * np.eye(3) / stretch.config.fusion.anchor_sigma_m**2
+        yield PointPriors(positions_m, information, graph.ANCHOR_KERNEL, graph.ANCHOR_KERNEL_SCALE)
+
+
+def _depths(stretch: _Stretch, rig: CameraRig) -> Iterator[PointPriors]:
+    evidence, joints, config = stretch.evidence, stretch.joints, stretch.config.depth
+    spread = graph.depth_spread(np.diff(evidence.time_s, prepend=-np.inf), config)
+    directions = ray_directions(evidence.views_m, rig)
+    for view in range(evidence.views_m.shape[1]):
+        sigma_m = spread[:, None] * evidence.depth_sigma_m[:, view, joints]
+        used = np.isfinite(sigma_m) & stretch.active[:, joints]
+        information = np.zeros((*used.shape, 3, 3))
+        covariance_m2 = depth_covariance_m2(directions[:, view, joints][used], sigma_m[used])
+        information[used] = np.linalg.inv(covariance_m2)
+        positions_m = np.where(used[..., None], evidence.views_m[:, view, joints], 0.0)
+        if used.any():
+            yield PointPriors(positions_m, information, config.kernel, config.kernel_scale)
 
 
 def _symmetry(stretch: _Stretch) -> Iterator[SharedLengths | FrameSymmetry]:

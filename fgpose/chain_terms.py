@@ -145,34 +145,33 @@ class Projections:
 
 
 @dataclass(frozen=True, eq=False)
-class Anchors:
-    """Robust priors on positions, fgpose.graph.anchor_factors."""
+class PointPriors:
+    """Robust priors on positions, fgpose.graph.anchor_factors and depth_factors."""
 
     positions_m: Float[np.ndarray, "frame joint 3"]
     """Finite everywhere."""
-    precision: Float[np.ndarray, "frame joint"]
-    """1 / sigma^2, 1/m^2; zero where nothing is anchored."""
+    information: Float[np.ndarray, "frame joint 3 3"]
+    """Inverse covariance, 1/m^2; zero where there is no prior."""
     kernel: Kernel
     kernel_scale: float
 
     def error(self, state: ChainState) -> float:
-        return float(robust_loss(self._squared(self._residual_m(state)), self.kernel, self.kernel_scale).sum())
+        residual_m = state.joints[:, 0] - self.positions_m
+        return float(robust_loss(self._squared(residual_m), self.kernel, self.kernel_scale).sum())
 
     def add_gradient(self, gradient: ChainState, state: ChainState) -> None:
-        gradient.joints[:, 0] += self._weight(state)[..., None] * self._residual_m(state)
+        residual_m = state.joints[:, 0] - self.positions_m
+        gradient.joints[:, 0] += (self._weighted(residual_m) @ residual_m[..., None])[..., 0]
 
     def add_information(self, information: Information, state: ChainState) -> None:
-        information.single_axes[:, 0, 0] += self._weight(state)[..., None]
+        information.single_positions[:] += self._weighted(state.joints[:, 0] - self.positions_m)
 
-    def _weight(self, state: ChainState) -> Float[np.ndarray, "frame joint"]:
-        squared = self._squared(self._residual_m(state))
-        return self.precision * robust_weight(squared, self.kernel, self.kernel_scale)
-
-    def _residual_m(self, state: ChainState) -> Float[np.ndarray, "frame joint 3"]:
-        return state.joints[:, 0] - self.positions_m
+    def _weighted(self, residual_m: np.ndarray) -> Float[np.ndarray, "frame joint 3 3"]:
+        weight = robust_weight(self._squared(residual_m), self.kernel, self.kernel_scale)
+        return weight[..., None, None] * self.information
 
     def _squared(self, residual_m: np.ndarray) -> Float[np.ndarray, "frame joint"]:
-        return self.precision * np.einsum("tji,tji->tj", residual_m, residual_m)
+        return np.einsum("tji,tjik,tjk->tj", residual_m, self.information, residual_m)
 
 
 @dataclass(frozen=True, eq=False)

@@ -55,6 +55,27 @@ class ProjectionConfig:
 
 
 @dataclass(frozen=True)
+class DepthConfig:
+    """The depth that each view's own 3D gives a joint, as a factor along its ray; needs per-view 3D with covariance.
+
+    Sideways the factor says nothing: that is what the view's 2D detection says already.
+    """
+
+    use: Literal["never", "few_views", "always"] = "few_views"
+    """few_views: for joints that at most two cameras detect."""
+    sigma_scale: float = 1.0
+    """Standard deviation of the depth over that which the network states. Raising it trusts the depth less."""
+    correlation_s: float = 0.02
+    """Time over which the error of a view's depth stays alike: all frames within twice this count as one measurement,
+    seconds. Raising it trusts the depth less. (Errors stay alike for longer, about 0.15 s; where the depth is needed at
+    all, this served best.)"""
+    kernel: Kernel = "cauchy"
+    """Robust kernel."""
+    kernel_scale: float = 1.5
+    """Error, in sigmas, from which the kernel begins to discount a depth. Raising it trusts outliers more."""
+
+
+@dataclass(frozen=True)
 class SymmetryConfig:
     """Left and right bones are equally long."""
 
@@ -172,6 +193,7 @@ class Config:
 
     fusion: FusionConfig = field(default_factory=FusionConfig)
     projection: ProjectionConfig = field(default_factory=ProjectionConfig)
+    depth: DepthConfig = field(default_factory=DepthConfig)
     symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
     motion: MotionConfig = field(default_factory=MotionConfig)
     swing: SwingConfig = field(default_factory=SwingConfig)

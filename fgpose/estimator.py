@@ -15,7 +15,7 @@ from fgpose import graph
 from fgpose.bone_lengths import RunningLengths
 from fgpose.camera import CameraRig
 from fgpose.config import Config
-from fgpose.evidence import Evidence, gather
+from fgpose.evidence import Evidence, gather, ray_directions
 from fgpose.fixed_lag import FixedLagSmoother
 from fgpose.graph import FrameTime
 from fgpose.keys import position_key, velocity_key
@@ -168,6 +168,15 @@ class Estimator:
             self.rig, frame, evidence.undistorted_px[0], evidence.weights[0], state.active, config.projection
         )
         yield from graph.anchor_factors(frame, evidence.anchored[0], evidence.guess_m[0], config.fusion)
+        yield from graph.depth_factors(
+            frame,
+            np.inf if before is None else state.at.time_s - before.at.time_s,
+            state.active,
+            evidence.views_m[0],
+            ray_directions(evidence.views_m, self.rig)[0],
+            evidence.depth_sigma_m[0],
+            config.depth,
+        )
         if config.symmetry.form == "frame":
             for factor in graph.symmetry_factors(self.skeleton, frame, state.active, config.symmetry):
                 yield freeze(factor, values)

@@ -14,11 +14,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.camera import CameraRig
-from fgpose.config import FusionConfig, Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
+from fgpose.config import DepthConfig, FusionConfig, Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
 from fgpose.keys import length_key, position_key, velocity_key
 from fgpose.skeleton import Skeleton
 from fgpose_factors import (
     constant_velocity_factor,
+    depth_factor,
     fading_velocity_factor,
     noise_model,
     projection_factor,
@@ -155,6 +156,38 @@ def anchor_factors(
     noise = noise_model(3, config.anchor_sigma_m, ANCHOR_KERNEL, ANCHOR_KERNEL_SCALE)
     for joint in np.flatnonzero(anchored).tolist():
         yield gtsam.PriorFactorPoint3(position_key(joint, frame), fused_m[joint], noise)
+
+
+def depth_factors(
+    frame: int,
+    step_s: float,
+    active: Bool[np.ndarray, " joint"],
+    views_m: Float[np.ndarray, "view joint 3"],
+    directions: Float[np.ndarray, "view joint 3"],
+    sigma_m: Float[np.ndarray, "view joint"],
+    config: DepthConfig,
+) -> Iterator[gtsam.NonlinearFactor]:
+    """One factor per view and joint whose depth is used; sigma_m NaN where it is not."""
+    spread = float(depth_spread(np.array([step_s]), config)[0])
+    for view, joint in np.argwhere(np.isfinite(sigma_m) & active).tolist():
+        yield depth_factor(
+            position_key(joint, frame),
+            views_m[view, joint],
+            directions[view, joint],
+            spread * float(sigma_m[view, joint]),
+            config.kernel,
+            config.kernel_scale,
+        )
+
+
+def depth_spread(step_s: Float[np.ndarray, " frame"], config: DepthConfig) -> Float[np.ndarray, " frame"]:
+    """Factor on the standard deviation of a depth whose error stays alike: so many frames count as one measurement.
+
+    Args:
+        step_s: time since the frame before; inf for the first frame.
+        config: has the time over which errors stay alike.
+    """
+    return np.sqrt(np.maximum(1.0, 2 * config.correlation_s / step_s))
 
 
 def prior_factors(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -15,6 +15,7 @@ from fgpose.skeleton import Skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
 _MAX_PLAUSIBLE_M = 100.0
+_PER_DETECTION = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,9 @@ class Observations:
     """(T, C, J, 3) absolute 3D joints as each view alone gives them, in the world frame, metres."""
     camera_names: tuple[str, ...] = ()
     """Names in the order of the camera axis; by default cam_0, cam_1, ..."""
+    covariance3d_m2: np.ndarray | None = None
+    """(T, C, J, 3, 3) covariance of points3d_m in the world frame; large along the ray, as one view is.
+    Goes with them: None without."""
 
     def __post_init__(self) -> None:
         points2d_px = np.array(self.points2d_px, dtype=float)
@@ -56,6 +60,9 @@ class Observations:
             raise ValueError(f"{n_cameras} different camera names are needed, got {', '.join(names)}")
         object.__setattr__(self, "camera_names", names)
         points3d_m = None if self.points3d_m is None else self._checked_points3d(n_frames, n_cameras, n_joints)
+        covariance3d_m2 = None
+        if points3d_m is not None and self.covariance3d_m2 is not None:
+            covariance3d_m2 = self._checked_covariance(points3d_m)
         confidence = self._checked_confidence(points2d_px)
         points2d_px[confidence == 0] = np.nan
         self._refuse_infinite("points2d_px", points2d_px)
@@ -63,6 +70,7 @@ class Observations:
             points2d_px=points2d_px,
             confidence=confidence,
             points3d_m=points3d_m,
+            covariance3d_m2=covariance3d_m2,
             time_s=self._checked_time(n_frames, n_cameras),
         )
 
@@ -110,6 +118,18 @@ class Observations:
             )
         return points3d_m
 
+    def _checked_covariance(self, points3d_m: np.ndarray) -> np.ndarray:
+        covariance_m2 = np.array(self.covariance3d_m2, dtype=float)
+        if covariance_m2.shape != (*points3d_m.shape, 3):
+            raise ValueError(f"covariance3d_m2 must be {(*points3d_m.shape, 3)}, got {covariance_m2.shape}")
+        known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
+        covariance_m2[~known] = np.nan
+        wrong = known & ~np.isfinite(covariance_m2).all(axis=(-1, -2))
+        wrong[known & ~wrong] = np.linalg.eigvalsh(covariance_m2[known & ~wrong]).min(axis=-1) <= 0
+        if wrong.any():
+            raise ValueError(f"covariance3d_m2 is not positive definite at {self._where(wrong)}")
+        return covariance_m2
+
     def _checked_time(self, n_frames: int, n_cameras: int) -> np.ndarray:
         time_s = np.array(self.time_s, dtype=float)
         if time_s.shape not in ((n_frames,), (n_frames, n_cameras)):
@@ -156,11 +176,14 @@ class Observations:
             skeleton=self.skeleton,
             camera_names=self.camera_names,
             time_s=self.time_s[frames],
-            points2d_px=self.points2d_px[frames],
-            confidence=self.confidence[frames],
-            points3d_m=None if self.points3d_m is None else self.points3d_m[frames],
+            **self._per_detection(lambda array: array[frames]),
         )
         return part
+
+    def _per_detection(self, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+        """The arrays whose first axes are frame and camera, each changed; None where there is none."""
+        arrays = {name: getattr(self, name) for name in _PER_DETECTION}
+        return {name: None if array is None else change(array) for name, array in arrays.items()}
 
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""
@@ -174,9 +197,7 @@ class Observations:
             self,
             camera_names=tuple(camera_names),
             time_s=self.time_s if self.time_s.ndim == 1 else self.time_s[:, kept],
-            points2d_px=self.points2d_px[:, kept],
-            confidence=self.confidence[:, kept],
-            points3d_m=None if self.points3d_m is None else self.points3d_m[:, kept],
+            **self._per_detection(lambda array: array[:, kept]),
         )
 
     def with_cameras(self, camera_names: tuple[str, ...]) -> Observations:
@@ -193,18 +214,16 @@ class Observations:
         present = [index for index, name in enumerate(camera_names) if name in own]
         source = [own[camera_names[index]] for index in present]
 
-        def spread(array: np.ndarray, missing: float) -> np.ndarray:
-            wide = np.full((array.shape[0], len(camera_names), *array.shape[2:]), missing)
+        def spread(array: np.ndarray) -> np.ndarray:
+            wide = np.full((array.shape[0], len(camera_names), *array.shape[2:]), np.nan)
             wide[:, present] = array[:, source]
             return wide
 
         return replace(
             self,
             camera_names=camera_names,
-            time_s=self.time_s if self.time_s.ndim == 1 else spread(self.time_s, np.nan),
-            points2d_px=spread(self.points2d_px, np.nan),
-            confidence=spread(self.confidence, 0.0),
-            points3d_m=None if self.points3d_m is None else spread(self.points3d_m, np.nan),
+            time_s=self.time_s if self.time_s.ndim == 1 else spread(self.time_s),
+            **self._per_detection(spread),
         )
 
     def __iter__(self) -> Iterator[Observations]:

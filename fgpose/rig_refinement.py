@@ -128,13 +128,17 @@ def _camera_factors(
 
 
 def _moved(observations: Observations, before: CameraRig, after: CameraRig) -> Observations:
-    if observations.points3d_m is None:
+    """The views' own 3D joints, moved with their cameras."""
+    points3d_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
+    if points3d_m is None:
         return observations
-    points3d_m = [
-        new.to_world_frame(old.to_camera_frame(observations.points3d_m[:, index]))
-        for index, (old, new) in enumerate(zip(before.cameras, after.cameras, strict=True))
-    ]
-    return replace(observations, points3d_m=np.stack(points3d_m, axis=1))
+    moves = [new.world_T_camera @ old.camera_T_world for old, new in zip(before.cameras, after.cameras, strict=True)]
+    R, t_m = np.stack(moves)[:, None, :3, :3], np.stack(moves)[:, None, :3, 3]
+    return replace(
+        observations,
+        points3d_m=(R @ points3d_m[..., None])[..., 0] + t_m,
+        covariance3d_m2=None if covariance_m2 is None else R @ covariance_m2 @ R.swapaxes(-1, -2),
+    )
 
 
 def _residual_px(

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from fgpose import graph
 from fgpose.camera import CameraRig
 from fgpose.config import Config
-from fgpose.evidence import Evidence
+from fgpose.evidence import Evidence, ray_directions
 from fgpose.graph import FrameTime
 from fgpose.graph_problem import GraphProblem
 from fgpose.keys import length_key, position_key, velocity_key
@@ -56,6 +56,7 @@ class Window(GraphProblem):
     def _factors(self, rig: CameraRig, skeleton: Skeleton) -> Iterator[gtsam.NonlinearFactor]:
         data, config = self.evidence, self.config
         kept = kept_joints(self.active, config.motion)
+        directions = ray_directions(data.views_m, rig)
         before = FrameTime(-1, float(data.time_s[0]))
         for frame, time_s in enumerate(data.time_s.tolist()):
             active = self.active[frame]
@@ -65,6 +66,15 @@ class Window(GraphProblem):
             )
             anchored = active & data.anchored[frame]
             yield from graph.anchor_factors(frame, anchored, data.guess_m[frame], config.fusion)
+            yield from graph.depth_factors(
+                frame,
+                time_s - before.time_s if frame else np.inf,
+                active,
+                data.views_m[frame],
+                directions[frame],
+                data.depth_sigma_m[frame],
+                config.depth,
+            )
             if config.symmetry.form == "frame":
                 yield from graph.symmetry_factors(skeleton, frame, active, config.symmetry)
             yield from graph.motion_factors(before, after, np.flatnonzero(kept[frame]).tolist(), config.motion)

@@ -9,6 +9,7 @@ from fgpose_factors.bone_length import (
     symmetric_length_residual,
 )
 from fgpose_factors.custom import custom_factor, freeze
+from fgpose_factors.depth import depth_covariance_m2, depth_factor
 from fgpose_factors.noise import Kernel, noise_model, robust_loss, robust_weight
 from fgpose_factors.projection import projection_factor, projection_residual
 from fgpose_factors.smoothness import (
@@ -25,6 +26,8 @@ __all__ = [
     "bone_length_and_direction",
     "constant_velocity_factor",
     "custom_factor",
+    "depth_covariance_m2",
+    "depth_factor",
     "fading_velocity_factor",
     "freeze",
     "interpolate_position",

@@ -31,7 +31,11 @@ def noise_model(dim: int, sigma: float, kernel: Kernel = "none", kernel_scale: f
     """
     if not sigma > 0 or not kernel_scale > 0:
         raise ValueError(f"sigma and kernel_scale must be positive, got {sigma} and {kernel_scale}")
-    gaussian = gtsam.noiseModel.Isotropic.Sigma(dim, sigma)
+    return robust(gtsam.noiseModel.Isotropic.Sigma(dim, sigma), kernel, kernel_scale)
+
+
+def robust(gaussian: gtsam.noiseModel.Gaussian, kernel: Kernel, kernel_scale: float) -> gtsam.noiseModel.Base:
+    """Gaussian noise with a robust kernel, or itself for the kernel "none". Raises ValueError for an unknown kernel."""
     if kernel == "none":
         return gaussian
     if kernel not in _M_ESTIMATORS:

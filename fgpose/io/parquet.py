@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.atomic import replacing
+from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
 from fgpose.io.description import describe, described
 from fgpose.trajectory import Status, Trajectory
 
@@ -17,8 +18,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 _AXES = "xyz"
-_UPPER_TRIANGLE = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-_COVARIANCE = tuple(f"cov_{_AXES[row]}{_AXES[column]}_m2" for row, column in _UPPER_TRIANGLE)
 _PREFIX = "fgpose."
 _HAS_COVARIANCE = "has_covariance"
 
@@ -58,7 +57,7 @@ def _columns(trajectory: Trajectory) -> dict[str, pa.Array]:
     }
     columns |= {f"{_AXES[axis]}_m": _nullable(trajectory.positions_m[..., axis]) for axis in range(3)}
     unknown = np.full((n_frames, n_joints), np.nan)
-    for name, (row, column) in zip(_COVARIANCE, _UPPER_TRIANGLE, strict=True):
+    for name, (row, column) in COVARIANCE_COLUMNS.items():
         covariance_m2 = trajectory.covariance_m2
         columns[name] = _nullable(unknown if covariance_m2 is None else covariance_m2[..., row, column])
     columns |= _residual_columns(trajectory)
@@ -123,7 +122,7 @@ def read_parquet(path: Path) -> Trajectory:
     if cameras and set(cameras) <= set(table.column_names):
         values["residual_px"] = np.stack([column(name) for name in cameras], axis=1)
     if texts.get(_HAS_COVARIANCE) == "true":
-        values["covariance_m2"] = _symmetric([column(name) for name in _COVARIANCE])
+        values["covariance_m2"] = symmetric(column)
     status = np.array([Status[name.upper()] for name in table["status"].to_pylist()], dtype=int)
     return Trajectory(
         time_s=column("time_s")[:, 0],
@@ -131,10 +130,3 @@ def read_parquet(path: Path) -> Trajectory:
         status=status.reshape(n_frames, len(joints)),
         **values,
     )
-
-
-def _symmetric(upper_m2: list[np.ndarray]) -> Float[np.ndarray, "frame joint 3 3"]:
-    covariance_m2 = np.empty((*upper_m2[0].shape, 3, 3))
-    for values, (row, column) in zip(upper_m2, _UPPER_TRIANGLE, strict=True):
-        covariance_m2[..., row, column] = covariance_m2[..., column, row] = values
-    return covariance_m2

@@ -59,6 +59,11 @@ class DetectionNoise:
     def __post_init__(self) -> None:
         check_scales(self, shares=("outlier_share", "confidence"))
 
+    def depth_sigma_m(self, skeleton: Skeleton) -> Float[np.ndarray, " joint"]:
+        """SD of each joint's depth in one view, as an honest estimator states it; what hides the joint not counted."""
+        of_joint_m = self.joint_depth_scale * _joint_depth_m(skeleton)
+        return np.sqrt(self.camera_bias_m**2 + self.body_depth_m**2 + of_joint_m**2)
+
 
 NO_NOISE = DetectionNoise(
     sigma_px=0.0,

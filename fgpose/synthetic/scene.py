@@ -14,6 +14,7 @@ from fgpose.synthetic.noise import DetectionNoise, detection_error
 from fgpose.synthetic.occlusion import Occlusion, hallucination, occluded_joints
 
 _MIN_CONFIDENCE = 0.02
+_MIN_LATERAL_M = 1e-3  # a covariance must be positive definite
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,7 @@ def simulate(
             detected[..., None], _views_3d(rig, truth_m, true_px + pixel_px, depth_m, error.lateral_m), np.nan
         ),
         camera_names=rig.names,
+        covariance3d_m2=_stated_covariance_m2(rig, truth_m, noise.depth_sigma_m(skeleton), noise),
     )
     return Scene(truth_m, observations, occluded, rig)
 
@@ -107,3 +109,23 @@ def _views_3d(
             camera.to_world_frame(np.concatenate([slope * depth_m + lateral_error_m[:, c], depth_m], axis=-1))
         )
     return np.stack(views_m, axis=1)
+
+
+def _stated_covariance_m2(
+    rig: CameraRig,
+    truth_m: Float[np.ndarray, "frame joint 3"],
+    depth_sigma_m: Float[np.ndarray, " joint"],
+    noise: DetectionNoise,
+) -> Float[np.ndarray, "frame camera joint 3 3"] | None:
+    """What an estimator states that knows its noise but not what hides a joint; None without noise."""
+    if not depth_sigma_m.all():
+        return None
+    covariances_m2 = []
+    for camera in rig.cameras:
+        ray_m = truth_m - camera.position_m
+        distance_m = np.linalg.norm(ray_m, axis=-1)[..., None, None]
+        along = ray_m[..., :, None] * ray_m[..., None, :] / distance_m**2
+        sigma_px = np.hypot(noise.sigma_px, noise.correlated_px)
+        across_m2 = (sigma_px * distance_m / camera.K[0, 0]) ** 2 + noise.lateral_m**2 + _MIN_LATERAL_M**2
+        covariances_m2.append(depth_sigma_m[:, None, None] ** 2 * along + across_m2 * (np.eye(3) - along))
+    return np.stack(covariances_m2, axis=1)

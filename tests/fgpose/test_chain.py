@@ -12,7 +12,7 @@ import pytest
 import fgpose
 from fgpose.camera import CameraRig
 from fgpose.chain import Chain
-from fgpose.config import Config, MotionConfig, ProjectionConfig, SolverConfig, SymmetryConfig
+from fgpose.config import Config, DepthConfig, MotionConfig, ProjectionConfig, SolverConfig, SymmetryConfig
 from fgpose.evidence import Evidence, gather
 from fgpose.keys import position_key
 from fgpose.skeleton import Skeleton
@@ -33,7 +33,9 @@ CONFIGS = {
         symmetry=SymmetryConfig(form="frame"),
         projection=ProjectionConfig(kernel="none", weighting="uniform"),
     ),
-    "huber": Config(projection=ProjectionConfig(kernel="huber")),
+    "depth_of_every_view": Config(depth=DepthConfig(use="always", correlation_s=0.1)),
+    "depth_of_no_view": Config(depth=DepthConfig(use="never")),
+    "huber": Config(projection=ProjectionConfig(kernel="huber"), depth=DepthConfig(use="always", kernel="huber")),
     "geman_mcclure": Config(projection=ProjectionConfig(kernel="geman_mcclure", kernel_scale=4.0)),
     "tukey": Config(projection=ProjectionConfig(kernel="tukey", kernel_scale=6.0)),
 }
@@ -181,6 +183,8 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         n_views=np.full((1, 17), 2),
         guess_m=centre_m,
         anchored=np.zeros((1, 17), dtype=bool),
+        views_m=np.zeros((1, 0, 17, 3)),
+        depth_sigma_m=np.zeros((1, 0, 17)),
     )
     chain = Chain(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3)
     information = np.eye(3) / config.prior.position_sigma_m**2

@@ -13,6 +13,7 @@ import fgpose
 from fgpose.config import config_from_dict
 from fgpose.io.skeletons import load_skeleton
 from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate, walking
+from tests.conftest import MOCAP
 
 COVERED_99 = 11.34  # 99 % quantile of chi-square with 3 degrees of freedom
 
@@ -51,8 +52,6 @@ def hidden(
 @pytest.fixture(scope="module")
 def mocap_clear(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
     """Six seconds of real motion (motion capture), noisy, nothing occluded."""
-    from conftest import MOCAP
-
     from fgpose.synthetic import DetectionNoise, motion_from_npz
 
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")

@@ -28,13 +28,14 @@ def parts(skeleton: Skeleton) -> dict[str, Any]:
         "points2d_px": rng.uniform(0, 1000, (FRAMES, CAMERAS, JOINTS, 2)),
         "confidence": rng.uniform(0.1, 1, (FRAMES, CAMERAS, JOINTS)),
         "points3d_m": rng.uniform(-2, 2, (FRAMES, CAMERAS, JOINTS, 3)),
+        "covariance3d_m2": np.tile(np.diag([0.02, 0.03, 0.15]) ** 2, (FRAMES, CAMERAS, JOINTS, 1, 1)),
         "camera_names": NAMES,
     }
 
 
 def test_good_input_is_kept(parts: dict[str, Any]) -> None:
     observations = Observations(**parts)
-    for name in ("time_s", "points2d_px", "confidence", "points3d_m"):
+    for name in ("time_s", "points2d_px", "confidence", "points3d_m", "covariance3d_m2"):
         np.testing.assert_array_equal(getattr(observations, name), parts[name])
     assert (observations.n_frames, observations.n_cameras) == (FRAMES, CAMERAS)
     assert observations.seen.all()
@@ -45,7 +46,7 @@ def test_input_is_copied_and_frozen(parts: dict[str, Any]) -> None:
     before = observations.points2d_px.copy()
     parts["points2d_px"][:] = 0
     np.testing.assert_array_equal(observations.points2d_px, before)
-    for name in ("time_s", "points2d_px", "confidence", "points3d_m"):
+    for name in ("time_s", "points2d_px", "confidence", "points3d_m", "covariance3d_m2"):
         with pytest.raises(ValueError, match="read-only"):
             getattr(observations, name)[0] = 0
 
@@ -200,3 +201,25 @@ def test_cameras_that_the_rig_calls_by_the_default_names_go_by_name(parts: dict[
         observations.check_rig(named)
     reordered = observations.with_cameras(named.names)
     np.testing.assert_array_equal(reordered.points2d_px[:, 0], observations.points2d_px[:, 1])
+
+
+def test_a_missing_3d_point_has_no_covariance(parts: dict[str, Any]) -> None:
+    parts["points3d_m"][SPOT] = np.nan
+    covariance_m2 = Observations(**parts).covariance3d_m2
+    assert covariance_m2 is not None
+    assert np.isnan(covariance_m2[SPOT]).all()
+    assert np.isnan(covariance_m2).all(axis=(-1, -2)).sum() == 1
+
+
+@pytest.mark.parametrize("wrong", [np.zeros((3, 3)), np.diag([0.1, 0.1, -0.1]), np.full((3, 3), np.nan)])
+def test_a_covariance_that_is_none_is_refused(parts: dict[str, Any], wrong: np.ndarray) -> None:
+    parts["covariance3d_m2"][SPOT] = wrong
+    with pytest.raises(ValueError, match=f"covariance3d_m2 is not positive definite at {WHERE}"):
+        Observations(**parts)
+
+
+def test_a_covariance_goes_with_its_points(parts: dict[str, Any]) -> None:
+    assert replace(Observations(**parts), points3d_m=None).covariance3d_m2 is None
+    parts["covariance3d_m2"] = np.eye(3)
+    with pytest.raises(ValueError, match=r"covariance3d_m2 must be \(6, 3, 17, 3, 3\)"):
+        Observations(**parts)

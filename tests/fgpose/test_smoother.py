@@ -11,14 +11,22 @@ import fgpose
 from fgpose.config import config_from_dict
 from fgpose.io.skeletons import load_skeleton
 from fgpose.metrics import jitter_mps3
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate, walking
+from fgpose.synthetic import (
+    NO_NOISE,
+    NO_OCCLUSION,
+    DetectionNoise,
+    Occlusion,
+    Scene,
+    motion_from_npz,
+    simulate,
+    walking,
+)
+from tests.conftest import MOCAP
 
 
 @pytest.fixture(scope="module")
 def long_scene(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
     """Eight seconds of real motion, noisy, nothing occluded."""
-    from conftest import MOCAP
-
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05_start.npz")
     return simulate(truth_m, skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=1)
 
@@ -57,6 +65,21 @@ def test_the_fusion_weights_are_no_worse_than_the_others(mocap_scene: Scene, rig
     }
     assert error_m["fusion"] < error_m["uniform"]
     assert error_m["fusion"] < 1.05 * error_m["confidence"]  # 5 %: within what one three-second scene can tell
+
+
+def test_the_depth_of_each_view_helps_where_two_cameras_are_occluded(
+    rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05_start.npz")
+    pair = rig.subset(rig.names[:2])
+    scene = simulate(truth_m[:200], skeleton, pair, fps, DetectionNoise(), Occlusion(n_views=2), seed=1)
+    error_m = {
+        use: mean_error_m(fgpose.smooth(scene.observations, pair, config_from_dict({"depth": {"use": use}})), scene)
+        for use in ("few_views", "never", "always")
+    }
+    assert error_m["few_views"] < error_m["never"]
+    # with two cameras no joint has more than two views
+    assert error_m["few_views"] == error_m["always"]
 
 
 def test_estimated_bone_lengths(long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:

@@ -13,6 +13,7 @@ from fgpose.camera import CameraRig
 from fgpose.io.arrays import read_arrays
 from fgpose.io.atomic import replacing
 from fgpose.io.camera_names import match_cameras
+from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
@@ -60,7 +61,7 @@ def save_observations(observations: Observations, path: str | Path) -> None:
     resolves. The file appears under its name only when it is complete.
 
     Parquet: one row per frame, camera and joint; columns frame (from 0), time_s, camera, joint, x_px, y_px, confidence
-    and, with per-view 3D, x_m, y_m, z_m in the world frame; null = missing.
+    and, with per-view 3D, x_m, y_m, z_m in the world frame, with covariance cov_xx_m2 to cov_zz_m2; null = missing.
 
     Raises:
         ValueError: the extension is neither .npz nor .parquet.
@@ -84,6 +85,8 @@ def _write_npz(observations: Observations, path: Path) -> None:
     }
     if observations.points3d_m is not None:
         arrays["points3d_m"] = observations.points3d_m.astype(np.float32)
+    if observations.covariance3d_m2 is not None:
+        arrays["covariance3d_m2"] = observations.covariance3d_m2.astype(np.float32)
     # The annotations of savez_compressed leave no keyword but allow_pickle to a checker.
     np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
 
@@ -104,6 +107,7 @@ def _read_npz(path: Path, skeleton: Skeleton) -> Observations:
         points2d_px=arrays["points2d_px"],
         confidence=arrays["confidence"],
         points3d_m=arrays.get("points3d_m"),
+        covariance3d_m2=arrays.get("covariance3d_m2"),
         camera_names=tuple(arrays["camera_names"].tolist()),
     )
 
@@ -132,6 +136,9 @@ def _write_parquet(observations: Observations, path: Path) -> None:
     if observations.points3d_m is not None:
         for axis, name in enumerate(_COLUMNS_3D):
             columns[name] = _nullable(observations.points3d_m[..., axis].ravel().astype(np.float32))
+    if observations.covariance3d_m2 is not None:
+        for name, entry in COVARIANCE_COLUMNS.items():
+            columns[name] = _nullable(observations.covariance3d_m2[(..., *entry)].ravel().astype(np.float32))
     pyarrow.parquet.write_table(pa.table(columns), path, compression="zstd", write_page_checksum=True)
 
 
@@ -166,13 +173,16 @@ def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
         array[frame, camera, joint] = np.stack([_column(table, name) for name in names], axis=-1)
         return array
 
-    has_3d = all(name in table.column_names for name in _COLUMNS_3D)
+    has_3d, has_covariance = (
+        all(name in table.column_names for name in names) for names in (_COLUMNS_3D, COVARIANCE_COLUMNS)
+    )
     return Observations(
         skeleton=skeleton,
         time_s=_times(_column(table, "time_s"), frame, camera, shape[:2]),
         points2d_px=spread("x_px", "y_px"),
         confidence=np.nan_to_num(spread("confidence")[..., 0]),
         points3d_m=spread(*_COLUMNS_3D) if has_3d else None,
+        covariance3d_m2=symmetric(lambda name: spread(name)[..., 0]) if has_covariance else None,
         camera_names=cameras,
     )
 

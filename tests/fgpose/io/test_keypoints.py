@@ -374,7 +374,11 @@ def recording(own_clocks: bool = False, with_3d: bool = True) -> Observations:
         time_s = time_s[:, None] + np.array([0, 0.01])
         time_s[3, 1] = np.nan
     confidence = rng.uniform(0.1, 1, size=(6, 2, 3))
-    return Observations(STICK, time_s, points2d_px, confidence, points3d_m if with_3d else None, ("cam_1", "cam_2"))
+    root_m = rng.normal(scale=0.1, size=(6, 2, 3, 3, 3)) + 0.1 * np.eye(3)
+    covariance_m2 = root_m @ root_m.swapaxes(-1, -2)
+    if not with_3d:
+        return Observations(STICK, time_s, points2d_px, confidence, camera_names=("cam_1", "cam_2"))
+    return Observations(STICK, time_s, points2d_px, confidence, points3d_m, ("cam_1", "cam_2"), covariance_m2)
 
 
 @pytest.mark.parametrize("extension", [".npz", ".parquet"])
@@ -392,6 +396,9 @@ def test_round_trip(tmp_path: Path, rig: CameraRig, extension: str, own_clocks: 
     assert (loaded.points3d_m is None) == (not with_3d)
     if loaded.points3d_m is not None and original.points3d_m is not None:
         np.testing.assert_allclose(loaded.points3d_m, original.points3d_m, atol=3e-7)
+    assert (loaded.covariance3d_m2 is None) == (not with_3d)
+    if loaded.covariance3d_m2 is not None and original.covariance3d_m2 is not None:
+        np.testing.assert_allclose(loaded.covariance3d_m2, original.covariance3d_m2, atol=1e-8)
     save_observations(loaded, path)
     again = load_observations(path, rig, STICK)
     np.testing.assert_array_equal(again.points2d_px, loaded.points2d_px)
