@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
@@ -17,8 +18,9 @@ from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.scene import viewing_distance_m, viewing_target_m
 
 _EYE_ELEVATION_RAD = math.radians(22)
-# Nearer than the cameras are: the person fills the view, and most cameras are still in it.
-_EYE_DISTANCE_SHARE = 0.75
+# As far as the cameras are: those on the other side are in the view, with their pictures.
+_EYE_DISTANCE_SHARE = 1.0
+_FRUSTUM_DETECTION_RADIUS = rr.Radius.ui_points(1.2)
 
 
 def blueprint(
@@ -65,8 +67,13 @@ def _scene_view(rig: CameraRig, trajectories: Sequence[str], up: UpAxis) -> rrb.
         background=palette.BACKGROUND,
         line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, stroke_width=0.5, color=palette.GRID),
         eye_controls=rrb.EyeControls3D(position=position_m, look_target=target_m, eye_up=_up_vector(up)),
-        overrides=_hidden(rig.names, trajectories),
+        overrides=_hidden(rig.names, trajectories) | _small(rig.names),
     )
+
+
+def _small(cameras: Sequence[str]) -> dict[Any, list[rr.Points2D]]:
+    """The detections in a frustum, which is small: as large as elsewhere they hide the person in its picture."""
+    return {paths.detections(camera): [rr.Points2D.from_fields(radii=_FRUSTUM_DETECTION_RADIUS)] for camera in cameras}
 
 
 def _image_view(camera: str, trajectories: Sequence[str]) -> rrb.Spatial2DView:

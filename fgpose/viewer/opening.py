@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fgpose.camera import CameraRig
 from fgpose.skeleton import Skeleton
+from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import NullRecording, Recording, UpAxis
 
 
@@ -20,6 +21,10 @@ def open_recording(
     port: int = 9876,
     endless: bool = False,
     up: UpAxis = "+z",
+    image_width_px: int | None = 640,
+    jpeg_quality: int = 80,
+    image_limit_mb: float | None = 1000.0,
+    n_frames: int | None = None,
 ) -> Recording:
     """Open a recording with its cameras, skeleton and layout; close it, or use it in a ``with`` block.
 
@@ -32,17 +37,25 @@ def open_recording(
         port: where they connect; 0 takes any free one, see ``viewer_url``.
         endless: for runs of many hours: memory stays constant, and seeking in the file gets slower.
         up: the world axis that points up.
+        image_width_px: wider pictures are shrunk by the smallest whole factor that makes them fit; None: never. Points
+            stay in the pixels of the calibration.
+        jpeg_quality: of the pictures, 1 to 100.
+        image_limit_mb: of all pictures together, in the file and, live, in the memory that is kept for viewers that
+            connect late; None: no limit, and live the oldest frames are dropped, results and pictures alike.
+        n_frames: how many frames the recording will have. When their pictures exceed the limit they are thinned out
+            evenly. None: not known; the pictures end at the limit.
 
     Returns:
         A recording; one that shows nothing when there is neither a path nor live.
 
     Raises:
-        ValueError: the names of the results are repeated, reserved or absent.
+        ValueError: the names of the results are repeated, reserved or absent, or an option is out of its range.
         ImportError: Rerun is not installed; the message says how to.
         OSError: the file cannot be written, or the port is taken.
     """
     if not trajectories or len(set(trajectories)) != len(trajectories) or {"camera", "views"} & set(trajectories):
         raise ValueError(f"results need different names, none of them camera or views; got {', '.join(trajectories)}")
+    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
     if path is None and not live:
         return NullRecording()
     try:
@@ -53,5 +66,10 @@ def open_recording(
         raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'") from None
     scene = (rig, skeleton, tuple(trajectories))
     return RerunRecording(
-        None if path is None else Path(path), scene, port=port if live else None, endless=endless, up=up
+        None if path is None else Path(path),
+        scene,
+        port=port if live else None,
+        endless=endless,
+        up=up,
+        pictures=pictures,
     )

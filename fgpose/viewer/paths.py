@@ -29,6 +29,10 @@ def image(camera_name: str) -> str:
     return f"{camera(camera_name)}/image"
 
 
+def picture(camera_name: str) -> str:
+    return f"{image(camera_name)}/picture"
+
+
 def detections(camera_name: str) -> str:
     return f"{image(camera_name)}/detections"
 

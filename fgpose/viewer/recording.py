@@ -65,17 +65,28 @@ class Recording:
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
         """Show how long the estimator took for each frame, milliseconds."""
 
+    def wants_image(self, camera: str, frame: int) -> bool:
+        """Whether log_image would show the picture of a frame: ask before reading or converting one.
+
+        Raises:
+            ValueError: the camera is unknown.
+        """
+        return False
+
     def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        """Show one camera's picture.
+        """Show one camera's picture, undistorted as its points are, shrunk and compressed; see open_recording.
+
+        One that does not fit into the recording's limit is left out. The limit is divided among the cameras.
 
         Args:
             camera: its name in the rig.
             frame: number of the frame, counted from 0.
             time_s: its time.
-            image: RGB, as the camera took it: it is undistorted here.
+            image: RGB, as the camera took it.
 
         Raises:
             ValueError: the camera is unknown or the picture has another size than the calibration.
+            OSError: the disk is full, or so slow that pictures would pile up in memory.
         """
 
     def log_estimate(

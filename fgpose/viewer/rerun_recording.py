@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float, UInt8
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.camera import CameraRig
 from fgpose.io.atomic import replacing
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -19,15 +19,20 @@ from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer import palette, paths
 from fgpose.viewer.blueprint import blueprint
 from fgpose.viewer.content import observation_rows, residual_rows, trajectory_rows
+from fgpose.viewer.pictures import CameraPictures, PictureOptions
 from fgpose.viewer.recording import Recording, UpAxis
 from fgpose.viewer.rows import Rows, scalar_rows
-from fgpose.viewer.scene import log_residual_styles, log_scene
+from fgpose.viewer.scene import log_picture_style, log_residual_styles, log_scene
 
 _HOST = "127.0.0.1"
-# What late viewers can still be sent; the oldest frames are dropped first.
-_SERVER_MEMORY = "256MB"
+# What late viewers can still be sent beside the pictures; the oldest frames are dropped first.
+_SERVER_MB = 256.0
+# So many pictures may wait for a slow disk before logging waits too: else they pile up in memory.
+_UNFLUSHED_BYTES = 8e6
 _FLUSH_TIMEOUT_S = 10.0
-_JPEG_QUALITY = 80
+# A viewer that hangs holds the server up for 25 s, until it is dropped.
+_LIVE_FLUSH_TIMEOUT_S = 60.0
+_JPEG = "image/jpeg"
 _EARLIER_THICKNESS = 0.5
 
 
@@ -42,27 +47,35 @@ class RerunRecording(Recording):
         port: int | None,
         endless: bool,
         up: UpAxis,
+        pictures: PictureOptions,
     ) -> None:
         self._path = path
         self._rig, self._skeleton, self._trajectories = scene
         self._last_status: dict[str, np.ndarray] = {}
         self._factors: tuple[str, ...] = ()
-        self._undistortion: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+        cameras = self._rig.cameras
+        self._pictures = {camera.name: CameraPictures(camera, pictures, len(cameras)) for camera in cameras}
+        self._shown: set[str] = set()
+        self._unflushed_bytes = 0
+        self._flush_timeout_s = _FLUSH_TIMEOUT_S if port is None else _LIVE_FLUSH_TIMEOUT_S
         self._file = ExitStack()
         self._stream: rr.RecordingStream | None = rr.RecordingStream("fgpose")
         # Exactly two timelines: frame and time.
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)
         layout = blueprint(self._rig, self._skeleton, self._trajectories, up, following=port is not None)
-        self._stream.set_sinks(*self._sinks(path, port, endless), default_blueprint=layout)
+        server_mb = _SERVER_MB + (pictures.image_limit_mb or 0.0)
+        self._stream.set_sinks(*self._sinks(path, port, endless, server_mb), default_blueprint=layout)
         if path is not None:
             self._stream.send_recording_name(path.stem)
         log_scene(self._stream, self._rig, self._skeleton, self._trajectories, up)
 
-    def _sinks(self, path: Path | None, port: int | None, endless: bool) -> Iterable[rr.FileSink | rr.GrpcServerSink]:
+    def _sinks(
+        self, path: Path | None, port: int | None, endless: bool, server_mb: float
+    ) -> Iterable[rr.FileSink | rr.GrpcServerSink]:
         sinks = []
         if port is not None:
-            server = rr.GrpcServerSink(_HOST, _free_port(port), server_memory_limit=_SERVER_MEMORY)
+            server = rr.GrpcServerSink(_HOST, _free_port(port), server_memory_limit=f"{server_mb:.0f}MB")
             self.viewer_url = server.uri
             sinks.append(server)
         if path is not None:
@@ -91,17 +104,25 @@ class RerunRecording(Recording):
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
         self._send([scalar_rows(paths.UPDATE_MS, update_ms)], time_s)
 
+    def wants_image(self, camera: str, frame: int) -> bool:
+        return self._pictures_of(camera).wants(frame)
+
     def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        (calibrated,) = self._rig.subset([camera]).cameras
-        width, height = calibrated.size_px
-        if image.shape[:2] != (height, width):
-            raise ValueError(
-                f"camera {camera}, frame {frame}: the picture is {image.shape[1]} x {image.shape[0]}, "
-                f"the calibration is for {width} x {height}"
-            )
-        picture = rr.Image(self._undistorted(calibrated, image)).compress(jpeg_quality=_JPEG_QUALITY)
+        pictures = self._pictures_of(camera)
+        pictures.check(frame, image)
+        if not pictures.wants(frame):
+            return
+        if camera not in self._shown:
+            log_picture_style(self._open_stream, camera, pictures.shrink)
+            self._shown.add(camera)
+        jpeg = pictures.jpeg(image)
+        # The last picture would stay under the points of all later frames.
+        picture = rr.Clear(recursive=False) if pictures.full else rr.EncodedImage(contents=jpeg, media_type=_JPEG)
         self._set_time(frame, time_s)
-        self._open_stream.log(paths.image(camera), picture)
+        self._open_stream.log(paths.picture(camera), picture)
+        self._unflushed_bytes += len(jpeg)
+        if self._unflushed_bytes > _UNFLUSHED_BYTES:
+            self._flush(self._open_stream)
 
     def log_estimate(
         self,
@@ -142,9 +163,7 @@ class RerunRecording(Recording):
         stream, self._stream = self._stream, None
         with self._file:
             try:
-                stream.flush(timeout_sec=_FLUSH_TIMEOUT_S)
-            except RuntimeError as error:
-                raise OSError(f"cannot write {self._path or self.viewer_url}: {error}; is the disk full?") from None
+                self._flush(stream)
             finally:
                 stream.disconnect()
         self.viewer_url = None
@@ -169,6 +188,13 @@ class RerunRecording(Recording):
             raise ValueError("the recording is closed")
         return self._stream
 
+    def _flush(self, stream: rr.RecordingStream) -> None:
+        try:
+            stream.flush(timeout_sec=self._flush_timeout_s)
+        except RuntimeError as error:
+            raise OSError(f"cannot write {self._path or self.viewer_url}: {error}; is the disk full?") from None
+        self._unflushed_bytes = 0
+
     def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"]) -> None:
         frame = np.arange(len(time_s))
         for of_entity in rows:
@@ -192,14 +218,9 @@ class RerunRecording(Recording):
             log_residual_styles(self._open_stream, self._rig, self._skeleton, factors)
             self._factors = factors
 
-    def _undistorted(self, camera: Camera, image: np.ndarray) -> np.ndarray:
-        if not camera.distortion.any():
-            return image
-        import cv2
-
-        if camera.name not in self._undistortion:
-            self._undistortion[camera.name] = _undistortion_maps(camera)
-        return cv2.remap(image, *self._undistortion[camera.name], interpolation=cv2.INTER_LINEAR)
+    def _pictures_of(self, camera: str) -> CameraPictures:
+        (known,) = self._rig.subset([camera]).names
+        return self._pictures[known]
 
     def _check_skeleton(self, what: str, skeleton: Skeleton) -> None:
         if skeleton.joints != self._skeleton.joints:
@@ -241,15 +262,6 @@ def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
         residual_px=None if estimate.residual_px is None else estimate.residual_px[None],
         camera_names=rig.names,
     )
-
-
-def _undistortion_maps(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Where each pixel of the undistorted picture, with the same K, lies in the original one."""
-    import cv2
-
-    maps = cv2.fisheye.initUndistortRectifyMap if camera.lens == "fisheye" else cv2.initUndistortRectifyMap
-    x, y = maps(camera.K, camera.distortion, np.eye(3), camera.K, camera.size_px, cv2.CV_32FC1)
-    return x, y
 
 
 def _free_port(port: int) -> int:

@@ -17,6 +17,9 @@ from fgpose.viewer.recording import UpAxis
 _DETECTION_CLASS = 0
 _DETECTION_RADIUS = rr.Radius.ui_points(3.5)
 _REPROJECTION_RADIUS = rr.Radius.ui_points(1.5)
+# A little darker than they are, behind everything: white skeletons and yellow points stand out.
+_PICTURE_OPACITY = 0.7
+_PICTURE_DRAW_ORDER = -10.0
 _VIEW_RADIUS_M = 0.008
 _DEFAULT_DISTANCE_M = 3.0
 # A frustum that reaches this share of the way to the person shows its picture and hides nobody.
@@ -100,6 +103,17 @@ def _log_camera(stream: rr.RecordingStream, camera: Camera, c: int, frustum_m: f
     stream.log(paths.detections(camera.name), detections, static=True)
     view = rr.Points3D.from_fields(radii=_VIEW_RADIUS_M, class_ids=1 + c, show_labels=False)
     stream.log(paths.view(camera.name), view, static=True)
+
+
+def log_picture_style(stream: rr.RecordingStream, camera: str, shrink: int) -> None:
+    """How a camera's pictures look, and where they stand: each of their pixels covers a square of undistorted ones.
+
+    OpenCV, and so every point here, counts pixels from the centre of the first one, Rerun from its corner.
+    """
+    place = rr.Transform3D(translation=(-0.5, -0.5, 0.0), scale=shrink)
+    stream.log(paths.picture(camera), place, static=True)
+    look = rr.EncodedImage.from_fields(opacity=_PICTURE_OPACITY, draw_order=_PICTURE_DRAW_ORDER)
+    stream.log(paths.picture(camera), look, static=True)
 
 
 def _log_trajectory_styles(

@@ -281,15 +281,221 @@ def test_residuals_by_factor(batch_file: Path) -> None:
     assert "| nose | **5.0** | 1.0 |" in table
 
 
-def test_image_is_compressed_and_undistorted(batch_file: Path) -> None:
+def pictures(path: Path, camera: str) -> dict[int, np.ndarray]:
+    """The camera's decoded pictures by frame, blue first."""
     import cv2
 
-    (blob,) = values(batch_file, "/world/camera/cam_2/image", "EncodedImage:blob")
-    picture = cv2.imdecode(np.asarray(blob[0], dtype=np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
+    found = {}
+    for frame, (_, blob) in rows(path, f"/world/camera/{camera}/image/picture", "EncodedImage:blob").items():
+        file = np.asarray(blob[0], dtype=np.uint8)
+        assert file[:3].tolist() == [0xFF, 0xD8, 0xFF]  # how every JPEG file begins
+        found[frame] = cv2.imdecode(file, cv2.IMREAD_COLOR)
+    return found
+
+
+def static_value(path: Path, entity: str, component: str) -> Any:
+    from rerun.chunk import RrdReader
+
+    for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
+        batch = chunk.to_record_batch()
+        if component in batch.schema.names:
+            return batch[component].to_pylist()[0][0]
+    raise AssertionError(f"{entity} has no {component}")
+
+
+def image_with_dots(size_px: tuple[int, int], dots_px: np.ndarray) -> np.ndarray:
+    """White dots, 10 px wide, on black; the centre of a pixel is at whole numbers."""
+    x, y = np.meshgrid(np.arange(size_px[0]), np.arange(size_px[1]))
+    distance_px = np.hypot(x - dots_px[:, 0, None, None], y - dots_px[:, 1, None, None]).min(axis=0)
+    grey = 255 * np.clip(5.5 - distance_px, 0, 1)
+    return np.repeat(grey[..., None], 3, axis=-1).astype(np.uint8)
+
+
+def shown_at_px(picture: np.ndarray, shrink: float, offset_px: float, near_px: np.ndarray) -> np.ndarray:
+    """Where the viewer shows the middle of the dot near a point: before it is placed, pixel i covers i to i + 1."""
+    height, width = picture.shape[:2]
+    x, y = np.meshgrid((np.arange(width) + 0.5) * shrink + offset_px, (np.arange(height) + 0.5) * shrink + offset_px)
+    # JPEG leaves a little noise around a dot.
+    bright = np.where(picture[..., 1] > 40, picture[..., 1].astype(float), 0.0)
+    bright[np.hypot(x - near_px[0], y - near_px[1]) > 12] = 0.0
+    return np.array([(x * bright).sum(), (y * bright).sum()]) / bright.sum()
+
+
+@pytest.mark.parametrize("image_width_px", [None, 320, 200])
+@pytest.mark.parametrize(("lens", "distortion"), [("pinhole", (-0.4, 0.15, 2e-3, -1e-3)), ("fisheye", (0.0,) * 4)])
+def test_pictures_coincide_with_their_points(
+    tmp_path: Path, lens: Any, distortion: tuple[float, ...], image_width_px: int | None
+) -> None:
+    K = np.array([[500.0, 0, 310], [0, 490.0, 250], [0, 0, 1]])
+    seen = Camera.from_world_to_camera("cam", (640, 480), K, np.eye(3), np.zeros(3), distortion, lens)
+    dots_px = np.array([[130.0, 110], [320, 60], [310, 250], [80, 300], [500.5, 420.5]])
+    undistorted_px = seen.undistort(dots_px)
+    assert np.linalg.norm(undistorted_px - dots_px, axis=-1).max() > 15  # else the test could not fail
+    path = tmp_path / "dots.rrd"
+    with open_recording(
+        path, CameraRig((seen,)), SKELETON, image_width_px=image_width_px, jpeg_quality=95
+    ) as recording:
+        recording.log_image("cam", 0, 0.0, image_with_dots(seen.size_px, dots_px))
+    picture = pictures(path, "cam")[0]
+    assert picture.shape[1] <= (image_width_px or 640)
+    entity = "/world/camera/cam/image/picture"
+    shrink = static_value(path, entity, "Transform3D:scale")[0]
+    offset_px = static_value(path, entity, "Transform3D:translation")[0]
+    shown_px = np.stack([shown_at_px(picture, shrink, offset_px, near_px) for near_px in undistorted_px])
+    # The lens bends the dot, of 10 px, so that its middle moves a little; blocks of 4 px and JPEG add some. Half a
+    # pixel of offset, the usual mistake, would show in all dots alike.
+    np.testing.assert_allclose(shown_px, undistorted_px, atol=0.5)
+    np.testing.assert_allclose((shown_px - undistorted_px).mean(axis=0), 0.0, atol=0.15)
+
+
+def test_pictures_keep_their_colours_and_become_no_wider_than_wanted(batch_file: Path, tmp_path: Path) -> None:
+    (picture,) = pictures(batch_file, "cam_2").values()
     assert picture.shape == (480, 640, 3)
     # JPEG at quality 80 changes a flat grey by less than 3 of 255.
     assert abs(int(picture[240, 320, 0]) - 128) < 3
+    plain = Camera.from_world_to_camera("plain", (641, 479), np.diag([500.0, 500, 1]), np.eye(3), np.zeros(3))
+    red = np.full((479, 641, 3), (200, 40, 20), dtype=np.uint8)
+    with open_recording(tmp_path / "red.rrd", CameraRig((plain,)), SKELETON, image_width_px=320) as recording:
+        recording.log_image("plain", 3, 0.1, red)
+    picture = pictures(tmp_path / "red.rrd", "plain")[3]
+    assert picture.shape == (159, 213, 3)  # a third: two whole pixels of 320 hold 640 of the 641
+    np.testing.assert_allclose(picture.reshape(-1, 3), [[20, 40, 200]] * (159 * 213), atol=4)  # as the grey, and hue
+
+
+def test_points_are_drawn_above_the_pictures(batch_file: Path) -> None:
+    image = "/world/camera/cam_2/image"
+    behind = static_value(batch_file, f"{image}/picture", "EncodedImage:draw_order")
+    assert behind < static_value(batch_file, f"{image}/detections", "Points2D:draw_order")
+    assert behind < static_value(batch_file, f"{image}/reprojections/fused", "Points2D:draw_order")
+
+
+def test_layout_has_a_view_of_every_camera(batch_file: Path) -> None:
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(batch_file)
+    origins = set()
+    for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
+        batch = chunk.to_record_batch()
+        if "ViewBlueprint:class_identifier" in batch.schema.names:
+            kinds, at = batch["ViewBlueprint:class_identifier"], batch["ViewBlueprint:space_origin"]
+            origins |= {
+                where for (kind,), (where,) in zip(kinds.to_pylist(), at.to_pylist(), strict=True) if kind == "2D"
+            }
+    assert origins == {r"world/camera/cam\ 1/image", "world/camera/cam_2/image"}
+
+
+def noise() -> np.ndarray:
+    return np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)
+
+
+@pytest.fixture(scope="module")
+def noise_bytes(tmp_path_factory: pytest.TempPathFactory) -> int:
+    """Size of the noise's picture."""
+    path = tmp_path_factory.mktemp("noise") / "one.rrd"
+    with open_recording(path, CameraRig((camera("cam", 0.0),)), SKELETON) as recording:
+        recording.log_image("cam", 0, 0.0, noise())
+    ((_, blob),) = rows(path, "/world/camera/cam/image/picture", "EncodedImage:blob").values()
+    return len(blob[0])
+
+
+def test_too_many_pictures_are_thinned_out_evenly(tmp_path: Path, rig: CameraRig, noise_bytes: int) -> None:
+    path, n_frames = tmp_path / "thin.rrd", 20
+    limit_mb = 2 * 5.5 * noise_bytes / 1e6
+    wanted = []
+    with open_recording(path, rig, SKELETON, n_frames=n_frames, image_limit_mb=limit_mb) as recording:
+        for frame in range(n_frames):
+            for name in rig.names:
+                wanted.append((name, frame, recording.wants_image(name, frame)))
+                recording.log_image(name, frame, frame / 50, noise())
+    for name in rig.names:
+        shown = sorted(pictures(path, name.replace(" ", r"\ ")))
+        assert shown == [frame for of, frame, wants in wanted if of == name and wants]
+        assert len(shown) == 5
+        assert shown[0] == 0
+        assert set(np.diff(shown[1:])) <= {3, 4}
+
+
+def test_pictures_that_fit_are_all_shown(tmp_path: Path, rig: CameraRig, noise_bytes: int) -> None:
+    limit_mb = 2 * 6.01 * noise_bytes / 1e6
+    with open_recording(tmp_path / "all.rrd", rig, SKELETON, n_frames=6, image_limit_mb=limit_mb) as recording:
+        for frame in range(6):
+            recording.log_image("cam_2", frame, frame / 50, noise())
+    assert sorted(pictures(tmp_path / "all.rrd", "cam_2")) == list(range(6))
+
+
+def test_without_a_number_of_frames_pictures_end_at_the_limit(tmp_path: Path, rig: CameraRig, noise_bytes: int) -> None:
+    path = tmp_path / "end.rrd"
+    limit_mb = 2 * 3.5 * noise_bytes / 1e6
+    with open_recording(path, rig, SKELETON, image_limit_mb=limit_mb) as recording:
+        for frame in range(6):
+            recording.log_image("cam_2", frame, frame / 50, noise())
+        assert not recording.wants_image("cam_2", 6)
+        assert recording.wants_image("cam 1", 6)
+    assert sorted(pictures(path, "cam_2")) == [0, 1, 2]
+    # The last picture does not stay under the points of later frames.
+    assert list(rows(path, "/world/camera/cam_2/image/picture", "Clear:is_recursive")) == [3]
+
+
+def test_pictures_do_not_pile_up_in_memory(
+    tmp_path: Path, rig: CameraRig, noise_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fgpose.viewer.rerun_recording._UNFLUSHED_BYTES", 2.5 * noise_bytes)
+    with open_recording(tmp_path / "out.rrd", rig, SKELETON) as recording:
+        for frame in range(12):
+            recording.log_image("cam_2", frame, frame / 50, noise())
+            if frame % 3 == 2:  # 3 pictures are more than 2.5: all of them are in the file
+                (file,) = tmp_path.glob(".out.*.rrd")
+                assert file.stat().st_size > (frame + 1) * noise_bytes
+
+
+def test_late_viewers_are_served_results_and_pictures(rig: CameraRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    import rerun as rr
+
+    limits = []
+
+    class Server:
+        def __new__(cls, *where: Any, server_memory_limit: str) -> Any:
+            limits.append(server_memory_limit)
+            return server(*where, server_memory_limit=server_memory_limit)
+
+    server = rr.GrpcServerSink
+    monkeypatch.setattr(rr, "GrpcServerSink", Server)
+    for image_limit_mb in (500.0, None):
+        open_recording(None, rig, SKELETON, live=True, port=0, image_limit_mb=image_limit_mb).close()
+    # The oldest data is dropped first, results too: the server must have room for all pictures beside them.
+    assert limits == ["756MB", "256MB"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
+def test_full_disk_is_an_error_and_not_a_hang(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    code = """
+import resource, sys
+import numpy as np
+from fgpose import load_recording
+from fgpose.viewer import open_recording
+
+rig, observations = load_recording("balance_openpose")
+width, height = rig.cameras[0].size_px
+image = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
+resource.setrlimit(resource.RLIMIT_FSIZE, (2_000_000, 2_000_000))
+try:
+    with open_recording(sys.argv[1], rig, observations.skeleton) as recording:
+        for frame in range(60):
+            recording.log_image(rig.names[0], frame, frame / 60, image)
+except OSError as error:
+    sys.exit(str(error))
+"""
+    path = tmp_path / "out.rrd"
+    run = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert run.returncode == 1
+    assert f"cannot write {path}" in run.stderr
+    assert "is the disk full?" in run.stderr
+    assert [file for file in tmp_path.iterdir() if file.is_file()] == []
 
 
 def test_live_file_is_complete_although_nobody_watches(
@@ -390,7 +596,13 @@ def test_bad_input_is_refused(
     other = load_skeleton("h36m_17")
     with pytest.raises(ValueError, match="none of them camera or views"):
         open_recording(tmp_path / "a.rrd", rig, SKELETON, ("views",))
+    options: dict[str, Any] = {"image_width_px": 0, "jpeg_quality": 101, "image_limit_mb": -1.0, "n_frames": 0}
+    for name, value in options.items():
+        with pytest.raises(ValueError, match=f"{name} must be .* got {value}"):
+            open_recording(None, rig, SKELETON, **{name: value})
     with open_recording(tmp_path / "b.rrd", rig, SKELETON) as recording:
+        with pytest.raises(ValueError, match="the calibration has no camera cam_9"):
+            recording.wants_image("cam_9", 0)
         with pytest.raises(ValueError, match="fused, refined, smoothed, not for 'online'"):
             recording.log_trajectory("online", trajectory)
         with pytest.raises(ValueError, match="the calibration has no camera cam_9"):
@@ -420,6 +632,7 @@ def test_recording_to_nowhere_takes_everything(
         recording.log_trajectory("anything", trajectory)
         recording.log_residuals(time_s(), residuals())
         recording.log_update_times(time_s(), np.ones(N_FRAMES))
+        assert not recording.wants_image("cam_2", 0)
         recording.log_image("cam_2", 0, 0.0, np.zeros((480, 640, 3), dtype=np.uint8))
         recording.log_estimate(estimate_of(trajectory, 0))
 
@@ -427,7 +640,7 @@ def test_recording_to_nowhere_takes_everything(
 def test_every_recording_takes_the_same_calls() -> None:
     from fgpose.viewer.rerun_recording import RerunRecording
 
-    calls = {name for name in vars(Recording) if name.startswith("log_")} | {"close", "discard"}
+    calls = {name for name in vars(Recording) if name.startswith("log_")} | {"close", "discard", "wants_image"}
     assert calls <= set(vars(RerunRecording))
     assert {name for name in vars(RerunRecording) if not name.startswith("_")} <= calls | {"viewer_url"}
 
