@@ -1,0 +1,72 @@
+"""The one interface of all networks: an image goes in, people come out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from fgpose.camera import Camera
+from fgpose.skeleton import Skeleton
+
+Image = UInt8[np.ndarray, "height width 3"]
+"""RGB, as the camera took it (distorted)."""
+
+
+@dataclass(frozen=True, eq=False)
+class People:
+    """The people that a network found in one image. What it does not know of a joint is NaN, its confidence then 0."""
+
+    boxes: Float[np.ndarray, "person 5"]
+    """Left, top, width, height in pixels of the original image, and confidence in [0, 1]."""
+    points2d_px: Float[np.ndarray, "person joint 2"]
+    """Pixels of the original, distorted image."""
+    confidence: Float[np.ndarray, "person joint"]
+    """In [0, 1]."""
+    points3d_m: Float[np.ndarray, "person joint 3"]
+    """Absolute position in the camera frame, metres; all NaN for a network that gives 2D only."""
+    covariance_m2: Float[np.ndarray, "person joint 3 3"]
+    """Of points3d_m, in the camera frame; NaN where that is NaN."""
+
+    @property
+    def n_people(self) -> int:
+        return len(self.boxes)
+
+    @staticmethod
+    def nobody(n_joints: int) -> People:
+        """An image without people."""
+        return People(
+            np.zeros((0, 5)),
+            np.zeros((0, n_joints, 2)),
+            np.zeros((0, n_joints)),
+            np.zeros((0, n_joints, 3)),
+            np.zeros((0, n_joints, 3, 3)),
+        )
+
+
+@runtime_checkable
+class Tracker(Protocol):
+    """Sees the images of one camera in the order of time, and may use what it saw before."""
+
+    def detect(self, image: Image) -> People:
+        """The people in the next image, the most confident first.
+
+        Raises:
+            ValueError: the image is not (height, width, 3) uint8.
+        """
+        ...
+
+
+@runtime_checkable
+class Network(Protocol):
+    """A pose network. Its sessions may be used from several threads at once; what is remembered is in its trackers."""
+
+    name: str
+    """What tells its results from those of another: model, file and settings. Part of the key of cached detections."""
+    skeleton: Skeleton
+
+    def tracker(self, camera: Camera) -> Tracker:
+        """For the images of one camera, whose size and intrinsics are those of the images."""
+        ...
