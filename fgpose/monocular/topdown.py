@@ -1,0 +1,185 @@
+"""What all top-down networks share: a detector finds people, and a network sees each of them in a crop of its own."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.camera import Camera
+from fgpose.monocular.network import Image, People
+from fgpose.monocular.sessions import Shape
+
+Box = Float[np.ndarray, " 5"]
+Boxes = Float[np.ndarray, "person 5"]
+"""Left, top, width, height in pixels of the image, and confidence in [0, 1]."""
+
+# While following: a joint counts from here on (mmpose draws from 0.3), and half of the joints make a person.
+_MIN_CONFIDENCE = 0.3
+_MIN_SHARE = 0.5
+# The joints end short of the crown, the hands and the feet; trained on boxes of whole people, a network sees them so.
+_JOINTS_TO_PERSON = 1.25
+# People who come in are found, and a box that has lost an arm is put right, after this many images at the latest.
+_DETECT_EVERY = 10
+_SAME_PERSON_OVERLAP = 0.65
+_MIN_SIDE_PX = 1.0
+
+
+@runtime_checkable
+class PersonDetector(Protocol):
+    """Finds people in an image. May be used from several threads at once."""
+
+    name: str
+    """What tells its results from those of another: model, file and settings."""
+
+    def boxes(self, image: Image) -> Boxes:
+        """The people in an image, the most confident first."""
+        ...
+
+
+@dataclass(frozen=True)
+class TopDown:
+    """Where the boxes of a top-down network come from.
+
+    Raises:
+        ValueError: max_people is below 1.
+    """
+
+    detector: PersonDetector
+    max_people: int
+    """How many people are looked at in an image, the most confident first."""
+    detect_every_frame: bool
+    """False: boxes follow the joints, see TopDownTracker."""
+
+    def __post_init__(self) -> None:
+        if self.max_people < 1:
+            raise ValueError(f"max_people must be at least 1, got {self.max_people}")
+
+    @property
+    def name(self) -> str:
+        """Of the detector and the settings, for a network's name."""
+        return f"{self.max_people} {'detected' if self.detect_every_frame else 'followed'} by {self.detector.name}"
+
+
+class TopDownTracker:
+    """The people in the images of one camera, each seen in the crop around a box.
+
+    The boxes come from the detector. Without detect_every_frame they come from it only in every tenth image, and in the
+    one after somebody was lost; in between from the joints in the image before. That is what mmpose and its kin do, and
+    sound as long as most joints are seen: a person who moves by less than an eighth of their size between two images
+    stays in the crop. But somebody who comes in is seen up to ten images late, and of a person half hidden the box may
+    shrink to the half that was seen, until the next detection.
+    """
+
+    def __init__(
+        self, top_down: TopDown, poses: Callable[[Image, Boxes], People], camera: Camera, n_joints: int
+    ) -> None:
+        """poses: the people in an image, one for each box and in their order."""
+        self._camera = camera
+        self._detector, self._max_people = top_down.detector, top_down.max_people
+        self._detect_every = 1 if top_down.detect_every_frame else _DETECT_EVERY
+        self._poses, self._n_joints = poses, n_joints
+        self._followed: Boxes | None = None
+        self._since_detection = 0
+
+    def detect(self, image: np.ndarray) -> People:
+        """The people in the next image, the most confident first.
+
+        Raises:
+            ValueError: the image is not (height, width, 3) uint8 of the camera's size; the message names the camera.
+        """
+        width, height = self._camera.size_px
+        if image.shape != (height, width, 3) or image.dtype != np.uint8:
+            raise ValueError(
+                f"camera {self._camera.name}: an image must be (height, width, 3) = ({height}, {width}, 3) uint8,"
+                f" got {image.shape} {image.dtype}"
+            )
+        boxes = self._next_boxes(image)
+        people = self._poses(image, boxes) if len(boxes) else People.nobody(self._n_joints)
+        self._followed = follow(people, self._camera.size_px)
+        return people
+
+    def _next_boxes(self, image: Image) -> Boxes:
+        self._since_detection += 1
+        if self._followed is not None and self._since_detection < self._detect_every:
+            return self._followed
+        self._since_detection = 0
+        boxes = usable(self._detector.boxes(image))
+        return boxes[_in_image(boxes, self._camera.size_px)][: self._max_people]
+
+
+def usable(boxes: Boxes) -> Float[np.ndarray, "usable 5"]:
+    """Boxes that have an area, the most confident first."""
+    boxes = boxes[np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= _MIN_SIDE_PX).all(axis=1)]
+    return boxes[np.argsort(-boxes[:, 4], kind="stable")]
+
+
+def _in_image(boxes: Boxes, size_px: tuple[int, int]) -> Bool[np.ndarray, " person"]:
+    inside_px = np.minimum(boxes[:, :2] + boxes[:, 2:4], size_px) - np.maximum(boxes[:, :2], 0)
+    return np.all(inside_px >= _MIN_SIDE_PX, axis=1)
+
+
+def follow(people: People, size_px: tuple[int, int]) -> Boxes | None:
+    """Boxes for the next image from the joints in this one, or None when a detector has to look."""
+    boxes = [_box_of_joints(*person, size_px) for person in zip(people.points2d_px, people.confidence, strict=True)]
+    found = [np.array([*box, score]) for box, score in zip(boxes, people.boxes[:, 4], strict=True) if box is not None]
+    if not found or len(found) < len(boxes):
+        return None
+    stacked = np.stack(found)
+    # Two boxes that have come to one person are seen twice from then on.
+    return stacked[suppress(stacked, _SAME_PERSON_OVERLAP)]
+
+
+def _box_of_joints(
+    points2d_px: Float[np.ndarray, "joint 2"], confidence: Float[np.ndarray, " joint"], size_px: tuple[int, int]
+) -> Float[np.ndarray, 4] | None:
+    trusted = confidence >= _MIN_CONFIDENCE
+    if trusted.mean() < _MIN_SHARE:
+        return None
+    low, high = points2d_px[trusted].min(axis=0), points2d_px[trusted].max(axis=0)
+    center, half = (low + high) / 2, (high - low) / 2 * _JOINTS_TO_PERSON
+    low, high = np.clip(center - half, 0, size_px), np.clip(center + half, 0, size_px)
+    return np.concatenate([low, high - low]) if np.all(high - low >= _MIN_SIDE_PX) else None
+
+
+def suppress(boxes: Boxes, max_overlap: float) -> Bool[np.ndarray, " person"]:
+    """Non-maximum suppression: which boxes stay, the most confident first to choose.
+
+    Args:
+        boxes: in the order of their confidence.
+        max_overlap: intersection over union from which the less confident of two boxes goes.
+    """
+    low, size = boxes[:, :2], boxes[:, 2:4]
+    corner = np.minimum(low[:, None] + size[:, None], low + size) - np.maximum(low[:, None], low)
+    shared = np.prod(np.clip(corner, 0, None), axis=-1)
+    area = np.prod(size, axis=-1)
+    overlap = shared / np.maximum(area[:, None] + area - shared, np.finfo(float).tiny)
+    stays = np.ones(len(boxes), dtype=bool)
+    for box in range(len(boxes)):
+        stays[box] = not (overlap[box, :box] > max_overlap)[stays[:box]].any()
+    return stays
+
+
+def by_order(nodes: Sequence[Any], expected: Mapping[str, Shape]) -> Mapping[str, Shape]:
+    """The expected shapes under the names that a file gives its inputs or outputs: those are up to the exporter.
+
+    Where their number differs the expected names stay, and tell the reader of the error what is what.
+
+    Args:
+        nodes: onnxruntime's, in the order of the file.
+        expected: shapes in that order, by their usual names.
+    """
+    if len(nodes) != len(expected):
+        return expected
+    return {node.name: shape for node, shape in zip(nodes, expected.values(), strict=True)}
+
+
+def identity(path: Path) -> str:
+    """Name and content of a file in a few characters, for a network's name."""
+    with path.open("rb") as file:
+        return f"{path.name}:{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}"
