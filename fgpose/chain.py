@@ -10,11 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from fgpose import graph
 from fgpose.block_tridiagonal import BlockTridiagonal, Coupling
-from fgpose.camera import CameraRig
 from fgpose.chain_terms import (
     ChainState,
     Fading,
@@ -27,10 +26,8 @@ from fgpose.chain_terms import (
     SharedLengths,
     Term,
 )
-from fgpose.config import Config
-from fgpose.evidence import Evidence, ray_directions
-from fgpose.skeleton import Skeleton
-from fgpose.tracks import kept_joints
+from fgpose.evidence import ray_directions
+from fgpose.stretch import Stretch
 from fgpose_factors import depth_covariance_m2
 
 # The steps that an information matrix leads to are right only near the state that it belongs to, but the gradient is
@@ -38,70 +35,27 @@ from fgpose_factors import depth_covariance_m2
 _NEAR_M = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class _Stretch:
-    """What the terms are made from. Joints that never take part are left out: they are numbered by their slots."""
-
-    skeleton: Skeleton
-    config: Config
-    evidence: Evidence
-    active: Bool[np.ndarray, "frame joint"]
-    """Of all joints of the skeleton, like the evidence."""
-    lengths_m: Float[np.ndarray, " length"]
-    """NaN where a bone has no length."""
-    length_sigma_m: float
-
-    @property
-    def joints(self) -> Int[np.ndarray, " slot"]:
-        return np.flatnonzero(self.active.any(axis=0))
-
-    @property
-    def slot_of(self) -> Int[np.ndarray, " joint"]:
-        slots = np.full(self.skeleton.n_joints, -1)
-        slots[self.joints] = np.arange(len(self.joints))
-        return slots
-
-    @property
-    def n_kinds(self) -> int:
-        return 2 if self.config.motion.model == "constant_velocity" else 1
-
-    def kept(self) -> Bool[np.ndarray, "frame slot"]:
-        """Whether a motion factor leads to this joint from the frame before."""
-        return kept_joints(self.active, self.config.motion)[:, self.joints]
-
-    def present(self, *joints: int) -> Bool[np.ndarray, " frame"]:
-        return np.all(self.active[:, list(joints)], axis=1)
-
-
 class Chain:
-    """The optimisation problem of a stretch of frames (an optimizer.Problem), linear in time and fast.
+    """The optimisation problem of a stretch of frames (an optimizer.Problem).
 
-    Args: see fgpose.window.Window.
+    Joints that never take part are left out; the others are numbered by their slots. What takes no part in one of the
+    frames is held at zero there.
     """
 
-    def __init__(
-        self,
-        rig: CameraRig,
-        skeleton: Skeleton,
-        config: Config,
-        evidence: Evidence,
-        active: Bool[np.ndarray, "frame joint"],
-        lengths_m: Float[np.ndarray, " length"],
-        length_sigma_m: float,
-    ) -> None:
-        self._stretch = stretch = _Stretch(skeleton, config, evidence, active, lengths_m, length_sigma_m)
+    def __init__(self, stretch: Stretch) -> None:
+        self._stretch = stretch
         motion = _motion(stretch)
         self._terms: list[Term] = [
             motion,
-            *_projections(stretch, rig),
+            *_projections(stretch),
             *_fading(stretch),
             *_anchors(stretch),
-            *_depths(stretch, rig),
+            *_depths(stretch),
             *_symmetry(stretch),
             _priors(stretch),
         ]
         self._coupling = Coupling(motion.coupling, np.repeat(motion.kept, 3, axis=1))
-        n_frames, n_kinds, n_slots = len(active), stretch.n_kinds, len(stretch.joints)
+        n_frames, n_kinds, n_slots = len(stretch.active), 1 + stretch.with_velocity, len(stretch.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
         self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
         self._factorized: BlockTridiagonal | None = None
@@ -172,7 +126,7 @@ class Chain:
     def lengths_m(self, state: ChainState) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none takes part."""
         stretch = self._stretch
-        used = [length for *_, length in _bones_with_length(stretch)]
+        used = [length for *_, length in stretch.bones_with_length()]
         lengths_m = np.full(state.lengths_m.shape, np.nan)
         lengths_m[used] = state.lengths_m[used]
         return lengths_m
@@ -223,10 +177,10 @@ class _Linearized:
         return ChainState(-joints.reshape(gradient.joints.shape), -lengths_m)
 
 
-def _projections(stretch: _Stretch, rig: CameraRig) -> Iterator[Projections]:
+def _projections(stretch: Stretch) -> Iterator[Projections]:
     evidence, config = stretch.evidence, stretch.config.projection
     joints = stretch.joints
-    for number, camera in enumerate(rig.cameras):
+    for number, camera in enumerate(stretch.rig.cameras):
         measured_px = evidence.undistorted_px[:, number, joints]
         used = np.isfinite(measured_px).all(axis=-1) & stretch.active[:, joints]
         sigma_px = graph.projection_sigma_px(evidence.weights[:, number, joints], config)
@@ -234,8 +188,8 @@ def _projections(stretch: _Stretch, rig: CameraRig) -> Iterator[Projections]:
         yield Projections(camera, np.nan_to_num(measured_px), precision, config.kernel, config.kernel_scale)
 
 
-def _motion(stretch: _Stretch) -> Motion:
-    config, kept = stretch.config.motion, stretch.kept()[1:]
+def _motion(stretch: Stretch) -> Motion:
+    config, kept = stretch.config.motion, stretch.kept[1:, stretch.joints]
     step_s = np.maximum(np.diff(stretch.evidence.time_s), graph.shortest_step_s(config))
     one, zero = np.ones_like(step_s), np.zeros_like(step_s)
     if config.model != "constant_velocity":
@@ -246,7 +200,13 @@ def _motion(stretch: _Stretch) -> Motion:
     return Motion(kept, transition.transpose(2, 0, 1), precision.transpose(2, 0, 1))
 
 
-def _fading(stretch: _Stretch) -> Iterator[Fading]:
+def _slots(stretch: Stretch) -> Int[np.ndarray, " joint"]:
+    slots = np.full(stretch.skeleton.n_joints, -1)
+    slots[stretch.joints] = np.arange(len(stretch.joints))
+    return slots
+
+
+def _fading(stretch: Stretch) -> Iterator[Fading]:
     config, active = stretch.config.motion, stretch.active
     unseen = active & ~stretch.evidence.seen
     unseen[:1] = False
@@ -256,13 +216,13 @@ def _fading(stretch: _Stretch) -> Iterator[Fading]:
     holders = [
         graph.holder(stretch.skeleton, j, active[f], stretch.evidence.seen[f]) for f, j in np.argwhere(unseen).tolist()
     ]
-    reference = np.array([-1 if holder is None else stretch.slot_of[holder] for holder in holders])
+    reference = np.array([-1 if holder is None else _slots(stretch)[holder] for holder in holders])
     step_s = np.diff(stretch.evidence.time_s)[frame - 1]
     precision = step_s / (config.fade_s**2 * config.acceleration_density)
-    yield Fading(frame, stretch.slot_of[joint], reference, precision)
+    yield Fading(frame, _slots(stretch)[joint], reference, precision)
 
 
-def _anchors(stretch: _Stretch) -> Iterator[PointPriors]:
+def _anchors(stretch: Stretch) -> Iterator[PointPriors]:
     evidence, joints = stretch.evidence, stretch.joints
     anchored = (stretch.active & evidence.anchored)[:, joints]
     if anchored.any():
@@ -271,10 +231,10 @@ def _anchors(stretch: _Stretch) -> Iterator[PointPriors]:
         yield PointPriors(positions_m, information, graph.ANCHOR_KERNEL, graph.ANCHOR_KERNEL_SCALE)
 
 
-def _depths(stretch: _Stretch, rig: CameraRig) -> Iterator[PointPriors]:
+def _depths(stretch: Stretch) -> Iterator[PointPriors]:
     evidence, joints, config = stretch.evidence, stretch.joints, stretch.config.depth
     spread = graph.depth_spread(np.diff(evidence.time_s, prepend=-np.inf), config)
-    directions = ray_directions(evidence.views_m, rig)
+    directions = ray_directions(evidence.views_m, stretch.rig)
     for view in range(evidence.views_m.shape[1]):
         sigma_m = spread[:, None] * evidence.depth_sigma_m[:, view, joints]
         used = np.isfinite(sigma_m) & stretch.active[:, joints]
@@ -286,10 +246,10 @@ def _depths(stretch: _Stretch, rig: CameraRig) -> Iterator[PointPriors]:
             yield PointPriors(positions_m, information, config.kernel, config.kernel_scale)
 
 
-def _symmetry(stretch: _Stretch) -> Iterator[SharedLengths | FrameSymmetry]:
-    config, slot_of = stretch.config.symmetry, stretch.slot_of
+def _symmetry(stretch: Stretch) -> Iterator[SharedLengths | FrameSymmetry]:
+    config, slot_of = stretch.config.symmetry, _slots(stretch)
     if config.form == "shared_length":
-        bones = list(_bones_with_length(stretch))
+        bones = list(stretch.bones_with_length())
         if bones:
             start, end, length = np.array(bones).T
             present = np.stack([stretch.present(a, b) for a, b, _ in bones], axis=1)
@@ -302,19 +262,11 @@ def _symmetry(stretch: _Stretch) -> Iterator[SharedLengths | FrameSymmetry]:
             yield FrameSymmetry(slot_of[np.array(pairs)[used]].T, present[:, used], config.sigma_m)
 
 
-def _bones_with_length(stretch: _Stretch) -> Iterator[tuple[int, int, int]]:
-    """Start, end and length of every bone that is somewhere complete and has a first guess of its length."""
-    if stretch.config.symmetry.form == "shared_length":
-        for (start, end), length in zip(stretch.skeleton.bones, stretch.skeleton.length_of_bone, strict=True):
-            if np.isfinite(stretch.lengths_m[length]) and stretch.present(start, end).any():
-                yield start, end, length
-
-
-def _priors(stretch: _Stretch) -> Priors:
+def _priors(stretch: Stretch) -> Priors:
     """Those of the graph; besides, what takes no part is held at zero, so that every unknown is determined."""
     config, active = stretch.config.prior, stretch.active[:, stretch.joints]
-    entering = active & ~stretch.kept()
-    sigmas = (config.position_sigma_m, config.velocity_sigma_mps)[: stretch.n_kinds]
+    entering = active & ~stretch.kept[:, stretch.joints]
+    sigmas = (config.position_sigma_m, config.velocity_sigma_mps)[: 1 + stretch.with_velocity]
     precision = np.stack([entering / sigma**2 + ~active for sigma in sigmas], axis=1)
     joints = np.zeros((*precision.shape, 3))
     joints[:, 0][entering] = stretch.evidence.guess_m[:, stretch.joints][entering]

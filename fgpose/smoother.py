@@ -17,6 +17,7 @@ from fgpose.evidence import Evidence, gather
 from fgpose.observations import Observations
 from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
 from fgpose.skeleton import Skeleton
+from fgpose.stretch import Stretch
 from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
 from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
 from fgpose.uncertainty import with_swing
@@ -109,14 +110,14 @@ def _solve_window(
         nobody_m = np.full((*active.shape, 3), np.nan)
         no_lengths_m = np.full(skeleton.n_lengths, np.nan)
         return _Solved(nobody_m, np.full((*active.shape, 3, 3), np.nan), no_lengths_m, Convergence(True, 0, 0.0, 0.0))
-    arguments = (rig, skeleton, config, evidence, active, lengths.lengths_m, lengths.sigma_m)
-    chain = Chain(*arguments)
+    stretch = Stretch(rig, skeleton, config, evidence, active, lengths.lengths_m, lengths.sigma_m)
+    chain = Chain(stretch)
     # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
         if config.solver.backend == "chain":
             solved = _optimize(chain, config.solver.max_iterations)
         else:
-            solved = _optimize(Window(*arguments), config.solver.max_iterations)
+            solved = _optimize(Window(stretch), config.solver.max_iterations)
         if not covariance:
             return solved
         return replace(solved, covariance_m2=chain.covariance_m2(solved.positions_m))

@@ -16,6 +16,7 @@ from fgpose.config import Config, DepthConfig, MotionConfig, ProjectionConfig, S
 from fgpose.evidence import Evidence, gather
 from fgpose.keys import position_key
 from fgpose.skeleton import Skeleton
+from fgpose.stretch import Stretch
 from fgpose.synthetic import Scene
 from fgpose.tracks import fill_gaps, median_lengths
 from fgpose.window import Window
@@ -86,8 +87,8 @@ def both(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> tuple[
     evidence = dataclasses.replace(evidence, **changes)
     lengths_m = median_lengths(skeleton, evidence.guess_m)
     lengths_m[2] = np.nan
-    arguments = (rig, skeleton, config, evidence, active, lengths_m, 0.3)
-    return Chain(*arguments), Window(*arguments)
+    stretch = Stretch(rig, skeleton, config, evidence, active, lengths_m, 0.3)
+    return Chain(stretch), Window(stretch)
 
 
 def check_two_steps(chain: Chain, window: Window, damping: float = 0.0) -> None:
@@ -136,8 +137,8 @@ def test_a_bone_of_length_zero(walking_scene, rig, skeleton, form):
 def test_one_frame(walking_scene, rig, skeleton):
     evidence = gather(walking_scene.observations.frames(slice(0, 1)), rig, Config())
     lengths_m = median_lengths(skeleton, evidence.guess_m)
-    arguments = (rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, 0.3)
-    check_two_steps(Chain(*arguments), Window(*arguments))
+    stretch = Stretch(rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, 0.3)
+    check_two_steps(Chain(stretch), Window(stretch))
 
 
 def marginals_of_graph(window: Window, values: gtsam.Values, skeleton: Skeleton, config: Config) -> gtsam.Marginals:
@@ -157,8 +158,9 @@ def test_covariance_equals_gtsams_marginals(walking_scene, rig, skeleton, name):
     chain, window = both(walking_scene, rig, config)
     covariance_m2 = chain.covariance_m2(chain.positions_m(chain.initial()))
     marginals = marginals_of_graph(window, window.initial(), skeleton, config)
-    for frame, joint in np.ndindex(window.active.shape):
-        if window.active[frame, joint]:
+    active = comes_and_goes(skeleton)
+    for frame, joint in np.ndindex(active.shape):
+        if active[frame, joint]:
             expected_m2 = marginals.marginalCovariance(position_key(joint, frame))
             # relative to the largest entry: both lose about six digits to the condition of the information matrix
             atol = 1e-9 * np.abs(expected_m2).max()
@@ -186,7 +188,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         views_m=np.zeros((1, 0, 17, 3)),
         depth_sigma_m=np.zeros((1, 0, 17)),
     )
-    chain = Chain(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3)
+    chain = Chain(Stretch(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3))
     information = np.eye(3) / config.prior.position_sigma_m**2
     for camera in pair.cameras:
         R, depth_m = camera.camera_T_world[:3, :3], camera.to_camera_frame(centre_m[0, 0])[2]
