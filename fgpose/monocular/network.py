@@ -63,9 +63,15 @@ class Tracker(Protocol):
 class Network(Protocol):
     """A pose network. Its sessions may be used from several threads at once; what is remembered is in its trackers."""
 
-    name: str
-    """What tells its results from those of another: model, file and settings. Part of the key of cached detections."""
-    skeleton: Skeleton
+    @property
+    def name(self) -> str:
+        """What tells its results from those of another: model, file and settings. Part of the key of the cache."""
+        ...
+
+    @property
+    def skeleton(self) -> Skeleton:
+        """What its joints are."""
+        ...
 
     def tracker(self, camera: Camera) -> Tracker:
         """For the images of one camera, whose size and intrinsics are those of the images."""
