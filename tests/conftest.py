@@ -45,3 +45,21 @@ def mocap_scene(rig: CameraRig, skeleton: Skeleton) -> Scene:
     """Three seconds of a real walk (motion capture) at 50 frames a second; three of the four views are occluded."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     return simulate(truth_m[:150], skeleton, rig, fps, DetectionNoise(), Occlusion(), seed=0)
+
+
+@pytest.fixture(scope="session")
+def demo_videos() -> Path:
+    """Folder of the demonstration videos, with the weights of BlazePose beside them in the user's cache.
+
+    Skips the test where the registries do not answer and the cache is empty.
+    """
+    from fgpose.monocular.demo_videos import fetch_demo_videos
+    from fgpose.monocular.models import MODELS
+    from fgpose.monocular.packages import FetchError
+
+    try:
+        for model in MODELS:
+            model.pull()
+        return fetch_demo_videos()
+    except FetchError as error:
+        pytest.skip(str(error))

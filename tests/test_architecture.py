@@ -36,11 +36,12 @@ SOLVERS = {
     "fixed_lag",
 }
 FILES = {"fgpose.io", "fgpose.config"}
+STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
 ALLOWED = {
     "gtsam": {"fgpose_factors", *(f"fgpose.{name}" for name in ("camera", "keys", "graph", *SOLVERS))},
     "rerun": {"fgpose.viewer"},
-    **dict.fromkeys(("onnxruntime", "onnx", "tflite"), {"fgpose.monocular"}),
+    **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
     "tyro": {"fgpose.cli"},
     **dict.fromkeys(("json", "tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "csv"), FILES),
 }

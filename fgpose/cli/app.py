@@ -16,6 +16,9 @@ from typing import Annotated, Any, TextIO, Union
 
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
 from fgpose.cli.demo import Demo
+from fgpose.cli.detect import Detect
+from fgpose.cli.models import Models
+from fgpose.cli.run import Run
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 
@@ -33,15 +36,18 @@ INTERRUPTED = 130
 _BROKEN_PIPE = 141
 _COMMANDS = {
     "demo": Demo,
+    "run": Run,
+    "detect": Detect,
     "smooth": Smooth,
     "track": Track,
     "refine": Refine,
     "info": Info,
     "evaluate": Evaluate,
     "view": View,
+    "models": Models,
 }
-Command = Demo | Smooth | Track | Refine | Info | Evaluate | View
-_ESTIMATORS = ("smooth", "track", "refine")
+Command = Demo | Run | Detect | Smooth | Track | Refine | Info | Evaluate | View | Models
+_ESTIMATORS = ("run", "smooth", "track", "refine")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -2,32 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.options import OutputOptions, RecordingOptions, new_console, progress_bar
-from fgpose.config import Config
+from fgpose.cli.options import OutputOptions, ParameterOptions, RecordingOptions, new_console, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.config import Config
     from fgpose.pipeline import Outputs, Result, Source
 
 
 @dataclass(frozen=True, kw_only=True)
-class EstimatorOptions(OutputOptions, RecordingOptions):
+class EstimatorOptions(ParameterOptions, RecordingOptions):
     """What smooth, track and refine have in common."""
-
-    config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
-    """TOML file of parameters, as those in configs/. Options given here override what it says."""
-    parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
-    """All parameters, with their units."""
-    refine_calibration: bool = False
-    """First move the cameras a little, so that they agree on the person (--calibration.*). Writes the calibration
-    that results as NAME_calibration.toml."""
 
     def load(self) -> Source:
         source = super().load()

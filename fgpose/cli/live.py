@@ -12,7 +12,9 @@ from fgpose.viewer import Recording, open_recording
 
 
 @contextmanager
-def live_recording(source: Source, trajectories: tuple[str, ...], outputs: Outputs, port: int) -> Iterator[Recording]:
+def live_recording(
+    source: Source, trajectories: tuple[str, ...], outputs: Outputs, port: int, image_width_px: int | None = None
+) -> Iterator[Recording]:
     """A recording that viewers can connect to, and the .rrd file if it is among the formats. Says how to connect.
 
     Raises:
@@ -21,8 +23,17 @@ def live_recording(source: Source, trajectories: tuple[str, ...], outputs: Outpu
     """
     path = outputs.path("rrd") if "rrd" in outputs.formats else None
     up = up_axis(outputs.world_up)
+    skeleton, n_frames = source.observations.skeleton, source.observations.n_frames
     with open_recording(
-        path, source.rig, source.observations.skeleton, trajectories, live=True, port=port, up=up
+        path,
+        source.rig,
+        skeleton,
+        trajectories,
+        live=True,
+        port=port,
+        up=up,
+        image_width_px=image_width_px,
+        n_frames=n_frames,
     ) as recording:
         new_console(stderr=True).print(
             f"Viewers of this computer connect with: rerun {recording.viewer_url}\n"

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
+
+from fgpose.config import Config
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -70,9 +72,9 @@ class RecordingOptions:
 class OutputOptions:
     """Where results go."""
 
-    output: Annotated[Path, arg(metavar="FOLDER")] = Path("out")
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out")
     """Folder for the results; it is made if it is absent."""
-    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the keypoints)")] = None
+    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the input)")] = None
     """Name of the result files, without extension."""
     formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
     """What to write: parquet and npz keep everything, trc (OpenSim) and c3d keep positions, rrd is for the viewer."""
@@ -83,12 +85,25 @@ class OutputOptions:
     port: Annotated[int, arg(metavar="PORT")] = 9876
     """Where viewers connect with --live; 0 takes any free one."""
 
-    def outputs(self, keypoints: Path) -> Outputs:
+    def outputs(self, source: Path) -> Outputs:
         from fgpose.pipeline import Outputs
 
         # dict: each format once.
         formats = tuple(dict.fromkeys(self.formats))
-        return Outputs(self.output, self.name or keypoints.resolve().stem, formats, self.world_up)
+        return Outputs(self.output, self.name or source.resolve().stem, formats, self.world_up)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterOptions(OutputOptions):
+    """How the motion is estimated."""
+
+    config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """TOML file of parameters, as those in configs/. Options given here override what it says."""
+    parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
+    """All parameters, with their units."""
+    refine_calibration: bool = False
+    """First move the cameras a little, so that they agree on the person (--calibration.*). Writes the calibration
+    that results as NAME_calibration.toml."""
 
 
 def first_frames(source: Source, frames: int | None) -> Source:
@@ -110,7 +125,7 @@ def new_console(*, stderr: bool = False) -> Console:
 
 
 @contextmanager
-def progress_bar(task: str) -> Iterator[Progress]:
+def progress_bar(task: str, unit: str = "frames") -> Iterator[Progress]:
     """A progress bar on stderr, so that what is printed can be piped."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -118,7 +133,7 @@ def progress_bar(task: str) -> Iterator[Progress]:
         TextColumn("{task.description:<18}"),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("frames"),
+        TextColumn(unit),
         TimeRemainingColumn(elapsed_when_finished=True),
     )
     with Progress(*columns, console=new_console(stderr=True)) as bar:

@@ -1,0 +1,212 @@
+"""Stage 1 on the command line: from videos to the joints that each camera saw."""
+
+from __future__ import annotations
+
+import os
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from tyro.conf import FlagCreatePairsOff, Positional, arg
+
+from fgpose.cli.options import new_console, progress_bar
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.monocular.detected import Detected, PersonRegion
+    from fgpose.monocular.flips import Mended
+    from fgpose.monocular.network import Network
+    from fgpose.monocular.sources import Sources
+
+# As help and not as docstrings: tyro keeps the line breaks of the latter.
+_VIDEOS = (
+    "Folder with one video per camera (cam01.mp4), or one folder per camera with its images. They begin at the same "
+    "time. Names are those of the calibration; case, underscores, hyphens and blanks do not count."
+)
+_FPS = (
+    "Frames per second, of images: number n in a file's name is at n / fps. For videos it overrides what they say; "
+    "they may have different rates."
+)
+_MODEL = (
+    "blazepose-lite, blazepose-full or blazepose-heavy, the faster first, which are fetched at the first use; or an "
+    "ONNX file, see --network."
+)
+_REGION = (
+    "The wanted person: a box in the first image of a camera, pixels. Give more than 1 to --people then. By default "
+    "the person who is seen most."
+)
+_REGION_PATTERN = re.compile(r"(?P<camera>.+):(?P<numbers>[^:]+)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoOptions:
+    """Where videos are, and what is to be found in them."""
+
+    videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
+    rig: Annotated[Path, arg(metavar="FILE")]
+    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
+    unit: Literal["auto", "m", "mm"] = "auto"
+    """Unit of the lengths in the calibration file; auto takes what its format prescribes."""
+    fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
+    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Use these cameras only."""
+    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
+    """Use the first so many frames only."""
+    model: Annotated[str, arg(metavar="NAME|FILE", help=_MODEL)] = "blazepose-full"
+    network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
+    """What the ONNX file given as --model is."""
+    detector: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: that of blazepose)")] = None
+    """ONNX file that finds the people: YOLOX, needed for every network but blazepose."""
+    skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
+    """What the joints of a metrabs file are."""
+    people: Annotated[int, arg(metavar="N")] = 1
+    """How many people to look for in each image. More take longer; look for all who come near the person."""
+    person_region: Annotated[
+        str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
+    ] = None
+    jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
+    """How many cameras to work on at the same time."""
+    cache: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: ~/.cache/fgpose/detections)")] = (
+        None
+    )
+    """Where detections are kept, so that another run does not need the network again."""
+    no_cache: Annotated[bool, FlagCreatePairsOff] = False
+    """Keep no detections, and use none that were kept."""
+
+    def detect(self, console: Console) -> Detected:
+        """All people in all images; says how far it is. Everything is checked before the work begins."""
+        from fgpose.monocular.detection import detect
+
+        _quieten_decoder()
+        region = None if self.person_region is None else parse_region(self.person_region)
+        sources, cache = self._open(), self._cache_folder()
+        if region is not None:
+            sources.rig.subset([region.camera])
+        network = self.open_network()
+        with progress_bar("detecting", "images") as progress:
+            detected = detect(sources, network, cache=cache, jobs=self.jobs, frames=self.frames, progress=progress)
+        print_detected(console, detected, cache)
+        return detected
+
+    def open_network(self) -> Network:
+        """The network, fetched if need be."""
+        from fgpose.monocular.networks import open_network
+
+        with new_console(stderr=True).status("opening the network") as status:
+            return open_network(
+                self.model,
+                kind=self.network,
+                detector=self.detector,
+                skeleton=self.skeleton,
+                max_people=self.people,
+                progress=status.update,
+            )
+
+    def wanted(self, detected: Detected, console: Console) -> Mended:
+        """The wanted person as each camera saw them, left and right put right; says what was found."""
+        from fgpose.monocular.flips import mend_flips
+
+        region = None if self.person_region is None else parse_region(self.person_region)
+        observations = detected.observations(0 if region is None else region)
+        if self.frames is not None and self.frames < observations.n_frames:
+            observations = observations.frames(slice(0, self.frames))
+        mended = mend_flips(observations, detected.rig)
+        print_views(console, mended)
+        return mended
+
+    def _open(self) -> Sources:
+        from fgpose.io.calibration import load_rig
+        from fgpose.monocular.sources import open_sources
+
+        return open_sources(self.videos, load_rig(self.rig, self.unit), fps=self.fps, cameras=self.cameras)
+
+    def _cache_folder(self) -> Path | None:
+        from fgpose.monocular.cache import cache_folder
+
+        return None if self.no_cache else self.cache or cache_folder() / "detections"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Detect(VideoOptions):
+    """Detect the joints of a person in videos, without estimating anything from them.
+
+    Writes NAME.parquet: for each frame, camera and joint the pixels, the confidence, the absolute 3D joint that the
+    view alone gives, and its covariance. fgpose smooth, track, refine and info read it. Where the size of a video is
+    not that of its calibration, the calibration that fits is written as NAME_calibration.toml: use it with them.
+
+    Example: fgpose detect videos/ --rig Calib.qca.txt -o out
+    """
+
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out")
+    """Folder for the results; it is made if it is absent."""
+    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the videos)")] = None
+    """Name of the result files, without extension."""
+    formats: tuple[Literal["parquet", "npz"], ...] = ("parquet",)
+    """parquet is a table that any data tool reads, npz is for NumPy."""
+
+    def run(self) -> None:
+        from fgpose.io.calibration import load_rig, save_rig
+        from fgpose.io.keypoints import save_observations
+        from fgpose.pipeline import Outputs
+
+        console = new_console()
+        # dict: each format once.
+        outputs = Outputs(self.output, self.name or self.videos.resolve().stem, tuple(dict.fromkeys(self.formats)))
+        outputs.check(("detected",), (self.rig,))
+        detected = self.detect(console)
+        observations = self.wanted(detected, console).observations
+        paths = [outputs.path(file_format) for file_format in outputs.formats]
+        for path in paths:
+            save_observations(observations, path)
+        calibrated = load_rig(self.rig, self.unit).subset(detected.rig.names)
+        if any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, detected.rig.cameras, strict=True)):
+            paths.append(outputs.folder / f"{outputs.name}_calibration.toml")
+            save_rig(detected.rig, paths[-1])
+        for path in paths:
+            console.print(f"wrote {path}", soft_wrap=True)
+
+
+def parse_region(text: str) -> PersonRegion:
+    """CAMERA:X,Y,W,H as a region. Raises ValueError if it is something else."""
+    from fgpose.monocular.detected import PersonRegion
+
+    match = _REGION_PATTERN.fullmatch(text)
+    try:
+        assert match is not None
+        x_px, y_px, width_px, height_px = (float(number) for number in match["numbers"].split(","))
+        if not (np.isfinite([x_px, y_px]).all() and width_px > 0 and height_px > 0):
+            raise ValueError
+    except (AssertionError, ValueError):
+        raise ValueError(
+            f"--person-region is CAMERA:X,Y,W,H, in pixels, as cam01:400,200,300,900; got {text!r}"
+        ) from None
+    return PersonRegion(match["camera"], x_px, y_px, width_px, height_px)
+
+
+def print_detected(console: Console, detected: Detected, cache: Path | None) -> None:
+    """How much was looked at, and what was known."""
+    n_known = detected.n_images - detected.n_new_images
+    known = f", {n_known} of them known from {cache}" if n_known else ""
+    console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
+
+
+def print_views(console: Console, mended: Mended) -> None:
+    """In how many frames each camera saw the person, and how often left and right were exchanged."""
+    from fgpose.cli.tables import new_table
+
+    observations = mended.observations
+    table = new_table("", *observations.camera_names)
+    n_seen = observations.seen.any(axis=-1).sum(axis=0)
+    table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
+    table.add_row("left and right exchanged, mended", *map(str, mended.flipped.sum(axis=0).tolist()))
+    table.add_row("doubtful, trusted less", *map(str, mended.doubtful.sum(axis=0).tolist()))
+    console.print(table)
+
+
+def _quieten_decoder() -> None:
+    """FFmpeg and OpenCV write to stderr what fgpose says in one line of its own. Their variables override this."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")

@@ -1,0 +1,233 @@
+"""The images of one camera over time: a video file, or a folder of image files. Probed at once, decoded lazily."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.camera_names import natural_key
+from fgpose.monocular.network import Image
+
+if TYPE_CHECKING:
+    import cv2
+
+VIDEO_SUFFIXES = frozenset((".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv"))
+IMAGE_SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
+
+# Cameras are decoded beside each other: more threads for each of them would only take turns.
+_DECODER_THREADS = 1
+# Containers without a rate state one of their clock's ticks instead.
+_MAX_FPS = 2000.0
+# Numbers with larger gaps than this between the images are not frame numbers.
+_MAX_FRAMES_PER_IMAGE = 1000
+_HASHED_BYTES = 1 << 16
+
+
+class Picture(NamedTuple):
+    """One image of a clip."""
+
+    number: int
+    """From 0."""
+    stamp_s: float
+    """The time that its file gives it; NaN for the file of a single image."""
+    image: Image
+
+
+@dataclass(frozen=True)
+class Clip:
+    """What one camera recorded. Made by open_clip."""
+
+    name: str
+    """By which the file or folder calls the camera."""
+    path: Path
+    size_px: tuple[int, int]
+    """Width and height."""
+    n_images: int
+    """As the file says; a damaged video holds fewer."""
+    fps: float
+    """Images per second."""
+    given_fps: float | None = None
+    """Said by the user: it counts more than what the file says."""
+    files: tuple[Path, ...] = ()
+    """Of a folder of images, in natural order; empty for a video."""
+
+    @property
+    def end_s(self) -> float:
+        """When the last image ends."""
+        last_s = self.times_s(np.full(self.n_images, np.nan))[-1]
+        return float(last_s) + 1 / self.fps
+
+    def pictures(self, start: int = 0) -> Iterator[Picture]:
+        """The images from one on, decoded as they are asked for.
+
+        A video that cannot be decoded to its end simply ends there.
+
+        Raises:
+            ValueError: an image cannot be read, or its size is not that of the first; the message names the file.
+        """
+        images = self._of_files(start) if self.files else self._of_video(start)
+        for picture in images:
+            height, width = picture.image.shape[:2]
+            if (width, height) != self.size_px:
+                where = self.files[picture.number] if self.files else f"{self.path}, frame {picture.number}"
+                raise ValueError(
+                    f"{where}: the image is {width} x {height}, the first is {self.size_px[0]} x {self.size_px[1]}"
+                )
+            yield picture
+
+    def times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
+        """Time of each of the first images, given the stamps that they were read with.
+
+        Image n of a video is at its stamp, or at n / fps where the user gave fps or the stamps do not increase. The
+        image file with number n in its name is at n / fps; where such numbers do not increase, the n-th file is.
+        """
+        index = np.arange(len(stamps_s))
+        if self.files:
+            assert self.given_fps is not None
+            return _frame_numbers(self.files)[: len(index)] / self.given_fps
+        if self.given_fps is None and (np.diff(stamps_s) > 0).all() and np.isfinite(stamps_s).all():
+            return stamps_s.astype(float)
+        return index / self.fps
+
+    def fingerprint(self) -> str:
+        """Changes with the content: of a video size, head, middle and tail; of image files names, sizes and times."""
+        digest = hashlib.sha256()
+        for file in self.files:
+            status = file.stat()
+            digest.update(f"{file.name}/{status.st_size}/{status.st_mtime_ns}/".encode())
+        if not self.files:
+            size = self.path.stat().st_size
+            digest.update(str(size).encode())
+            with self.path.open("rb") as stream:
+                for offset in (0, size // 2, max(0, size - _HASHED_BYTES)):
+                    stream.seek(offset)
+                    digest.update(stream.read(_HASHED_BYTES))
+        return digest.hexdigest()
+
+    def _of_files(self, start: int) -> Iterator[Picture]:
+        for index in range(start, len(self.files)):
+            yield Picture(index, float("nan"), _read_image(self.files[index]))
+
+    def _of_video(self, start: int) -> Iterator[Picture]:
+        import cv2
+
+        video = _open_video(self.path)
+        try:
+            # Decoded up to the start and not sought: where a seek ends depends on the container.
+            for _ in range(start):
+                if not video.grab():
+                    return
+            index = start
+            while video.grab():
+                stamp_s = video.get(cv2.CAP_PROP_POS_MSEC) / 1000
+                read, image = video.retrieve()
+                if not read:
+                    return
+                yield Picture(index, stamp_s, _rgb(image))
+                index += 1
+        finally:
+            video.release()
+
+
+def open_clip(name: str, path: Path, fps: float | None = None) -> Clip:
+    """Look into a video or a folder of images: size, number and rate of its images. The first one is decoded.
+
+    Args:
+        name: of the camera.
+        path: a file that FFmpeg can decode, or a folder of image files (PNG, JPEG, BMP, TIFF, WebP).
+        fps: images per second; needed for a folder, overrides what a video says.
+
+    Raises:
+        ValueError: the video is empty, damaged or no video, an image cannot be read, or fps is missing or not positive;
+            the message names the file.
+        OSError: it cannot be opened.
+    """
+    if fps is not None and not 0 < fps <= _MAX_FPS:
+        raise ValueError(f"fps must be a positive number up to {_MAX_FPS:g}, got {fps:g}")
+    return _open_folder(name, path, fps) if path.is_dir() else _open_file(name, path, fps)
+
+
+def _open_folder(name: str, path: Path, fps: float | None) -> Clip:
+    files = image_files(path)
+    if not files:
+        raise ValueError(f"{path}: no images")
+    if fps is None:
+        raise ValueError(f"{path}: images have no times; give the frames per second (fps, or --fps)")
+    height, width = _read_image(files[0]).shape[:2]
+    numbers = _frame_numbers(files)
+    step = float(np.median(np.diff(numbers))) if len(files) > 1 else 1.0
+    if step > _MAX_FRAMES_PER_IMAGE:
+        raise ValueError(
+            f"{path}: the numbers of the images are not frame numbers: "
+            f"{len(files)} images from {numbers[0]} to {numbers[-1]}"
+        )
+    return Clip(name, path, (width, height), len(files), fps / step, fps, files)
+
+
+def _open_file(name: str, path: Path, fps: float | None) -> Clip:
+    import cv2
+
+    # FFmpeg calls whatever it cannot open no video: what the system says is clearer.
+    with path.open("rb") as stream:
+        if not stream.read(1):
+            raise ValueError(f"{path}: the video is empty")
+    video = _open_video(path)
+    try:
+        read, image = video.read()
+        if not read:
+            raise ValueError(f"{path}: no image of the video can be decoded; it is empty or damaged")
+        own_fps, n_images = video.get(cv2.CAP_PROP_FPS), int(video.get(cv2.CAP_PROP_FRAME_COUNT))
+        if fps is None and not 0 < own_fps <= _MAX_FPS:
+            raise ValueError(f"{path}: the video does not say its frame rate; give it (fps, or --fps)")
+        if n_images <= 0:
+            n_images = 1 + sum(1 for _ in iter(video.grab, False))
+    finally:
+        video.release()
+    height, width = image.shape[:2]
+    return Clip(name, path, (width, height), n_images, fps or own_fps, fps)
+
+
+def image_files(folder: Path) -> tuple[Path, ...]:
+    """The image files of a folder in natural order. Raises OSError if it cannot be listed."""
+    files = (file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file())
+    return tuple(sorted((file for file in files if not file.name.startswith(".")), key=lambda f: natural_key(f.name)))
+
+
+def _frame_numbers(files: tuple[Path, ...]) -> np.ndarray:
+    """The last number in each name, or the place in the order where these numbers do not increase."""
+    found = [re.findall(r"\d+", file.stem) for file in files]
+    numbers = np.array([float(each[-1]) if each else np.nan for each in found])
+    return numbers if (np.diff(numbers) > 0).all() and np.isfinite(numbers).all() else np.arange(len(files)) * 1.0
+
+
+def _open_video(path: Path) -> cv2.VideoCapture:
+    import cv2
+
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, _DECODER_THREADS])
+    if not video.isOpened():
+        raise ValueError(f"{path}: not a video, or a damaged or truncated one")
+    return video
+
+
+def _read_image(path: Path) -> Image:
+    import cv2
+
+    with path.open("rb") as stream:
+        content = np.frombuffer(stream.read(), np.uint8)
+    image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+    if image is None:
+        raise ValueError(f"{path}: not an image, or a damaged one")
+    return _rgb(image)
+
+
+def _rgb(image: Image) -> Image:
+    import cv2
+
+    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)

@@ -1,0 +1,124 @@
+"""What a network found in a camera's images, kept in a file, so that no image goes through the network twice."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.camera import Camera
+from fgpose.io.arrays import read_arrays
+from fgpose.io.atomic import replacing
+from fgpose.monocular.clips import Clip
+from fgpose.monocular.network import Network, People
+
+_PEOPLE = ("boxes", "points2d_px", "confidence", "points3d_m", "covariance_m2")
+
+
+@dataclass(frozen=True, eq=False)
+class ViewDetections:
+    """The people in the first images of one camera. Single precision (1e-4 px, 1e-7 m), as it is stored."""
+
+    stamps_s: Float[np.ndarray, " image"]
+    """Time stamp of each image in its file; NaN where it has none."""
+    n_people: Int[np.ndarray, " image"]
+    people: People
+    """All of them, image by image."""
+    ended: bool = False
+    """Whether the last image of the clip is among them."""
+
+    @property
+    def n_images(self) -> int:
+        return len(self.n_people)
+
+    def first(self, n_images: int) -> ViewDetections:
+        """The beginning."""
+        if n_images >= self.n_images:
+            return self
+        last = int(self.n_people[:n_images].sum())
+        people = People(*(getattr(self.people, name)[:last] for name in _PEOPLE))
+        return ViewDetections(self.stamps_s[:n_images], self.n_people[:n_images], people)
+
+    @staticmethod
+    def stacked(stamps_s: list[float], people: list[People], n_joints: int, ended: bool) -> ViewDetections:
+        """From the images one by one."""
+        everybody = [People.nobody(n_joints), *people]
+        arrays = [np.concatenate([getattr(each, name) for each in everybody]).astype(np.float32) for name in _PEOPLE]
+        n_people = np.array([each.n_people for each in people], dtype=int)
+        return ViewDetections(np.array(stamps_s, dtype=float), n_people, People(*arrays), ended)
+
+    def unstacked(self) -> list[People]:
+        """The people of each image."""
+        stops = np.cumsum(self.n_people)
+        return [
+            People(*(getattr(self.people, name)[stop - n : stop] for name in _PEOPLE))
+            for n, stop in zip(self.n_people.tolist(), stops.tolist(), strict=True)
+        ]
+
+
+def cache_path(folder: Path, clip: Clip, network: Network, camera: Camera) -> Path:
+    """The file for what this network finds in this clip. Its name changes with whatever the detections depend on.
+
+    These are the content of the clip, the network, the image size and the intrinsics, and the code of this package; not
+    the pose of the camera. Raises OSError if the clip cannot be read.
+    """
+    intrinsics = (camera.size_px, camera.K.tolist(), camera.distortion.tolist(), camera.lens)
+    parts = (_code_digest(), clip.fingerprint(), network.name, network.skeleton.joints, intrinsics)
+    digest = hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    return folder / f"{clip.name}-{digest}.npz"
+
+
+@cache
+def _code_digest() -> str:
+    """Of the modules around this one: a release may read images or place joints otherwise."""
+    modules = (file for file in resources.files("fgpose.monocular").iterdir() if file.name.endswith(".py"))
+    digest = hashlib.sha256()
+    for module in sorted(modules, key=lambda file: file.name):
+        digest.update(module.read_bytes())
+    return digest.hexdigest()
+
+
+def load_detections(path: Path, n_joints: int) -> ViewDetections | None:
+    """What store_detections wrote, None if there is no such file.
+
+    Warns:
+        UserWarning: the file is damaged; then None.
+    """
+    if not path.exists():
+        return None
+    try:
+        arrays = read_arrays(path)
+        view = ViewDetections(
+            arrays["stamps_s"], arrays["n_people"], People(*(arrays[name] for name in _PEOPLE)), bool(arrays["ended"])
+        )
+        _check(view, n_joints)
+    except (ValueError, KeyError, TypeError, OSError) as error:
+        warnings.warn(f"{path}: damaged, detected again ({error})", stacklevel=2)
+        return None
+    return view
+
+
+def _check(view: ViewDetections, n_joints: int) -> None:
+    """Raise ValueError unless the shapes fit together."""
+    counts = view.n_people
+    if counts.dtype.kind != "i" or counts.ndim != 1 or counts.shape != view.stamps_s.shape or (counts < 0).any():
+        raise ValueError("its images have no count of people each")
+    total = int(view.n_people.sum())
+    shapes = ((5,), (n_joints, 2), (n_joints,), (n_joints, 3), (n_joints, 3, 3))
+    for name, shape in zip(_PEOPLE, shapes, strict=True):
+        found = getattr(view.people, name).shape
+        if found != (total, *shape):
+            raise ValueError(f"{name} is {found}, not {(total, *shape)}")
+
+
+def store_detections(view: ViewDetections, path: Path) -> None:
+    """Replace the file, whole or not at all. Raises OSError if it cannot be written."""
+    arrays = {name: getattr(view.people, name) for name in _PEOPLE}
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, stamps_s=view.stamps_s, n_people=view.n_people, ended=np.array(view.ended), **arrays)

@@ -1,0 +1,93 @@
+"""Which images of cameras with different frame rates belong to one frame of the estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+NO_IMAGE = -1
+
+# An image belongs to the frame nearest in time, half a frame away at most; a tenth more, for containers that round
+# their time stamps to milliseconds.
+_REACH = 0.6
+# A person who walks moves by 2 mm meanwhile.
+_SAME_TIME_S = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedFrames:
+    """The frames of several cameras together."""
+
+    time_s: np.ndarray
+    """(T,), or (T, C) where cameras of the same frame differ by more than a millisecond; NaN: no image."""
+    image: Int[np.ndarray, "frame camera"]
+    """Index of the image that each camera contributes, or NO_IMAGE."""
+
+    @property
+    def frame_time_s(self) -> Float[np.ndarray, " frame"]:
+        """One time per frame: the mean over the cameras where they differ."""
+        return self.time_s if self.time_s.ndim == 1 else np.nanmean(self.time_s, axis=1)
+
+
+def match_frames(times_s: Sequence[Float[np.ndarray, " _images"]]) -> MatchedFrames:
+    """Frames at the times of the fastest camera's images; a slower camera has no image in some of them.
+
+    Where the fastest camera has no image near (it began later, ended earlier, or dropped one), those of the others make
+    frames of their own. Each image is used at most once.
+
+    Args:
+        times_s: of each camera its images' times, increasing; possibly none.
+
+    Raises:
+        ValueError: no camera has an image.
+    """
+    if not any(map(len, times_s)):
+        raise ValueError("no camera has an image")
+    step_s = min(_interval_s(own_s) for own_s in times_s)
+    clock_s = _clock(times_s, _REACH * step_s)
+    image = np.full((len(clock_s), len(times_s)), NO_IMAGE)
+    own_time_s = np.full(image.shape, np.nan)
+    for camera, own_s in enumerate(times_s):
+        frame = _nearest(own_s, clock_s)
+        distance_s = np.abs(own_s - clock_s[frame]) if len(own_s) else own_s
+        # The nearest image is written last.
+        order = np.argsort(-distance_s, kind="stable")
+        order = order[distance_s[order] <= _REACH * step_s]
+        image[frame[order], camera] = order
+        own_time_s[frame[order], camera] = own_s[order]
+    return MatchedFrames(_shared_if_same(own_time_s, clock_s), image)
+
+
+def _interval_s(own_s: np.ndarray) -> float:
+    """Mean time between images, as stamps may be rounded."""
+    return float((own_s[-1] - own_s[0]) / (len(own_s) - 1)) if len(own_s) > 1 else np.inf
+
+
+def _clock(times_s: Sequence[np.ndarray], reach_s: float) -> np.ndarray:
+    """All images' times, but those in reach of one of a faster camera."""
+    by_rate = sorted(times_s, key=lambda own_s: (_interval_s(own_s), -len(own_s)))
+    clock_s = np.zeros(0)
+    for own_s in by_rate:
+        far = own_s
+        if len(clock_s) and len(own_s):
+            far = own_s[np.abs(own_s - clock_s[_nearest(own_s, clock_s)]) > reach_s]
+        clock_s = np.sort(np.concatenate([clock_s, far]))
+    return clock_s
+
+
+def _nearest(own_s: np.ndarray, clock_s: np.ndarray) -> np.ndarray:
+    after = np.clip(np.searchsorted(clock_s, own_s), 1, max(len(clock_s) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(clock_s) - 1)
+    return np.where(own_s - clock_s[before] <= clock_s[after] - own_s, before, after)
+
+
+def _shared_if_same(own_time_s: np.ndarray, clock_s: np.ndarray) -> np.ndarray:
+    deviation_s = np.abs(own_time_s - clock_s[:, None])
+    if np.nanmax(deviation_s) <= _SAME_TIME_S:
+        return clock_s
+    # Where dropped images leave frames closer together than usual, means of different cameras may change places.
+    return own_time_s if (np.diff(np.nanmean(own_time_s, axis=1)) > 0).all() else clock_s

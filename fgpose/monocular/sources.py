@@ -1,0 +1,171 @@
+"""Synchronised videos or image folders of calibrated cameras, found and checked before any work is done."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fgpose.camera import Camera, CameraRig
+from fgpose.io.camera_names import match_cameras, natural_key
+from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
+
+# Video encoders work on blocks of 16 x 16 px: they pad an image on the right and at the bottom, or drop what is left.
+_BLOCK_PX = 16
+_ASPECT_TOLERANCE = 0.01
+# Cameras that are stopped one after the other end within a few frames of each other.
+_EARLY_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """What the cameras of a rig recorded."""
+
+    rig: CameraRig
+    """Its intrinsics are those of the images, see fitted_camera."""
+    clips: tuple[Clip, ...]
+    """In the order of the rig."""
+
+    @property
+    def fps(self) -> float:
+        """Of the fastest camera."""
+        return max(clip.fps for clip in self.clips)
+
+
+def open_sources(
+    path: str | Path, rig: CameraRig, *, fps: float | None = None, cameras: tuple[str, ...] = ()
+) -> Sources:
+    """Find the videos of a rig and look into each: size, number and rate of its images.
+
+    Args:
+        path: a folder with one video per camera (``cam01.mp4``) or one folder per camera, which holds its images in
+            natural order or a single video. Names are compared as match_cameras does.
+        rig: the cameras.
+        fps: frames per second; needed for images, overrides what videos say.
+        cameras: use only these, in this order. The calibration may then have cameras that the videos lack.
+
+    Warns:
+        UserWarning: a video has another size than its calibration, or ends early.
+
+    Raises:
+        ValueError: there are no videos, they are not those of the calibration, one is damaged or empty, an image cannot
+            be read, the size of a video cannot be fitted, fps is missing; the message names the file.
+        OSError: a file cannot be opened.
+    """
+    path = Path(path)
+    found = _find(path)
+    matched, rig = _matched(path, found, rig, cameras)
+    clips = tuple(open_clip(name, found[matched[name]], fps) for name in rig.names)
+    fitted = CameraRig(
+        tuple(fitted_camera(camera, clip.size_px, clip.path) for camera, clip in zip(rig.cameras, clips, strict=True))
+    )
+    _warn_of_early_ends(clips)
+    return Sources(fitted, clips)
+
+
+def _find(path: Path) -> dict[str, Path]:
+    """Videos and folders of images by their names, in natural order."""
+    if path.is_file():
+        return {path.stem: path}
+    found: dict[str, Path] = {}
+    for entry in sorted(path.iterdir(), key=lambda entry: natural_key(entry.name)):
+        clip = _clip_in(entry)
+        name = entry.name if entry.is_dir() else entry.stem
+        if clip is not None and name in found:
+            raise ValueError(f"{clip}: camera {name} has {found[name].name} beside it")
+        if clip is not None:
+            found[name] = clip
+    if not found:
+        raise ValueError(
+            f"{path}: no videos; expected one video per camera (cam01.mp4), or one folder per camera with its images"
+        )
+    return found
+
+
+def _clip_in(entry: Path) -> Path | None:
+    """The video or the folder of images that an entry of the folder stands for."""
+    if entry.name.startswith("."):
+        return None
+    if not entry.is_dir():
+        return entry if entry.suffix.lower() in VIDEO_SUFFIXES else None
+    videos = [file for file in entry.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
+    if len(videos) == 1:
+        return videos[0]
+    return entry if image_files(entry) else None
+
+
+def _matched(
+    path: Path, found: dict[str, Path], rig: CameraRig, cameras: tuple[str, ...]
+) -> tuple[dict[str, str], CameraRig]:
+    """The name of the video of each camera, and the cameras that are wanted."""
+    wanted = rig.subset(cameras) if cameras else rig
+    for candidate in dict.fromkeys((rig, wanted)):
+        try:
+            return match_cameras(found, candidate.names), wanted
+        except ValueError:
+            continue
+    raise ValueError(
+        f"{path}: its videos ({', '.join(found)}) and the cameras of the calibration ({', '.join(wanted.names)}) "
+        "do not have the same names, each once; name the cameras to be used (cameras, --cameras) or rename the videos"
+    )
+
+
+def fitted_camera(camera: Camera, size_px: tuple[int, int], where: str | Path) -> Camera:
+    """The camera of images that have another size than its calibration.
+
+    - At most 16 px wider, narrower, higher or lower: the encoder cut or padded the image on the right and at the
+      bottom, as they do to fill blocks of 16 x 16. Pixels stay where they are, and so do the intrinsics. (Two cameras
+      of Pose2Sim's demonstration have 1080 px and were calibrated with 1088. The reprojection errors of BlazePose are
+      lowest so, with a mean of 12.8 px; 13.4 if the image were resized, 13.6 if cut on both sides, 14.5 on the left.)
+    - Otherwise the same aspect ratio within 1 %: the image was resized, and the intrinsics are with it.
+    - Otherwise nobody knows which part of the image is left.
+
+    Args:
+        camera: as calibrated.
+        size_px: width and height of the images.
+        where: the file, for messages.
+
+    Warns:
+        UserWarning: the size differs; it says what was assumed.
+
+    Raises:
+        ValueError: the size cannot be explained.
+    """
+    if size_px == camera.size_px:
+        return camera
+    ratio = np.divide(size_px, camera.size_px)
+    sizes = f"the images are {size_px[0]} x {size_px[1]}, the calibration is for {camera.size_px[0]} x " + str(
+        camera.size_px[1]
+    )
+    if np.abs(np.subtract(size_px, camera.size_px)).max() <= _BLOCK_PX:
+        warnings.warn(
+            f"{where}, camera {camera.name}: {sizes}; taken to be cut or padded on the right and at the bottom",
+            stacklevel=2,
+        )
+        return replace(camera, size_px=size_px)
+    if abs(ratio[0] / ratio[1] - 1) > _ASPECT_TOLERANCE:
+        raise ValueError(
+            f"{where}, camera {camera.name}: {sizes}; neither a resized image nor one without its border: "
+            "calibrate the camera with images of this size"
+        )
+    warnings.warn(
+        f"{where}, camera {camera.name}: {sizes}; taken to be resized by {ratio[0]:.4g} x {ratio[1]:.4g}", stacklevel=2
+    )
+    K = camera.K.copy()
+    K[:2] *= ratio[:, None]
+    # The middle of the first pixel is at 0, its corner at -0.5: corners are what is scaled.
+    K[:2, 2] += (ratio - 1) / 2
+    return replace(camera, size_px=size_px, K=K)
+
+
+def _warn_of_early_ends(clips: tuple[Clip, ...]) -> None:
+    end_s = max(clip.end_s for clip in clips)
+    for clip in clips:
+        if clip.end_s < end_s - _EARLY_S:
+            warnings.warn(
+                f"{clip.path}: ends after {clip.end_s:.2f} s, {end_s - clip.end_s:.2f} s before the others; "
+                "from there the camera sees nothing",
+                stacklevel=3,
+            )

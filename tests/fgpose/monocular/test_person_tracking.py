@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from fgpose.camera import CameraRig
+from fgpose.io.people import NOBODY
+from fgpose.monocular.person_tracking import track_people
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic import ring_rig, walking
+
+FPS = 30.0
+N_FRAMES = 60
+TIME_S = np.arange(N_FRAMES) / FPS
+
+
+@pytest.fixture(scope="module")
+def rig() -> CameraRig:
+    return ring_rig()
+
+
+def people_m(skeleton: Skeleton, *begin_m: tuple[float, float]) -> np.ndarray:
+    """(T, person, J, 3) of people who walk side by side from these places on."""
+    walk_m = walking(N_FRAMES, FPS, skeleton)
+    begin_of_walk_m = np.array([*walk_m[0, 0, :2], 0.0])
+    return np.stack([walk_m + (np.array([*begin, 0.0]) - begin_of_walk_m) for begin in begin_m], axis=1)
+
+
+def candidates(
+    positions_m: np.ndarray, rig: CameraRig, seed: int = 0, sigma_px: float = 4.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Noisy detections with the people of each image in random order; points, confidence, and who each one is."""
+    rng = np.random.default_rng(seed)
+    n_frames, n_people = positions_m.shape[:2]
+    points2d_px = np.stack([camera.project(positions_m) for camera in rig.cameras], axis=1)
+    points2d_px += sigma_px * rng.standard_normal(points2d_px.shape)
+    who = np.argsort(rng.uniform(size=(n_frames, rig.n_cameras, n_people)), axis=-1)
+    points2d_px = np.take_along_axis(points2d_px, who[..., None, None], axis=2)
+    return points2d_px, np.full(points2d_px.shape[:-1], 0.9), who
+
+
+def hide(points2d_px: np.ndarray, confidence: np.ndarray, hidden: np.ndarray) -> None:
+    points2d_px[hidden], confidence[hidden] = np.nan, 0.0
+
+
+def identities(chosen: np.ndarray, who: np.ndarray) -> np.ndarray:
+    """(T, C) who was chosen, NOBODY where nobody was."""
+    picked = np.take_along_axis(who, np.maximum(chosen, 0)[..., None], axis=-1)[..., 0]
+    return np.where(chosen == NOBODY, NOBODY, picked)
+
+
+def test_neighbours_are_followed_through_all_views(rig: CameraRig, skeleton: Skeleton) -> None:
+    positions_m = people_m(skeleton, (0.0, -0.6), (0.0, 0.1), (-0.8, 0.6))
+    points2d_px, confidence, who = candidates(positions_m, rig)
+    people = track_people(points2d_px, confidence, TIME_S, rig, skeleton)
+    assert len(people) == 3
+    for chosen in people:
+        (identity,) = set(identities(chosen, who).ravel().tolist())
+        assert identity != NOBODY
+
+
+def test_a_neighbour_who_is_seen_better_does_not_take_over(rig: CameraRig, skeleton: Skeleton) -> None:
+    """For half of the time two of four cameras do not see the first person: the second has more views."""
+    points2d_px, confidence, who = candidates(people_m(skeleton, (0.0, -0.5), (0.0, 0.3)), rig)
+    hidden = who == 0
+    hidden[: N_FRAMES // 2] = False
+    hidden[:, 2:] = False
+    hide(points2d_px, confidence, hidden)
+    second, first = track_people(points2d_px, confidence, TIME_S, rig, skeleton)
+    assert set(identities(second, who).ravel().tolist()) == {1}
+    found = identities(first, who)
+    assert set(found[: N_FRAMES // 2].ravel().tolist()) == {0}
+    assert set(found[N_FRAMES // 2 :, 2:].ravel().tolist()) == {0}
+    assert (found[N_FRAMES // 2 :, :2] == NOBODY).all()
+
+
+def test_one_view_is_enough_to_go_on(rig: CameraRig, skeleton: Skeleton) -> None:
+    """And all together may lose a person for a third of a second."""
+    points2d_px, confidence, who = candidates(people_m(skeleton, (0.0, -0.6), (0.0, 0.4)), rig)
+    hidden = who == 0
+    hidden[:20] = hidden[50:] = False
+    hidden[20:30, 3] = hidden[40:50, 3] = False
+    hide(points2d_px, confidence, hidden)
+    people = track_people(points2d_px, confidence, TIME_S, rig, skeleton)
+    assert len(people) == 2
+    found = identities(people[1], who)
+    assert set(found[found != NOBODY].tolist()) == {0}
+    assert (found[20:30, 3] == 0).all()
+    assert (found[50:] == 0).all()
+
+
+def test_a_view_with_left_and_right_exchanged_still_shows_the_person(rig: CameraRig, skeleton: Skeleton) -> None:
+    points2d_px, confidence, who = candidates(people_m(skeleton, (0.0, -0.6), (0.0, 0.4)), rig)
+    left, right = np.array(skeleton.left_right).T
+    mirrored = np.arange(skeleton.n_joints)
+    mirrored[left], mirrored[right] = right, left
+    points2d_px[10:30, 1] = points2d_px[10:30, 1][..., mirrored, :]
+    for chosen in track_people(points2d_px, confidence, TIME_S, rig, skeleton):
+        assert (chosen != NOBODY).all()
+        assert len(set(identities(chosen, who).ravel().tolist())) == 1
+
+
+def test_what_one_camera_alone_sees_is_nobody(rig: CameraRig, skeleton: Skeleton) -> None:
+    points2d_px, confidence, who = candidates(people_m(skeleton, (0.0, 0.0), (0.6, 0.8)), rig)
+    poster = who == 1
+    poster[:, 0] = False
+    hide(points2d_px, confidence, poster)
+    (chosen,) = track_people(points2d_px, confidence, TIME_S, rig, skeleton)
+    assert set(identities(chosen, who).ravel().tolist()) == {0}
+
+
+def test_a_person_found_twice_is_one(rig: CameraRig, skeleton: Skeleton) -> None:
+    points2d_px, confidence, _ = candidates(people_m(skeleton, (0.0, 0.0), (0.0, 0.0)), rig)
+    (chosen,) = track_people(points2d_px, confidence, TIME_S, rig, skeleton)
+    assert (chosen != NOBODY).all()
+
+
+def test_an_empty_room_has_nobody(rig: CameraRig, skeleton: Skeleton) -> None:
+    points2d_px, confidence, who = candidates(people_m(skeleton, (0.0, 0.0)), rig)
+    hide(points2d_px, confidence, who == 0)
+    assert track_people(points2d_px, confidence, TIME_S, rig, skeleton) == []
+
+
+def test_a_camera_that_is_off_by_a_degree_is_not_lost(rig: CameraRig, skeleton: Skeleton) -> None:
+    points2d_px, confidence, who = candidates(people_m(skeleton, (0.0, -0.5), (0.0, 0.4)), rig)
+    # One degree is 20 px at a focal length of 1145 px.
+    points2d_px[:, 2] += (20.0, 0.0)
+    for chosen in track_people(points2d_px, confidence, TIME_S, rig, skeleton):
+        assert (chosen[:, 2] != NOBODY).mean() > 0.95
+        assert len(set(identities(chosen, who)[chosen != NOBODY].tolist())) == 1
