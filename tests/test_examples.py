@@ -13,9 +13,11 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
 
 
-def run(name: str, *arguments: str) -> str:
+def run(name: str, *arguments: str, ignore: str = "") -> str:
+    """What an example prints. It must not warn, but for a kind of warning that is to be expected."""
+    options = ["-W", "error", *(["-W", f"ignore::{ignore}"] if ignore else [])]
     process = subprocess.run(
-        [sys.executable, "-W", "error", str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=120
+        [sys.executable, *options, str(EXAMPLES / name), *arguments], capture_output=True, text=True, timeout=120
     )
     assert process.returncode == 0, process.stderr
     assert process.stderr == ""
@@ -102,3 +104,26 @@ def test_uncertainty(camera: str):
     assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], abs=0.2)
     # 2 of 25 joints
     assert numbers(r"arm hidden: # %", printed)[0] == pytest.approx(8, abs=1)
+
+
+@pytest.mark.network
+def test_video_to_trajectory(tmp_path: Path, demo_videos: Path):
+    output = tmp_path / "video.parquet"
+    arguments = ("--frames", "12", "--output", str(output), "--model", "blazepose-lite")
+    printed = run("06_video_to_trajectory.py", *arguments, ignore="UserWarning")
+    assert numbers(r"^# images", printed) == [48]
+    alone = numbers(r"each frame alone +jitter +# m/s\^3, reprojection error +# px", printed)
+    together = numbers(r"one motion +jitter +# m/s\^3, reprojection error +# px", printed)
+    assert together[0] < alone[0] / 10
+    assert together[1] < 1.2 * alone[1]
+    assert numbers(r"wrote .*: # frames of # joints", printed) == [12, 33]
+    assert output.stat().st_size > 10_000
+
+
+def test_your_own_network():
+    printed = run("07_your_own_network.py")
+    assert numbers(r"^# images", printed) == [80]
+    mean_mm, largest_mm = numbers(r"mean error # mm, largest # mm", printed)
+    # balls are found to half a pixel, 2 mm at 4.5 m and 1145 px; a wave of 1 Hz is smoothed a little at its ends
+    assert mean_mm < 4
+    assert largest_mm < 20
