@@ -17,8 +17,8 @@ from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.blazepose_detector import PersonDetector
 from fgpose.monocular.blazepose_landmarks import LandmarkNetwork, Landmarks
 from fgpose.monocular.crops import Region
-from fgpose.monocular.network import Image, People
-from fgpose.monocular.topdown import identity
+from fgpose.monocular.network import Image, People, checked_image
+from fgpose.monocular.sessions import identity
 
 _SEARCH_EVERY = 5
 """Images from one search for further people to the next, while some are tracked: a search costs as much as a person."""
@@ -95,7 +95,7 @@ class BlazePoseTracker:
         Raises:
             ValueError: it is not; the message names the camera.
         """
-        image = self._checked(image)
+        image = checked_image(image, self._camera)
         people: list[Landmarks] = []
         self._add(image, self._tracked, people)
         self._images_since_search += 1
@@ -104,15 +104,6 @@ class BlazePoseTracker:
             self._add(image, self._network.detector.detect(image), people)
         self._tracked = [] if self._network.detect_every_frame else [person.next_region for person in people]
         return self._as_people(people)
-
-    def _checked(self, image: np.ndarray) -> Image:
-        width, height = self._camera.size_px
-        if image.shape != (height, width, 3) or image.dtype != np.uint8:
-            raise ValueError(
-                f"camera {self._camera.name}: an image must be (height, width, 3) = ({height}, {width}, 3) uint8,"
-                f" got {image.shape} {image.dtype}"
-            )
-        return np.ascontiguousarray(image)
 
     def _add(self, image: Image, regions: Iterable[Region], people: list[Landmarks]) -> None:
         """Append the people in these regions that are not among people yet, as long as there is room."""

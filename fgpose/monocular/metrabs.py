@@ -18,8 +18,8 @@ from fgpose.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.network import Image, People
-from fgpose.monocular.sessions import open_session
-from fgpose.monocular.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker, identity
+from fgpose.monocular.sessions import identity, open_session
+from fgpose.monocular.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.yolox import person_detector
 from fgpose.skeleton import Skeleton
 

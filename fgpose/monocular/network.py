@@ -15,6 +15,17 @@ Image = UInt8[np.ndarray, "height width 3"]
 """RGB, as the camera took it (distorted)."""
 
 
+def checked_image(image: np.ndarray, camera: Camera) -> Image:
+    """The image, in one piece. Raises ValueError unless it is (height, width, 3) uint8 of the camera's size."""
+    width, height = camera.size_px
+    if image.shape != (height, width, 3) or image.dtype != np.uint8:
+        raise ValueError(
+            f"camera {camera.name}: an image must be (height, width, 3) = ({height}, {width}, 3) uint8,"
+            f" got {image.shape} {image.dtype}"
+        )
+    return np.ascontiguousarray(image)
+
+
 @dataclass(frozen=True, eq=False)
 class People:
     """The people that a network found in one image. What it does not know of a joint is NaN, its confidence then 0."""

@@ -9,8 +9,9 @@ import numpy as np
 from fgpose.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Image, People
+from fgpose.monocular.sessions import identity
 from fgpose.monocular.simcc import SimccNetwork
-from fgpose.monocular.topdown import Boxes, PersonDetector, TopDown, TopDownTracker, identity
+from fgpose.monocular.topdown import Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.yolox import person_detector
 
 _SKELETONS = {17: "coco_17", 26: "halpe_26"}

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.camera import Camera
-from fgpose.monocular.network import Image, People
+from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.sessions import Shape
 
 Box = Float[np.ndarray, " 5"]
@@ -93,12 +91,7 @@ class TopDownTracker:
         Raises:
             ValueError: the image is not (height, width, 3) uint8 of the camera's size; the message names the camera.
         """
-        width, height = self._camera.size_px
-        if image.shape != (height, width, 3) or image.dtype != np.uint8:
-            raise ValueError(
-                f"camera {self._camera.name}: an image must be (height, width, 3) = ({height}, {width}, 3) uint8,"
-                f" got {image.shape} {image.dtype}"
-            )
+        image = checked_image(image, self._camera)
         boxes = self._next_boxes(image)
         people = self._poses(image, boxes) if len(boxes) else People.nobody(self._n_joints)
         self._followed = follow(people, self._camera.size_px)
@@ -177,9 +170,3 @@ def by_order(nodes: Sequence[Any], expected: Mapping[str, Shape]) -> Mapping[str
     if len(nodes) != len(expected):
         return expected
     return {node.name: shape for node, shape in zip(nodes, expected.values(), strict=True)}
-
-
-def identity(path: Path) -> str:
-    """Name and content of a file in a few characters, for a network's name."""
-    with path.open("rb") as file:
-        return f"{path.name}:{hashlib.file_digest(file, 'sha256').hexdigest()[:12]}"

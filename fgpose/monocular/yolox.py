@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float, Float32
 
 from fgpose.monocular.network import Image
-from fgpose.monocular.sessions import check_signature, open_session
-from fgpose.monocular.topdown import Boxes, PersonDetector, by_order, identity, suppress, usable
+from fgpose.monocular.sessions import check_signature, identity, open_session
+from fgpose.monocular.topdown import Boxes, PersonDetector, by_order, suppress, usable
 
 _SIDE = 640
 _STRIDES = (8, 16, 32)
