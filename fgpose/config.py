@@ -26,6 +26,9 @@ class FusionConfig:
     exponent: Literal["squared", "unsquared"] = "squared"
     """Reprojection error in the weights of eq. 2: squared as printed, or un-squared as in the authors' earlier code.
     Squared trusts the best view more."""
+    mean: Literal["reprojection", "covariance"] = "reprojection"
+    """reprojection: eq. 1-2. covariance: by the covariance that each view states, with a robust kernel; where there is
+    none, eq. 1-2."""
     inlier_px: float = 20.0
     """Views whose detection lies farther than this from a triangulated point are left out of it. Raising it keeps more
     views and lets worse ones in."""

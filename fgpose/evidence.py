@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.camera import CameraRig
 from fgpose.config import Config, DepthConfig
-from fgpose.fusion import fuse_candidates
+from fgpose.fusion import fuse_undistorted
 from fgpose.observations import Observations
 from fgpose.triangulation import triangulate_robust
 from fgpose.weights import detection_weights
@@ -83,7 +83,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
     triangulated_m = triangulate_robust(
         undistorted_px, observations.confidence, rig, config.fusion.inlier_px
     ).positions_m
-    fusion = fuse_candidates(observations.points3d_m, triangulated_m, undistorted_px, rig, config.fusion)
+    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
     views_m, depth_sigma_m = _depths(observations, rig, config.depth)
     has_depth = np.isfinite(depth_sigma_m).any(axis=1)

@@ -69,7 +69,7 @@ def refine_rig(observations: Observations, rig: CameraRig, config: Config | None
     ]
     return RigRefinement(
         rig=refined,
-        observations=_moved(observations, rig, refined),
+        observations=moved_with_cameras(observations, rig, refined),
         rotation_deg=np.array([np.rad2deg(np.linalg.norm(gtsam.Rot3.Logmap(move.rotation()))) for move in moves]),
         translation_m=np.array([np.linalg.norm(move.translation()) for move in moves]),
         residual_before_px=_residual_px(undistorted_px, confidence, rig, config),
@@ -127,7 +127,7 @@ def _camera_factors(
         )
 
 
-def _moved(observations: Observations, before: CameraRig, after: CameraRig) -> Observations:
+def moved_with_cameras(observations: Observations, before: CameraRig, after: CameraRig) -> Observations:
     """The views' own 3D joints, moved with their cameras."""
     points3d_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
     if points3d_m is None:
