@@ -17,7 +17,9 @@ from pathlib import Path
 
 import accuracy
 import speed
+import stage1
 import tyro
+import video
 from metric import Metric, markdown_table
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -39,6 +41,14 @@ def _full() -> Benchmarks:
         "covariance": partial(speed.covariance, 300, 5),
         "import": partial(speed.import_time, 7),
         "occluded": partial(accuracy.occluded, 300, accuracy.FULL_SWEEP),
+        "stage1": partial(stage1.time_per_view, 20, ("blazepose-lite", "blazepose-full", "blazepose-heavy")),
+        "stage1-parallel": partial(stage1.parallel, 50, 5),
+        "mediapipe": stage1.agreement_with_mediapipe,
+        "fused": partial(video.fused_against_triangulated, ("blazepose-full", "blazepose-heavy")),
+        "smoothness": partial(video.smoothness, "blazepose-full"),
+        "occluders": partial(
+            video.occluders_pasted, ("blazepose-full", "blazepose-heavy"), (video.EACH_FRAME, video.STAYING)
+        ),
     }
 
 
@@ -53,6 +63,12 @@ def _quick() -> Benchmarks:
         "covariance": partial(speed.covariance, 300, 2),
         "import": partial(speed.import_time, 3),
         "occluded": partial(accuracy.occluded, 60, accuracy.QUICK_SWEEP),
+        "stage1": partial(stage1.time_per_view, 5, ("blazepose-full",)),
+        "stage1-parallel": partial(stage1.parallel, 20, 1),
+        "mediapipe": stage1.agreement_with_mediapipe,
+        "fused": partial(video.fused_against_triangulated, ("blazepose-full",)),
+        "smoothness": partial(video.smoothness, "blazepose-full"),
+        "occluders": partial(video.occluders_pasted, ("blazepose-full",), (video.EACH_FRAME,)),
     }
 
 
