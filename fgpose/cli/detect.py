@@ -137,10 +137,11 @@ class Detect(VideoOptions):
     view alone gives, and its covariance. fgpose smooth, track, refine and info read it. Where the size of a video is
     not that of its calibration, the calibration that fits is written as NAME_calibration.toml: use it with them.
 
-    Example: fgpose detect videos/ --rig Calib.qca.txt -o out
+    Example: fgpose detect videos/ --rig Calib.qca.txt, then fgpose smooth detections/videos.parquet --rig
+    Calib.qca.txt --skeleton blazepose_33
     """
 
-    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out")
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("detections")
     """Folder for the results; it is made if it is absent."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the videos)")] = None
     """Name of the result files, without extension."""

@@ -72,7 +72,7 @@ def test_help_explains_and_gives_an_example(command: str, capsys: pytest.Capture
         main([command, "--help"])
     assert end.value.code == 0
     printed = capsys.readouterr().out
-    assert f"Example: fgpose {command} videos/ --rig Calib.qca.txt -o out" in printed
+    assert f"Example: fgpose {command} videos/ --rig Calib.qca.txt" in printed
     options = {"--model", "--network", "--detector", "--fps", "--people", "--person-region", "--jobs", "--cache"}
     if command == "run":
         options |= {"--projection.sigma-px", "--refine-calibration", "--config", "--no-images", "--image-width"}
