@@ -64,12 +64,6 @@ def open_recording(
         if error.name != "rerun":
             raise
         raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'") from None
+    file, served_at = None if path is None else Path(path), port if live else None
     scene = (rig, skeleton, tuple(trajectories))
-    return RerunRecording(
-        None if path is None else Path(path),
-        scene,
-        port=port if live else None,
-        endless=endless,
-        up=up,
-        pictures=pictures,
-    )
+    return RerunRecording(file, scene, port=served_at, endless=endless, up=up, pictures=pictures)

@@ -291,7 +291,8 @@ def test_with_one_camera_the_person_of_a_region_is_followed_too(
     np.testing.assert_array_equal(again.points2d_px, found.points2d_px)
 
 
-def test_warnings_come_from_the_calling_thread_only(sources: Sources, squares_network: SquaresNetwork) -> None:
+def test_good_videos_warn_of_nothing(sources: Sources, squares_network: SquaresNetwork) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        detect(sources, squares_network, jobs=3)
+        detected = detect(sources, squares_network, jobs=3)
+    assert detected.n_new_images == detected.n_images == len(squares_network.seen) > 0
