@@ -176,12 +176,12 @@ class Observations:
             skeleton=self.skeleton,
             camera_names=self.camera_names,
             time_s=self.time_s[frames],
-            **self._per_detection(lambda array: array[frames]),
+            **self.per_detection(lambda array: array[frames]),
         )
         return part
 
-    def _per_detection(self, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
-        """The arrays whose first axes are frame and camera, each changed; None where there is none."""
+    def per_detection(self, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
+        """The arrays whose axes begin with frame, camera, joint, each changed, by name; None where there is none."""
         arrays = {name: getattr(self, name) for name in _PER_DETECTION}
         return {name: None if array is None else change(array) for name, array in arrays.items()}
 
@@ -197,7 +197,7 @@ class Observations:
             self,
             camera_names=tuple(camera_names),
             time_s=self.time_s if self.time_s.ndim == 1 else self.time_s[:, kept],
-            **self._per_detection(lambda array: array[:, kept]),
+            **self.per_detection(lambda array: array[:, kept]),
         )
 
     def with_cameras(self, camera_names: tuple[str, ...]) -> Observations:
@@ -223,7 +223,7 @@ class Observations:
             self,
             camera_names=camera_names,
             time_s=self.time_s if self.time_s.ndim == 1 else spread(self.time_s),
-            **self._per_detection(spread),
+            **self.per_detection(spread),
         )
 
     def __iter__(self) -> Iterator[Observations]:

@@ -38,7 +38,6 @@ _MAX_FLIPPED_AT_ONCE = 2
 _ROUNDS = 3
 _MAX_PAIRS = 15
 _FRAMES_AT_ONCE = 200
-_OF_JOINTS = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,5 +264,4 @@ def _exchanged(observations: Observations, flipped: Bool[np.ndarray, "frame came
     def mended(values: np.ndarray) -> np.ndarray:
         return np.where(flipped.reshape(*flipped.shape, *[1] * (values.ndim - 2)), values[:, :, mirror], values)
 
-    present = {name: getattr(observations, name) for name in _OF_JOINTS}
-    return replace(observations, **{name: mended(values) for name, values in present.items() if values is not None})
+    return replace(observations, **observations.per_detection(mended))
