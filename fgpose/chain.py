@@ -26,7 +26,6 @@ from fgpose.chain_terms import (
     SharedLengths,
     Term,
 )
-from fgpose.evidence import ray_directions
 from fgpose.stretch import Stretch
 from fgpose_factors import depth_covariance_m2
 
@@ -44,6 +43,7 @@ class Chain:
 
     def __init__(self, stretch: Stretch) -> None:
         self._stretch = stretch
+        self._active = stretch.active[:, stretch.joints]
         motion = _motion(stretch)
         self._terms: list[Term] = [
             motion,
@@ -65,8 +65,7 @@ class Chain:
         """The first guess; velocities start at zero, the solution does not depend on them."""
         stretch = self._stretch
         joints = np.zeros(self._frames.shape[:4])
-        active = stretch.active[:, stretch.joints]
-        joints[:, 0][active] = stretch.evidence.guess_m[:, stretch.joints][active]
+        joints[:, 0][self._active] = stretch.evidence.guess_m[:, stretch.joints][self._active]
         return ChainState(joints, np.nan_to_num(stretch.lengths_m))
 
     def error(self, state: ChainState) -> float:
@@ -115,8 +114,7 @@ class Chain:
         return self._mean_move_m(step) < self._stretch.config.solver.step_tolerance_m
 
     def _mean_move_m(self, step: ChainState) -> float:
-        active = self._stretch.active[:, self._stretch.joints]
-        moves_m = np.linalg.norm(step.joints[:, 0][active], axis=-1)
+        moves_m = np.linalg.norm(step.joints[:, 0][self._active], axis=-1)
         return float(moves_m.mean()) if moves_m.size else 0.0
 
     def positions_m(self, state: ChainState) -> Float[np.ndarray, "frame joint 3"]:
@@ -234,12 +232,11 @@ def _anchors(stretch: Stretch) -> Iterator[PointPriors]:
 def _depths(stretch: Stretch) -> Iterator[PointPriors]:
     evidence, joints, config = stretch.evidence, stretch.joints, stretch.config.depth
     spread = graph.depth_spread(np.diff(evidence.time_s, prepend=-np.inf), config)
-    directions = ray_directions(evidence.views_m, stretch.rig)
     for view in range(evidence.views_m.shape[1]):
         sigma_m = spread[:, None] * evidence.depth_sigma_m[:, view, joints]
         used = np.isfinite(sigma_m) & stretch.active[:, joints]
         information = np.zeros((*used.shape, 3, 3))
-        covariance_m2 = depth_covariance_m2(directions[:, view, joints][used], sigma_m[used])
+        covariance_m2 = depth_covariance_m2(evidence.rays[:, view, joints][used], sigma_m[used])
         information[used] = np.linalg.inv(covariance_m2)
         positions_m = np.where(used[..., None], evidence.views_m[:, view, joints], 0.0)
         if used.any():

@@ -15,7 +15,7 @@ from fgpose import graph
 from fgpose.bone_lengths import RunningLengths
 from fgpose.camera import CameraRig
 from fgpose.config import Config
-from fgpose.evidence import Evidence, gather, ray_directions
+from fgpose.evidence import Evidence, gather
 from fgpose.fixed_lag import FixedLagSmoother
 from fgpose.graph import FrameTime
 from fgpose.keys import position_key, velocity_key
@@ -173,7 +173,7 @@ class Estimator:
             np.inf if before is None else state.at.time_s - before.at.time_s,
             state.active,
             evidence.views_m[0],
-            ray_directions(evidence.views_m, self.rig)[0],
+            evidence.rays[0],
             evidence.depth_sigma_m[0],
             config.depth,
         )

@@ -37,6 +37,8 @@ class Evidence:
     """Whether the guess is the fused per-view 3D and nothing else tells how far away the joint is."""
     views_m: Float[np.ndarray, "frame view joint 3"]
     """Where each view alone sees the joints whose depth is used; no views when that is not wanted or not known."""
+    rays: Float[np.ndarray, "frame view joint 3"]
+    """Unit vectors from each camera to views_m."""
     depth_sigma_m: Float[np.ndarray, "frame view joint"]
     """Standard deviation of views_m along the ray; NaN where it is not used."""
 
@@ -85,7 +87,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
     ).positions_m
     fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
-    views_m, depth_sigma_m = _depths(observations, rig, config.depth)
+    views_m, rays, depth_sigma_m = _depths(observations, rig, config.depth)
     has_depth = np.isfinite(depth_sigma_m).any(axis=1)
     return Evidence(
         time_s=observations.frame_time_s,
@@ -95,27 +97,24 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
         anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1) & ~has_depth,
         views_m=views_m,
+        rays=rays,
         depth_sigma_m=depth_sigma_m,
     )
 
 
-def _depths(observations: Observations, rig: CameraRig, config: DepthConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Evidence.views_m and depth_sigma_m."""
+def _depths(
+    observations: Observations, rig: CameraRig, config: DepthConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Evidence.views_m, rays and depth_sigma_m."""
     views_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
     if config.use == "never" or views_m is None or covariance_m2 is None:
         nothing = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
-        return nothing[..., None].repeat(3, axis=-1), nothing
-    directions = ray_directions(views_m, rig)
-    variance_m2 = np.einsum("tcji,tcjik,tcjk->tcj", directions, covariance_m2, directions)
+        nowhere = nothing[..., None].repeat(3, axis=-1)
+        return nowhere, nowhere, nothing
+    rays_m = views_m - np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays = rays_m / np.linalg.norm(rays_m, axis=-1, keepdims=True)
+    variance_m2 = np.einsum("tcji,tcjik,tcjk->tcj", rays, covariance_m2, rays)
     if config.use == "few_views":
         few = observations.seen.sum(axis=1, keepdims=True) <= _FEW_VIEWS
         variance_m2 = np.where(few, variance_m2, np.nan)
-    return views_m, config.sigma_scale * np.sqrt(variance_m2)
-
-
-def ray_directions(
-    views_m: Float[np.ndarray, "frame view joint 3"], rig: CameraRig
-) -> Float[np.ndarray, "frame view joint 3"]:
-    """Unit vectors from each camera to what it sees."""
-    rays_m = views_m - np.array([camera.position_m for camera in rig.cameras])[: views_m.shape[1], None]
-    return rays_m / np.linalg.norm(rays_m, axis=-1, keepdims=True)
+    return views_m, rays, config.sigma_scale * np.sqrt(variance_m2)

@@ -163,7 +163,7 @@ def depth_factors(
     step_s: float,
     active: Bool[np.ndarray, " joint"],
     views_m: Float[np.ndarray, "view joint 3"],
-    directions: Float[np.ndarray, "view joint 3"],
+    rays: Float[np.ndarray, "view joint 3"],
     sigma_m: Float[np.ndarray, "view joint"],
     config: DepthConfig,
 ) -> Iterator[gtsam.NonlinearFactor]:
@@ -173,7 +173,7 @@ def depth_factors(
         yield depth_factor(
             position_key(joint, frame),
             views_m[view, joint],
-            directions[view, joint],
+            rays[view, joint],
             spread * float(sigma_m[view, joint]),
             config.kernel,
             config.kernel_scale,

@@ -7,16 +7,15 @@ from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from fgpose.camera import CameraRig
 from fgpose.chain import Chain
 from fgpose.config import Config
-from fgpose.evidence import Evidence, gather
+from fgpose.evidence import gather
 from fgpose.observations import Observations
 from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
-from fgpose.skeleton import Skeleton
 from fgpose.stretch import Stretch
 from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
 from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
@@ -65,7 +64,8 @@ def smooth(
     skeleton = observations.skeleton
 
     def solve(frames: slice | np.ndarray, lengths: _Lengths, covariance: bool = False) -> _Solved:
-        return _solve_window(rig, skeleton, config, evidence.frames(frames), active[frames], lengths, covariance)
+        part = evidence.frames(frames), active[frames]
+        return _solve(Stretch(rig, skeleton, config, *part, lengths.lengths_m, lengths.sigma_m), covariance)
 
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     lengths = _Lengths(median_lengths(skeleton, evidence.guess_m), config.prior.length_sigma_m)
@@ -97,27 +97,19 @@ def smooth(
     )
 
 
-def _solve_window(
-    rig: CameraRig,
-    skeleton: Skeleton,
-    config: Config,
-    evidence: Evidence,
-    active: Bool[np.ndarray, "frame joint"],
-    lengths: _Lengths,
-    covariance: bool,
-) -> _Solved:
+def _solve(stretch: Stretch, covariance: bool) -> _Solved:
+    active, solver = stretch.active, stretch.config.solver
     if not active.any():
         nobody_m = np.full((*active.shape, 3), np.nan)
-        no_lengths_m = np.full(skeleton.n_lengths, np.nan)
+        no_lengths_m = np.full(stretch.skeleton.n_lengths, np.nan)
         return _Solved(nobody_m, np.full((*active.shape, 3, 3), np.nan), no_lengths_m, Convergence(True, 0, 0.0, 0.0))
-    stretch = Stretch(rig, skeleton, config, evidence, active, lengths.lengths_m, lengths.sigma_m)
     chain = Chain(stretch)
     # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
-        if config.solver.backend == "chain":
-            solved = _optimize(chain, config.solver.max_iterations)
+        if solver.backend == "chain":
+            solved = _optimize(chain, solver.max_iterations)
         else:
-            solved = _optimize(Window(stretch), config.solver.max_iterations)
+            solved = _optimize(Window(stretch), solver.max_iterations)
         if not covariance:
             return solved
         return replace(solved, covariance_m2=chain.covariance_m2(solved.positions_m))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -36,12 +37,12 @@ class Stretch:
         """Whether a joint's velocity is unknown too, besides its position."""
         return self.config.motion.model == "constant_velocity"
 
-    @property
+    @cached_property
     def joints(self) -> Int[np.ndarray, " slot"]:
         """The joints that take part in some frame."""
         return np.flatnonzero(self.active.any(axis=0))
 
-    @property
+    @cached_property
     def kept(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether a motion factor leads to this joint from the frame before."""
         return kept_joints(self.active, self.config.motion)

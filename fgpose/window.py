@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose import graph
-from fgpose.evidence import ray_directions
 from fgpose.graph import FrameTime
 from fgpose.graph_problem import GraphProblem
 from fgpose.keys import length_key, position_key, velocity_key
@@ -36,7 +35,6 @@ class Window(GraphProblem):
         stretch = self._stretch
         rig, skeleton, data, config = stretch.rig, stretch.skeleton, stretch.evidence, stretch.config
         kept = stretch.kept
-        directions = ray_directions(data.views_m, rig)
         before = FrameTime(-1, float(data.time_s[0]))
         for frame, time_s in enumerate(data.time_s.tolist()):
             active = stretch.active[frame]
@@ -51,7 +49,7 @@ class Window(GraphProblem):
                 time_s - before.time_s if frame else np.inf,
                 active,
                 data.views_m[frame],
-                directions[frame],
+                data.rays[frame],
                 data.depth_sigma_m[frame],
                 config.depth,
             )

@@ -186,6 +186,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         guess_m=centre_m,
         anchored=np.zeros((1, 17), dtype=bool),
         views_m=np.zeros((1, 0, 17, 3)),
+        rays=np.zeros((1, 0, 17, 3)),
         depth_sigma_m=np.zeros((1, 0, 17)),
     )
     chain = Chain(Stretch(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3))
