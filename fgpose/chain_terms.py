@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.camera import Camera
-from fgpose_factors import Kernel, bone_length_and_direction, robust_loss, robust_weight
+from fgpose_factors import Kernel, bone_length_and_direction, projection_residual, robust_loss, robust_weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class Projections:
     kernel_scale: float
 
     def error(self, state: ChainState) -> float:
-        residual_px, _, _ = self._project(state)
+        residual_px, _ = self._project(state)
         return float(robust_loss(self._squared(residual_px), self.kernel, self.kernel_scale).sum())
 
     def add_gradient(self, gradient: ChainState, state: ChainState) -> None:
@@ -113,35 +113,21 @@ class Projections:
 
     def _linearized(self, state: ChainState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weighted transposed Jacobian, Jacobian and residual."""
-        residual_px, normalized, scale = self._project(state)
+        residual_px, jacobian = self._project(state)
         weight = self.precision * robust_weight(self._squared(residual_px), self.kernel, self.kernel_scale)
-        R = self.camera.camera_T_world[:3, :3]
-        jacobian = scale[..., None] * (R[:2] - normalized[..., None] * R[2])
         return (weight[..., None, None] * jacobian).swapaxes(-1, -2), jacobian, residual_px
 
     def _squared(self, residual_px: np.ndarray) -> Float[np.ndarray, "frame joint"]:
         return self.precision * np.einsum("tji,tji->tj", residual_px, residual_px)
 
-    def _project(self, state: ChainState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Residual, normalised image point and focal length over depth.
-
-        At or behind the camera as GTSAM has it: a constant error of twice the focal length and no slope.
-        """
-        focal_px, centre_px = np.diag(self.camera.K)[:2], self.camera.K[:2, 2]
-        in_camera = self.camera.to_camera_frame(state.joints[:, 0])
-        depth_m = in_camera[..., 2:]
-        behind = depth_m <= 0
-        if not behind.any():
-            normalized = in_camera[..., :2] / depth_m
-            return normalized * focal_px + centre_px - self.measured_px, normalized, focal_px / depth_m
-        depth_m = np.where(behind, 1.0, depth_m)
-        normalized = in_camera[..., :2] / depth_m
-        residual_px = normalized * focal_px + centre_px - self.measured_px
-        return (
-            np.where(behind, 2 * focal_px[0], residual_px),
-            normalized,
-            np.where(behind, 0.0, focal_px / depth_m),
-        )
+    def _project(self, state: ChainState) -> tuple[np.ndarray, np.ndarray]:
+        """Residual and its Jacobian; at or behind the camera, as GTSAM has it, twice the focal length and no slope."""
+        camera, K = self.camera.camera_T_world, self.camera.K
+        residual_px, (jacobian,) = projection_residual(state.joints[:, 0], camera, K, self.measured_px)
+        behind = np.isnan(residual_px[..., 0])
+        if behind.any():
+            residual_px[behind], jacobian[behind] = 2 * K[0, 0], 0.0
+        return residual_px, jacobian
 
 
 @dataclass(frozen=True, eq=False)
