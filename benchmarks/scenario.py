@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose import load_skeleton
+from fgpose import load_rig, load_skeleton
+from fgpose.monocular.demo_videos import fetch_demo_videos
+from fgpose.monocular.sources import Sources, open_sources
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, ring_rig, simulate
 
 # Punching on the spot: the person stays in all four images, so that every detection there can be is there.
@@ -29,3 +32,11 @@ def _back_and_forth(clip_m: Float[np.ndarray, "clip joint 3"], n_frames: int) ->
     half = (len(clip_m) - 1) / 2
     at = half * (1.0 - np.cos(np.arange(n_frames) / half))
     return np.asarray(CubicSpline(np.arange(len(clip_m)), clip_m)(at))
+
+
+def demo_sources() -> Sources:
+    """The four demonstration videos of one person and their cameras, fetched at the first use."""
+    folder = fetch_demo_videos()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # two of the videos are 8 px narrower than their calibration
+        return open_sources(folder / "videos", load_rig(folder / "calibration" / "Calib.qca.txt"))

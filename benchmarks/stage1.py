@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from metric import Metric
+from scenario import demo_sources
 from timing import Timing, timed
 
-import fgpose
 from fgpose.camera import Camera
 from fgpose.monocular.blazepose import BlazePose
-from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.detection import detect
 from fgpose.monocular.models import pull
 from fgpose.monocular.network import Image
-from fgpose.monocular.sources import open_sources
 
 _REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "mediapipe_reference" / "blazepose_full.npz"
 _THREADS = 2
@@ -64,13 +60,9 @@ def agreement_with_mediapipe() -> list[Metric]:
 
 def parallel(n_frames: int, runs: int) -> list[Metric]:
     """All cameras beside each other on two cores against one after the other, decoding included; the runs alternate."""
-    folder = fetch_demo_videos()
-    rig = fgpose.load_rig(folder / "calibration" / "Calib.qca.txt")
     pulled = pull("blazepose-full")
     network = BlazePose(pulled.landmarks, pulled.detector, threads=1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # two of the videos are 8 px narrower than their calibration
-        sources = open_sources(folder / "videos", rig)
+    sources = demo_sources()
     ratios = []
     for _ in range(runs):
         one, two = (timed(lambda jobs=jobs: detect(sources, network, jobs=jobs, frames=n_frames))[0] for jobs in (1, 2))
@@ -79,9 +71,9 @@ def parallel(n_frames: int, runs: int) -> list[Metric]:
 
 
 def _cameras() -> list[tuple[Camera, Path]]:
-    folder = fetch_demo_videos()
-    rig = fgpose.load_rig(folder / "calibration" / "Calib.qca.txt")
-    return [(camera, folder / "videos" / f"{camera.name}.mp4") for camera in rig.cameras]
+    """Each camera with its video; a video that is narrower than its calibration has a camera that fits."""
+    sources = demo_sources()
+    return [(camera, clip.path) for camera, clip in zip(sources.rig.cameras, sources.clips, strict=True)]
 
 
 def _images(video: Path, n: int) -> Iterator[Image]:
@@ -91,6 +83,5 @@ def _images(video: Path, n: int) -> Iterator[Image]:
 
 
 def _timings(network: BlazePose, camera: Camera, images: list[Image]) -> list[Timing]:
-    # Two of the videos are narrower than their calibration, which changes nothing in the time.
-    tracker = network.tracker(replace(camera, size_px=(images[0].shape[1], images[0].shape[0])))
+    tracker = network.tracker(camera)
     return [timed(lambda image=image: tracker.detect(image), collect=False)[0] for image in images][_WARM_UP_FRAMES:]

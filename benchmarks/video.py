@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import cache
 
 import numpy as np
 from jaxtyping import Float
 from metric import Metric
 from occluders import load_cutouts, occluded
+from scenario import demo_sources
 
 import fgpose
 from fgpose.config import FusionConfig
 from fgpose.metrics import jitter_mps3
 from fgpose.monocular.cache import cache_folder
-from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.flips import mend_flips
 from fgpose.monocular.networks import open_network
-from fgpose.monocular.sources import open_sources
 from fgpose.rig_refinement import moved_with_cameras
 from fgpose.synthetic import Occlusion
 from fgpose.triangulation import triangulate, triangulate_robust
@@ -38,11 +36,7 @@ _RULES = {EACH_FRAME: "drawn anew in each frame", STAYING: "staying for 1 to 2 s
 
 @cache
 def _detected(model: str) -> Detected:
-    folder = fetch_demo_videos()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # two of the videos are 8 px narrower than their calibration
-        sources = open_sources(folder / "videos", fgpose.load_rig(folder / "calibration" / "Calib.qca.txt"))
-    return detect(sources, open_network(model), cache=cache_folder() / "detections")
+    return detect(demo_sources(), open_network(model), cache=cache_folder() / "detections")
 
 
 def _observations(detected: Detected) -> fgpose.Observations:
