@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from fgpose.cli.options import new_console, progress_bar
@@ -110,11 +111,12 @@ class VideoOptions:
         from fgpose.monocular.flips import mend_flips
 
         region = None if self.person_region is None else parse_region(self.person_region)
-        observations = detected.observations(0 if region is None else region)
+        followed = detected.follow(0 if region is None else region)
+        observations = followed.observations
         if self.frames is not None and self.frames < observations.n_frames:
             observations = observations.frames(slice(0, self.frames))
         mended = mend_flips(observations, detected.rig)
-        print_views(console, mended)
+        print_views(console, mended, followed.problems[: observations.n_frames])
         return mended
 
     def _open(self) -> Sources:
@@ -194,8 +196,8 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
     console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
 
 
-def print_views(console: Console, mended: Mended) -> None:
-    """In how many frames each camera saw the person, and how often left and right were exchanged."""
+def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "frame camera"]) -> None:
+    """In how many frames each camera saw the person, how often left and right were exchanged, what troubled its 3D."""
     from fgpose.cli.tables import new_table
 
     observations = mended.observations
@@ -204,6 +206,9 @@ def print_views(console: Console, mended: Mended) -> None:
     table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
     table.add_row("left and right exchanged, mended", *map(str, mended.flipped.sum(axis=0).tolist()))
     table.add_row("doubtful, trusted less", *map(str, mended.doubtful.sum(axis=0).tolist()))
+    kinds = [[problem.partition(":")[0] for problem in of_camera] for of_camera in problems.T.tolist()]
+    for kind in sorted({kind for of_camera in kinds for kind in of_camera if kind}):
+        table.add_row(f"3D missing or doubtful: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))
     console.print(table)
 
 

@@ -73,7 +73,12 @@ class AbsolutePose:
     have most of their depth error in common, and it lasts for many frames."""
     problem: str
     """Empty when all is well; else why the pose is NaN or doubtful: "few joints", "cut by the border", "behind the
-    camera", "ill-conditioned" or "poor fit", with the figures."""
+    camera", "ill-conditioned" or "poor fit", then a colon and the figures."""
+
+    @staticmethod
+    def missing(n_joints: int, problem: str) -> AbsolutePose:
+        """All NaN."""
+        return AbsolutePose(np.full((n_joints, 3), np.nan), np.full((n_joints, 3, 3), np.nan), problem)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,12 +120,12 @@ def absolute_pose(
     used = trusted & inside
     if used.sum() < _MIN_JOINTS:
         few = f"few joints: {used.sum()} of {solves.sum()} are seen, {_MIN_JOINTS} are needed"
-        return _nothing(n_joints, cut or few)
+        return AbsolutePose.missing(n_joints, cut or few)
     found = _translation(relative_m[used], u[used], confidence[used], sigma_m[used])
     depth_m = relative_m[:, 2] + found.t_m[2]
     failure = _failure(found, float(np.mean(depth_m[used])))
     if failure:
-        return _nothing(n_joints, failure)
+        return AbsolutePose.missing(n_joints, failure)
     known &= depth_m > _MIN_DEPTH_M
     rays = np.concatenate([u, np.ones((n_joints, 1))], axis=1)
     covariance_m2 = _covariance(rays, depth_m, sigma_m, np.where(inside, confidence, 0.0), found, camera)
@@ -158,10 +163,6 @@ def _cut(trusted: Bool[np.ndarray, " joint"], inside: Bool[np.ndarray, " joint"]
     if n_cut <= _MAX_CUT_SHARE * n_trusted:
         return ""
     return f"cut by the border: {n_cut} of {n_trusted} joints lie outside the image or at its edge"
-
-
-def _nothing(n_joints: int, problem: str) -> AbsolutePose:
-    return AbsolutePose(np.full((n_joints, 3), np.nan), np.full((n_joints, 3, 3), np.nan), problem)
 
 
 def _translation(

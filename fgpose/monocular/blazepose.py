@@ -130,13 +130,8 @@ class BlazePoseTracker:
             absolute_pose(person.world_m, person.points2d_px, each, self._camera, self._network.skeleton)
             for person, each in zip(people, confidence, strict=True)
         ]
-        return People(
-            np.stack([_box(person) for person in people]),
-            np.stack([person.points2d_px for person in people]),
-            np.stack(confidence),
-            np.stack([pose.points3d_m for pose in poses]),
-            np.stack([pose.covariance_m2 for pose in poses]),
-        )
+        boxes = np.stack([_box(person) for person in people])
+        return People.stacked(boxes, [person.points2d_px for person in people], confidence, poses)
 
 
 def _is_same_region(a: Region, b: Region) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from fgpose.camera import CameraRig
 from fgpose.io.people import NOBODY, choose_person
@@ -45,6 +45,16 @@ class PersonRegion:
 
 
 @dataclass(frozen=True, eq=False)
+class FollowedPerson:
+    """One person in the images of all cameras."""
+
+    observations: Observations
+    """With per-view 3D and its covariance in the world frame."""
+    problems: Shaped[np.ndarray, "frame camera"]
+    """Why the 3D of a view is missing or doubtful, see People.problems; empty also where the person is not seen."""
+
+
+@dataclass(frozen=True, eq=False)
 class Detected:
     """The people in all images of all cameras."""
 
@@ -70,7 +80,11 @@ class Detected:
         return match_frames([clip.times_s(view.stamps_s) for clip, view in pairs])
 
     def observations(self, person: int | PersonRegion = 0) -> Observations:
-        """What the cameras saw of one person, with per-view 3D and its covariance in the world frame.
+        """What the cameras saw of one person, see follow."""
+        return self.follow(person).observations
+
+    def follow(self, person: int | PersonRegion = 0) -> FollowedPerson:
+        """What the cameras saw of one person.
 
         People are followed through views and frames together, see track_people. Where no image has more than one, that
         is the one.
@@ -89,7 +103,7 @@ class Detected:
             points3d_m[:, c] = camera.to_world_frame(points3d_m[:, c])
             covariance_m2[:, c] = R @ covariance_m2[:, c] @ R.T
         has_3d, has_covariance = (bool(np.isfinite(array).any()) for array in (points3d_m, covariance_m2))
-        return Observations(
+        observations = Observations(
             skeleton=self.skeleton,
             time_s=self.frames.time_s,
             points2d_px=self._of(chosen, people, "points2d_px"),
@@ -98,6 +112,7 @@ class Detected:
             covariance3d_m2=covariance_m2 if has_3d and has_covariance else None,
             camera_names=self.rig.names,
         )
+        return FollowedPerson(observations, self._problems(chosen, people))
 
     def _of(self, chosen: Int[np.ndarray, "frame camera"], people: list[list[People]], name: str) -> np.ndarray:
         """(T, C, ...) one of the arrays of People for the chosen ones, in the camera frame; NaN where nobody is."""
@@ -105,6 +120,14 @@ class Detected:
         for t, c in np.argwhere(chosen != NOBODY):
             array[t, c] = getattr(people[c][self.frames.image[t, c]], name)[chosen[t, c]]
         return array
+
+    def _problems(
+        self, chosen: Int[np.ndarray, "frame camera"], people: list[list[People]]
+    ) -> Shaped[np.ndarray, "frame camera"]:
+        problems = np.full(chosen.shape, "", dtype=object)
+        for t, c in np.argwhere(chosen != NOBODY):
+            problems[t, c] = people[c][self.frames.image[t, c]].problems[chosen[t, c]]
+        return problems
 
     def _candidates(self, people: list[list[People]]) -> _Candidates:
         image = self.frames.image

@@ -18,7 +18,7 @@ from fgpose.io.atomic import replacing
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.network import Network, People
 
-_PEOPLE = ("boxes", "points2d_px", "confidence", "points3d_m", "covariance_m2")
+_ARRAYS = ("boxes", "points2d_px", "confidence", "points3d_m", "covariance_m2")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,24 +42,27 @@ class ViewDetections:
         if n_images >= self.n_images:
             return self
         last = int(self.n_people[:n_images].sum())
-        people = People(*(getattr(self.people, name)[:last] for name in _PEOPLE))
-        return ViewDetections(self.stamps_s[:n_images], self.n_people[:n_images], people)
+        return ViewDetections(self.stamps_s[:n_images], self.n_people[:n_images], _part(self.people, 0, last))
 
     @staticmethod
     def stacked(stamps_s: list[float], people: list[People], n_joints: int, ended: bool) -> ViewDetections:
         """From the images one by one."""
         everybody = [People.nobody(n_joints), *people]
-        arrays = [np.concatenate([getattr(each, name) for each in everybody]).astype(np.float32) for name in _PEOPLE]
+        arrays = [np.concatenate([getattr(each, name) for each in everybody]).astype(np.float32) for name in _ARRAYS]
+        problems = tuple(problem for each in people for problem in each.problems)
         n_people = np.array([each.n_people for each in people], dtype=int)
-        return ViewDetections(np.array(stamps_s, dtype=float), n_people, People(*arrays), ended)
+        return ViewDetections(np.array(stamps_s, dtype=float), n_people, People(*arrays, problems=problems), ended)
 
     def unstacked(self) -> list[People]:
         """The people of each image."""
         stops = np.cumsum(self.n_people)
         return [
-            People(*(getattr(self.people, name)[stop - n : stop] for name in _PEOPLE))
-            for n, stop in zip(self.n_people.tolist(), stops.tolist(), strict=True)
+            _part(self.people, stop - n, stop) for n, stop in zip(self.n_people.tolist(), stops.tolist(), strict=True)
         ]
+
+
+def _part(people: People, start: int, stop: int) -> People:
+    return People(*(getattr(people, name)[start:stop] for name in (*_ARRAYS, "problems")))
 
 
 def cache_path(folder: Path, clip: Clip, network: Network, camera: Camera) -> Path:
@@ -94,9 +97,8 @@ def load_detections(path: Path, n_joints: int) -> ViewDetections | None:
         return None
     try:
         arrays = read_arrays(path)
-        view = ViewDetections(
-            arrays["stamps_s"], arrays["n_people"], People(*(arrays[name] for name in _PEOPLE)), bool(arrays["ended"])
-        )
+        people = People(*(arrays[name] for name in _ARRAYS), problems=tuple(arrays["problems"].tolist()))
+        view = ViewDetections(arrays["stamps_s"], arrays["n_people"], people, bool(arrays["ended"]))
         _check(view, n_joints)
     except (ValueError, KeyError, TypeError, OSError) as error:
         warnings.warn(f"{path}: damaged, detected again ({error})", stacklevel=2)
@@ -111,7 +113,7 @@ def _check(view: ViewDetections, n_joints: int) -> None:
         raise ValueError("its images have no count of people each")
     total = int(view.n_people.sum())
     shapes = ((5,), (n_joints, 2), (n_joints,), (n_joints, 3), (n_joints, 3, 3))
-    for name, shape in zip(_PEOPLE, shapes, strict=True):
+    for name, shape in zip(_ARRAYS, shapes, strict=True):
         found = getattr(view.people, name).shape
         if found != (total, *shape):
             raise ValueError(f"{name} is {found}, not {(total, *shape)}")
@@ -119,6 +121,7 @@ def _check(view: ViewDetections, n_joints: int) -> None:
 
 def store_detections(view: ViewDetections, path: Path) -> None:
     """Replace the file, whole or not at all. Raises OSError if it cannot be written."""
-    arrays = {name: getattr(view.people, name) for name in _PEOPLE}
+    arrays = {name: getattr(view.people, name) for name in _ARRAYS}
+    arrays["problems"] = np.array(view.people.problems, dtype=str)
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, stamps_s=view.stamps_s, n_people=view.n_people, ended=np.array(view.ended), **arrays)

@@ -8,7 +8,7 @@ with test-time augmentation it is also turned, scaled and mirrored, and the answ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,7 @@ from jaxtyping import Float, Float32
 
 from fgpose.camera import Camera
 from fgpose.io.skeletons import load_skeleton
-from fgpose.monocular.absolute import absolute_pose
+from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.sessions import identity, open_session
 from fgpose.monocular.topdown import Box, Boxes, PersonDetector, TopDown, TopDownTracker
@@ -113,14 +113,12 @@ class MeTRAbs:
         def people(image: Image, boxes: Boxes) -> People:
             pyramid = _pyramid(image)
             poses = [self._pose(pyramid, box, view) for box in boxes]
-            return People(boxes, *(np.stack(arrays) for arrays in zip(*poses, strict=True)))
+            return People.stacked(boxes, *zip(*poses, strict=True))
 
         return TopDownTracker(self._top_down, people, camera, self.skeleton.n_joints)
 
-    def _pose(
-        self, pyramid: list[np.ndarray], box: Box, view: _View
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """points2d_px, confidence, points3d_m and covariance_m2 of the person in a box."""
+    def _pose(self, pyramid: list[np.ndarray], box: Box, view: _View) -> tuple[np.ndarray, np.ndarray, AbsolutePose]:
+        """points2d_px, confidence and absolute pose of the person in a box."""
         answers_m = np.stack([self._answer_m(pyramid, box, view, how) for how in self._augmentations])
         mean_m = answers_m.mean(axis=0)
         points2d_px = view.project(mean_m)
@@ -128,8 +126,8 @@ class MeTRAbs:
         # A joint beyond the border is a guess in 3D, and nothing that was seen in 2D.
         seen = np.all((points2d_px >= 0) & (points2d_px <= np.subtract(view.camera.size_px, 1)), axis=1)
         confidence = np.where(seen, agreement(answers_m), 0.0)
-        covariance_m2 = absolute.covariance_m2 + _spread_m2(answers_m)
-        return np.where(seen[:, None], points2d_px, np.nan), confidence, absolute.points3d_m, covariance_m2
+        absolute = replace(absolute, covariance_m2=absolute.covariance_m2 + _spread_m2(answers_m))
+        return np.where(seen[:, None], points2d_px, np.nan), confidence, absolute
 
     def _answer_m(
         self, pyramid: list[np.ndarray], box: Box, view: _View, how: Augmentation

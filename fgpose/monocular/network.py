@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -9,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.camera import Camera
+from fgpose.monocular.absolute import AbsolutePose
 from fgpose.skeleton import Skeleton
 
 Image = UInt8[np.ndarray, "height width 3"]
@@ -40,10 +42,36 @@ class People:
     """Absolute position in the camera frame, metres; all NaN for a network that gives 2D only."""
     covariance_m2: Float[np.ndarray, "person joint 3 3"]
     """Of points3d_m, in the camera frame; NaN where that is NaN."""
+    problems: tuple[str, ...] = ()
+    """For each person why points3d_m is NaN or doubtful, as AbsolutePose says it: a kind, a colon, figures; empty where
+    it is neither. For a network that gives 2D only, and by default, all are empty."""
+
+    def __post_init__(self) -> None:
+        if not self.problems:
+            object.__setattr__(self, "problems", ("",) * self.n_people)
+        if len(self.problems) != self.n_people:
+            raise ValueError(f"{self.n_people} people cannot have {len(self.problems)} problems: one each, or none")
 
     @property
     def n_people(self) -> int:
         return len(self.boxes)
+
+    @staticmethod
+    def stacked(
+        boxes: Float[np.ndarray, "person 5"],
+        points2d_px: Sequence[Float[np.ndarray, "joint 2"]],
+        confidence: Sequence[Float[np.ndarray, " joint"]],
+        poses: Sequence[AbsolutePose],
+    ) -> People:
+        """From what is known of each person, one at least."""
+        return People(
+            boxes,
+            np.stack(points2d_px),
+            np.stack(confidence),
+            np.stack([pose.points3d_m for pose in poses]),
+            np.stack([pose.covariance_m2 for pose in poses]),
+            tuple(pose.problem for pose in poses),
+        )
 
     @staticmethod
     def nobody(n_joints: int) -> People:

@@ -10,6 +10,7 @@ the covariance says so. The other networks hide such an assumption in their weig
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from jaxtyping import Float, Int
 
 from fgpose.camera import Camera
 from fgpose.io.skeletons import load_skeleton
-from fgpose.monocular.absolute import absolute_pose
+from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.sessions import identity
 from fgpose.monocular.simcc import SimccNetwork
@@ -92,22 +93,22 @@ class RTMW3D:
 
         def people(image: Image, boxes: Boxes) -> People:
             poses = [self._pose(image, box, camera) for box in boxes]
-            return People(boxes, *(np.stack(arrays) for arrays in zip(*poses, strict=True)))
+            return People.stacked(boxes, *zip(*poses, strict=True))
 
         return TopDownTracker(self._top_down, people, camera, self.skeleton.n_joints)
 
-    def _pose(self, image: Image, box: Box, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """points2d_px, confidence, points3d_m and covariance_m2 of the person in a box."""
+    def _pose(self, image: Image, box: Box, camera: Camera) -> tuple[np.ndarray, np.ndarray, AbsolutePose]:
+        """points2d_px, confidence and absolute pose of the person in a box."""
         pose = self._simcc.pose(image, box)
         points2d_px, confidence = pose.points2d_px[:_N_BODY], pose.confidence[:_N_BODY]
-        nowhere = np.full((_N_BODY, 3), np.nan), np.full((_N_BODY, 3, 3), np.nan)
         if self._height_m is None:
-            return points2d_px, confidence, *nowhere
+            return points2d_px, confidence, AbsolutePose.missing(_N_BODY, "")
         behind_root_m = _DEPTH_RANGE_M * pose.depth[:_N_BODY]
         u = (camera.undistort(points2d_px) - camera.K[:2, 2]) / np.diag(camera.K)[:2]
         root_m, sigma_m = root_depth(u, behind_root_m, confidence, self.skeleton, self._height_m)
         if not np.isfinite(root_m):
-            return points2d_px, confidence, *nowhere
+            few = f"few bones: fewer than {_MIN_BONES} are seen at an angle that tells the distance"
+            return points2d_px, confidence, AbsolutePose.missing(_N_BODY, few)
         rays = np.concatenate([u, np.ones((_N_BODY, 1))], axis=1)
         absolute = absolute_pose(
             rays * (root_m + behind_root_m)[:, None] - (0.0, 0.0, root_m),
@@ -118,7 +119,7 @@ class RTMW3D:
         )
         # absolute_pose counts the unknown height of the person, but not that the bones disagree about the distance.
         bones_m2 = sigma_m**2 * rays[:, :, None] * rays[:, None]
-        return points2d_px, confidence, absolute.points3d_m, absolute.covariance_m2 + bones_m2
+        return points2d_px, confidence, replace(absolute, covariance_m2=absolute.covariance_m2 + bones_m2)
 
 
 def root_depth(

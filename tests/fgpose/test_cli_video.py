@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations
 from fgpose.io.trajectories import load_trajectory
 from fgpose.monocular.detected import PersonRegion
+from fgpose.monocular.network import Image, People, Tracker
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
@@ -224,6 +225,40 @@ def test_the_person_in_a_region(person: int, squares: SquaresScene, network: Squ
     assert main([*arguments, "-o", str(tmp_path / "out"), *options]) == 0
     trajectory = load_trajectory(tmp_path / "out" / "walk.npz")
     np.testing.assert_allclose(trajectory.positions_m, truth_m(squares, person), atol=0.02)
+
+
+@dataclass
+class Troubled:
+    """Says of the first person that the fit is poor, of the second in the first half second that joints are missing."""
+
+    tracker: Tracker
+    n_seen: int = 0
+
+    def detect(self, image: Image) -> People:
+        self.n_seen += 1
+        of_second = "few joints: 3 of 12 are seen, 6 are needed" if self.n_seen <= FPS / 2 else ""
+        return replace(self.tracker.detect(image), problems=("poor fit: twice as much as usual", of_second))
+
+
+@pytest.mark.parametrize("command", ["run", "detect"])
+def test_what_troubled_the_3d_is_printed_of_the_wanted_person_only(
+    command: str,
+    squares: SquaresScene,
+    network: SquaresNetwork,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tracker = network.tracker
+    monkeypatch.setattr(network, "tracker", lambda camera: Troubled(tracker(camera)))
+    save_rig(squares.rig, tmp_path / "Calib.toml")
+    squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
+    x, y = squares.rig.cameras[1].project(squares.positions_m(0.0, 2)[1]).mean(axis=0)
+    options = ["--people", "2", "--person-region", f"ring_1:{x - 60:.0f},{y - 60:.0f},120,120", "--formats", "npz"]
+    arguments = [command, str(tmp_path / "walk"), "--rig", str(tmp_path / "Calib.toml"), "-o", str(tmp_path / "out")]
+    assert main([*arguments, *options]) == 0
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if "3D missing or doubtful" in line]
+    assert [re.sub(" +", " ", line) for line in lines] == ["3D missing or doubtful: few joints 10 10 10"]
 
 
 @pytest.mark.parametrize(("file_format", "with_3d"), [("parquet", True), ("npz", True), ("parquet", False)])

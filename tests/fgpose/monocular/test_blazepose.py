@@ -20,6 +20,9 @@ K = np.array([[700.0, 0.0, 170.0], [0.0, 690.0, 220.0], [0.0, 0.0, 1.0]])
 CAMERA = Camera("cam_1", tiny.SIZE_PX, K, np.eye(4), np.array([-0.1, 0.02, 0.001, 0.0]))
 # The middle of a turned square, seen through bilinear interpolation, is off by a few hundredths of a pixel.
 TOLERANCE_PX = 0.1
+# The joints that find the distance of a person; a hundredth of the longer side of the image is its edge.
+PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+EDGE_PX = 0.01 * max(tiny.SIZE_PX)
 REFERENCE = Path(__file__).parents[2] / "data" / "mediapipe_reference" / "blazepose_full.npz"
 
 
@@ -72,19 +75,41 @@ def test_joints_and_confidence_are_those_of_the_network(files: tuple[Path, Path]
     np.testing.assert_allclose(people.boxes[0, :4], [*low, *(high - low)], atol=2 * TOLERANCE_PX)
 
 
-def test_points_are_absolute_in_the_camera_frame(tmp_path: Path, files: tuple[Path, Path]) -> None:
-    truth_m = np.random.default_rng(5).uniform((-0.4, -0.7, 4.0), (0.4, 0.7, 4.6), (33, 3))
-    points_px = CAMERA.distort(CAMERA.project(truth_m))
+def truth_m() -> np.ndarray:
+    """Somebody in front of the camera, of no particular shape."""
+    return np.random.default_rng(5).uniform((-0.4, -0.7, 4.0), (0.4, 0.7, 4.6), (33, 3))
+
+
+@pytest.fixture(scope="module")
+def of_truth(tmp_path_factory: pytest.TempPathFactory, files: tuple[Path, Path]) -> BlazePose:
+    """Gives the joints of truth_m for a person in cell (13, 13), elsewhere those joints shifted in the image."""
     to_crop = detected_region(13, 13).crop_T_image(256)
+    points_px = CAMERA.distort(CAMERA.project(truth_m()))
     offsets_px = (points_px - tiny.square_middle_px(13, 13)) @ to_crop[:, :2].T
-    relative_m = tiny.turned(truth_m - truth_m[[23, 24]].mean(axis=0), -LEAN_RAD)
-    landmarks = tiny.landmarks(tmp_path / "landmarks.onnx", offsets_px, relative_m)
-    people = BlazePose(landmarks, files[1]).tracker(CAMERA).detect(scene((13, 13)))
+    relative_m = tiny.turned(truth_m() - truth_m()[[23, 24]].mean(axis=0), -LEAN_RAD)
+    path = tmp_path_factory.mktemp("truth") / "landmarks.onnx"
+    return BlazePose(tiny.landmarks(path, offsets_px, relative_m), files[1])
+
+
+def test_points_are_absolute_in_the_camera_frame(of_truth: BlazePose) -> None:
+    people = of_truth.tracker(CAMERA).detect(scene((13, 13)))
+    points_px = CAMERA.distort(CAMERA.project(truth_m()))
     np.testing.assert_allclose(people.points2d_px[0], points_px, atol=TOLERANCE_PX)
     # All landmarks are off by the same few hundredths of a pixel of 700 (sideways), as is their size (in depth).
-    np.testing.assert_allclose(people.points3d_m[0], truth_m, atol=2e-3)
+    np.testing.assert_allclose(people.points3d_m[0], truth_m(), atol=2e-3)
     along, across = people.covariance_m2[0, :, 2, 2], people.covariance_m2[0, :, 0, 0]
     assert (along > across).all()
+    assert people.problems == ("",)
+
+
+def test_a_person_whom_the_border_cuts_has_a_problem(of_truth: BlazePose) -> None:
+    people = of_truth.tracker(CAMERA).detect(scene((22, 13)))
+    solving = [of_truth.skeleton.index(f"{side}_{part}") for side in ("left", "right") for part in PARTS]
+    n_cut = int((people.points2d_px[0, solving, 0] > tiny.SIZE_PX[0] - EDGE_PX).sum())
+    assert n_cut > len(solving) / 4
+    (problem,) = people.problems
+    assert problem == f"cut by the border: {n_cut} of 12 joints lie outside the image or at its edge"
+    assert np.isfinite(people.points3d_m).all()
 
 
 def test_an_image_without_people_gives_nobody(files: tuple[Path, Path]) -> None:

@@ -27,7 +27,8 @@ def some_people(n_people: int, seed: int) -> People:
     shapes = ((5,), (N_JOINTS, 2), (N_JOINTS,), (N_JOINTS, 3), (N_JOINTS, 3, 3))
     boxes, points2d_px, confidence, points3d_m, covariance_m2 = (rng.uniform(0, 1, (n_people, *s)) for s in shapes)
     points3d_m[:, 1] = np.nan
-    return People(boxes, points2d_px, confidence, points3d_m, covariance_m2)
+    problems = ("", f"poor fit: {seed} times", "cut by the border")[:n_people]
+    return People(boxes, points2d_px, confidence, points3d_m, covariance_m2, problems)
 
 
 def assert_same(actual: ViewDetections, expected: ViewDetections) -> None:
@@ -35,6 +36,7 @@ def assert_same(actual: ViewDetections, expected: ViewDetections) -> None:
     np.testing.assert_array_equal(actual.n_people, expected.n_people)
     for name in ("boxes", "points2d_px", "confidence", "points3d_m", "covariance_m2"):
         np.testing.assert_array_equal(getattr(actual.people, name), getattr(expected.people, name))
+    assert actual.people.problems == expected.people.problems
 
 
 def assert_same_detections(actual: Detected, expected: Detected) -> None:
@@ -69,8 +71,16 @@ def test_people_go_back_to_their_images(view: ViewDetections) -> None:
     # Single precision: 1 part in 10^7.
     np.testing.assert_allclose(images[2].points2d_px, some_people(1, 2).points2d_px, rtol=1e-6)
     np.testing.assert_allclose(images[0].covariance_m2, some_people(2, 0).covariance_m2, rtol=1e-6)
+    assert [people.problems for people in images] == [("", "poor fit: 0 times"), (), ("",)]
     assert [people.n_people for people in view.first(1).unstacked()] == [2]
     assert not view.first(1).ended
+
+
+def test_every_person_has_a_problem_or_nobody_has() -> None:
+    people = some_people(2, 0)
+    assert replace(people, problems=()).problems == ("", "")
+    with pytest.raises(ValueError, match="2 people cannot have 1 problems"):
+        replace(people, problems=("cut by the border",))
 
 
 def test_nobody_in_any_image_is_a_result(tmp_path: Path) -> None:
@@ -79,6 +89,7 @@ def test_nobody_in_any_image_is_a_result(tmp_path: Path) -> None:
     loaded = load_detections(tmp_path / "a.npz", N_JOINTS)
     assert loaded is not None
     assert [people.n_people for people in loaded.unstacked()] == [0, 0]
+    assert loaded.people.problems == ()
 
 
 @pytest.mark.parametrize("how", ["truncated", "empty", "text", "other arrays", "other joints", "other counts"])

@@ -104,6 +104,7 @@ def test_absolute_joints_wherever_the_person_stands(tmp_path: Path, root_m: tupl
     np.testing.assert_allclose(people.points3d_m[0], points3d_m, atol=TOLERANCE_M)
     np.testing.assert_allclose(people.points2d_px[0], points_px, atol=1.0)  # 0.3 pixels of the crop are 0.8 here
     assert np.isfinite(people.covariance_m2).all()
+    assert people.problems == ("",)
     if num_aug == 1:
         assert (people.confidence == CONFIDENCE).all()
     else:
@@ -299,11 +300,13 @@ def test_a_joint_beyond_the_border_is_a_guess_in_3d_and_nothing_in_2d(tmp_path: 
     assert np.isfinite(people.points3d_m[0]).all()
     across_m2 = np.linalg.eigvalsh(people.covariance_m2[0])[:, 0]
     assert across_m2[outside].min() > 4 * across_m2[~outside].max()
+    assert people.problems == ("",)  # 2 of the 10 joints that find the distance
     # With five of eleven joints in the image there is no telling how far the person is.
     box = (-300.0, 300.0, 400.0, 400.0, 0.9)
     people = MeTRAbs(bright(tmp_path / "bright.onnx"), Boxes([box]), SKELETON).tracker(CAMERA).detect(empty)
     assert (people.confidence > 0).sum() == 5
     assert np.isnan(people.points3d_m).all()
+    assert people.problems[0].startswith("cut by the border: 5 of 10")
 
 
 def test_augmentations_are_those_of_the_authors():

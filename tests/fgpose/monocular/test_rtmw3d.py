@@ -118,6 +118,7 @@ def test_without_a_height_there_are_2d_joints_only(tmp_path: Path):
     assert np.isfinite(people.points2d_px).all()
     assert np.isnan(people.points3d_m).all()
     assert np.isnan(people.covariance_m2).all()
+    assert people.problems == ("",)
     for height_m in (0.2, 170.0):
         with pytest.raises(ValueError, match="height of a person"):
             network(tmp_path / "rtmw3d.onnx", points3d_m, Boxes([]), height_m=height_m)
@@ -134,6 +135,19 @@ def test_a_person_of_whom_only_the_head_is_seen_has_no_distance(tmp_path: Path):
     assert np.isnan(people.points2d_px[0, 7:]).all()
     assert np.isnan(people.points3d_m).all()
     assert np.isnan(people.covariance_m2).all()
+    assert people.problems[0].startswith("few bones: fewer than 3")
+
+
+def test_a_person_of_whom_five_joints_are_seen_has_a_problem_and_no_3d(tmp_path: Path):
+    points3d_m = person(1.70, (0.1, -0.1, 3.5))
+    points_px = image_points(points3d_m, CAMERA)
+    seen = [SKELETON.index(name) for name in ("left_shoulder", "right_shoulder", "left_elbow", "left_hip", "right_hip")]
+    points_px[np.setdiff1d(np.arange(17), seen)] = np.nan
+    box = box_around(image_points(points3d_m, CAMERA))
+    people = network(tmp_path / "rtmw3d.onnx", points3d_m, Boxes([box])).tracker(CAMERA).detect(picture(points_px))
+    # Three bones tell the distance of the hips; the translation needs six joints.
+    assert people.problems[0].startswith("few joints: 5 of 12 are seen")
+    assert np.isnan(people.points3d_m).all()
 
 
 def test_two_people_nobody_and_another_image(tmp_path: Path):
