@@ -144,6 +144,15 @@ class Chain:
             raise ValueError(f"a joint is not held by any factor: {error}") from None
         return self._of_all_joints(np.einsum("tjajb->tjab", blocks.reshape(self._frames.shape)[:, 0, :, :, 0]))
 
+    def frame_information(
+        self, positions_m: Float[np.ndarray, "frame joint 3"]
+    ) -> Float[np.ndarray, "frame joint 3 3"]:
+        """Information of the detections of each frame alone on every active joint, 1/m^2; NaN elsewhere."""
+        state = self.initial()
+        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._stretch.joints])
+        of_slots = sum(term.information(state) for term in self._terms if isinstance(term, Projections))
+        return self._of_all_joints(np.asarray(of_slots))
+
     def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:
         stretch = self._stretch
         of_joints = np.full((*stretch.active.shape, *of_slots.shape[2:]), np.nan)

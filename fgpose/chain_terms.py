@@ -108,8 +108,12 @@ class Projections:
         gradient.joints[:, 0] += (weighted @ residual_px[..., None])[..., 0]
 
     def add_information(self, information: Information, state: ChainState) -> None:
+        information.single_positions[:] += self.information(state)
+
+    def information(self, state: ChainState) -> Float[np.ndarray, "frame joint 3 3"]:
+        """On each position."""
         weighted, jacobian, _ = self._linearized(state)
-        information.single_positions[:] += weighted @ jacobian
+        return weighted @ jacobian
 
     def _linearized(self, state: ChainState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Weighted transposed Jacobian, Jacobian and residual."""
