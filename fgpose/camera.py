@@ -7,7 +7,7 @@ frame, GTSAM's direction; most calibration files store the inverse.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -53,6 +53,8 @@ class Camera:
     distortion: Float[np.ndarray, " coefficients"]
     """OpenCV order: k1, k2, p1, p2[, k3[, k4, k5, k6]], or the four of the fisheye model; empty for none."""
     lens: LensModel = "pinhole"
+    time_offset_s: float = 0.0
+    """How much later than its time stamps say the camera takes its images."""
 
     def __post_init__(self) -> None:
         for name in ("K", "world_T_camera", "distortion"):
@@ -60,6 +62,8 @@ class Camera:
             object.__setattr__(self, name, array)
             if not np.isfinite(array).all():
                 raise ValueError(f"camera {self.name}: {name} contains a number that is not finite")
+        if not np.isfinite(self.time_offset_s):
+            raise ValueError(f"camera {self.name}: the time offset is not finite")
         self._check_shapes()
         self._check_intrinsics()
         self._check_pose()
@@ -243,6 +247,23 @@ class CameraRig:
         if unknown:
             raise ValueError(f"the calibration has no camera {', '.join(unknown)}; it has {', '.join(self.names)}")
         return CameraRig(tuple(by_name[name] for name in names))
+
+    @cached_property
+    def time_offsets_s(self) -> Float[np.ndarray, " camera"]:
+        """How much later than its time stamps say each camera takes its images."""
+        return np.array([camera.time_offset_s for camera in self.cameras])
+
+    def with_time_offsets(self, offsets_s: Float[np.ndarray, " camera"]) -> CameraRig:
+        """The same cameras with other time offsets."""
+        offsets = np.asarray(offsets_s, dtype=float).tolist()
+        pairs = zip(self.cameras, offsets, strict=True)
+        return CameraRig(tuple(replace(camera, time_offset_s=offset_s) for camera, offset_s in pairs))
+
+    def project_each(
+        self, points_m: Float[np.ndarray, "*points camera joint 3"]
+    ) -> Float[np.ndarray, "*points camera joint 2"]:
+        """Undistorted pixels in every camera of its own world points; NaN behind it."""
+        return np.stack([camera.project(points_m[..., c, :, :]) for c, camera in enumerate(self.cameras)], axis=-3)
 
     def project(self, points_m: Float[np.ndarray, "*points joint 3"]) -> Float[np.ndarray, "*points camera joint 2"]:
         """Undistorted pixels of world points in every camera; NaN behind a camera."""

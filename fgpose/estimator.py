@@ -78,6 +78,7 @@ class Estimator:
         """
         evidence = self._evidence(frame)
         before = self._window[-1] if self._window else None
+        evidence = self._on_time(before, evidence)
         now = FrameTime(self._n_frames, float(evidence.time_s[0]))
         active = self._active(evidence, now.time_s)
         state = self._predicted(before, now, active, evidence)
@@ -100,6 +101,16 @@ class Estimator:
                 f"{self._window[-1].at.time_s:g} s; it was not used"
             )
         return gather(frame.with_cameras(self.rig.names), self.rig, self.config)
+
+    def _on_time(self, before: _State | None, evidence: Evidence) -> Evidence:
+        """The detections where they would be if all cameras were synchronous, as the motion so far foresees."""
+        delay_s = evidence.delay_s[0]
+        if before is None or not delay_s.any():
+            return evidence
+        foreseen_m = before.positions_m + before.velocities_mps * (evidence.time_s[0] - before.at.time_s)
+        at_camera_m = foreseen_m + before.velocities_mps * delay_s[:, None, None]
+        moved_px = np.nan_to_num(self.rig.project_each(at_camera_m) - self.rig.project(foreseen_m))
+        return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
 
     def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
         """Joints that take part: triangulated now or, with a motion model, not too long ago."""

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.camera import CameraRig
 from fgpose.config import Config, DepthConfig
+from fgpose.delays import delays_s
 from fgpose.fusion import fuse_undistorted
 from fgpose.observations import Observations
 from fgpose.triangulation import triangulate_robust
@@ -41,6 +42,8 @@ class Evidence:
     """Unit vectors from each camera to views_m."""
     depth_sigma_m: Float[np.ndarray, "frame view joint"]
     """Standard deviation of views_m along the ray; NaN where it is not used."""
+    delay_s: Float[np.ndarray, "frame camera"]
+    """How much later than its frame each image was taken."""
 
     @property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
@@ -99,6 +102,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         views_m=views_m,
         rays=rays,
         depth_sigma_m=depth_sigma_m,
+        delay_s=delays_s(observations, rig),
     )
 
 

@@ -37,11 +37,15 @@ def simulate(
     noise: DetectionNoise,
     occlusion: Occlusion,
     seed: int,
+    offsets_s: Float[np.ndarray, " camera"] | None = None,
 ) -> Scene:
     """What the cameras of the rig would have seen of this motion (world frame, metres).
 
     Joints outside the image are missing. The same seed gives the same scene, and the noise of a detection does not
     depend on what is occluded: scenes with and without occlusion differ in the occluded joints alone.
+
+    Args:
+        offsets_s: how much later than its observations say each camera took its images.
 
     Raises:
         ValueError: more views are occluded than there are cameras, or the truth is empty, not finite or of another
@@ -52,7 +56,8 @@ def simulate(
     if truth_m.shape[1] != skeleton.n_joints or len(truth_m) == 0 or not np.isfinite(truth_m).all():
         raise ValueError(f"the truth must be (frames, {skeleton.n_joints}, 3) and finite, got {truth_m.shape}")
     noise_rng, hidden_rng, occluder_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-    true_px = rig.project(truth_m)
+    seen_m = _at_camera_times(truth_m, fps, np.zeros(rig.n_cameras) if offsets_s is None else offsets_s)
+    true_px = rig.project_each(seen_m)
     occluded = occluded_joints(occluder_rng, true_px, fps, occlusion)
     error = detection_error(noise_rng, occluded.shape, skeleton, fps, noise)
     hidden = hallucination(hidden_rng, occluded.shape, fps, occlusion)
@@ -69,12 +74,24 @@ def simulate(
         points2d_px=_original_px(rig, np.where(detected[..., None], true_px + pixel_px, np.nan)),
         confidence=np.where(detected, confidence, 0.0),
         points3d_m=np.where(
-            detected[..., None], _views_3d(rig, truth_m, true_px + pixel_px, depth_m, error.lateral_m), np.nan
+            detected[..., None], _views_3d(rig, seen_m, true_px + pixel_px, depth_m, error.lateral_m), np.nan
         ),
         camera_names=rig.names,
-        covariance3d_m2=_stated_covariance_m2(rig, truth_m, noise.depth_sigma_m(skeleton), noise),
+        covariance3d_m2=_stated_covariance_m2(rig, seen_m, noise.depth_sigma_m(skeleton), noise),
     )
     return Scene(truth_m, observations, occluded, rig)
+
+
+def _at_camera_times(
+    truth_m: Float[np.ndarray, "frame joint 3"], fps: float, offsets_s: Float[np.ndarray, " camera"]
+) -> Float[np.ndarray, "frame camera joint 3"]:
+    """The motion as every camera sees it; the spline goes on beyond its ends."""
+    if not offsets_s.any():
+        return np.repeat(truth_m[:, None], len(offsets_s), axis=1)
+    from scipy.interpolate import CubicSpline
+
+    time_s = np.arange(len(truth_m)) / fps
+    return np.asarray(CubicSpline(time_s, truth_m)(time_s[:, None] + offsets_s))
 
 
 def _original_px(
@@ -93,7 +110,7 @@ def _in_image(
 
 def _views_3d(
     rig: CameraRig,
-    truth_m: Float[np.ndarray, "frame joint 3"],
+    seen_m: Float[np.ndarray, "frame camera joint 3"],
     undistorted_px: Float[np.ndarray, "frame camera joint 2"],
     depth_error_m: Float[np.ndarray, "frame camera joint"],
     lateral_error_m: Float[np.ndarray, "frame camera joint 2"],
@@ -101,7 +118,7 @@ def _views_3d(
     """Each view's 3D joints in the world frame: on the ray of the detected point, at a wrong depth."""
     views_m = []
     for c, camera in enumerate(rig.cameras):
-        true_depth_m = camera.to_camera_frame(truth_m)[..., 2]
+        true_depth_m = camera.to_camera_frame(seen_m[:, c])[..., 2]
         # No estimator puts a person closer than a fifth of the distance.
         depth_m = np.maximum(true_depth_m + depth_error_m[:, c], 0.2 * true_depth_m)[..., None]
         slope = (undistorted_px[:, c] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
@@ -113,7 +130,7 @@ def _views_3d(
 
 def _stated_covariance_m2(
     rig: CameraRig,
-    truth_m: Float[np.ndarray, "frame joint 3"],
+    seen_m: Float[np.ndarray, "frame camera joint 3"],
     depth_sigma_m: Float[np.ndarray, " joint"],
     noise: DetectionNoise,
 ) -> Float[np.ndarray, "frame camera joint 3 3"] | None:
@@ -121,8 +138,8 @@ def _stated_covariance_m2(
     if not depth_sigma_m.all():
         return None
     covariances_m2 = []
-    for camera in rig.cameras:
-        ray_m = truth_m - camera.position_m
+    for c, camera in enumerate(rig.cameras):
+        ray_m = seen_m[:, c] - camera.position_m
         distance_m = np.linalg.norm(ray_m, axis=-1)[..., None, None]
         along = ray_m[..., :, None] * ray_m[..., None, :] / distance_m**2
         sigma_px = np.hypot(noise.sigma_px, noise.correlated_px)

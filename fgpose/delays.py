@@ -1,0 +1,51 @@
+"""Cameras that are not synchronous: each image is compared with where the joints were when it was taken.
+
+Of the ways to do this the delay is undone on the measurement: a detection is moved by as much as the image of the
+estimated motion moves between the camera's time and that of the frame. The factors stay as they are, native and robust;
+the motion between the times is the estimate itself, curved as it may be, so that delays of several frames do no harm;
+and the estimate changes so little from one round to the next that two rounds are enough.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.camera import CameraRig
+from fgpose.observations import Observations
+
+
+def delays_s(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
+    """How much later than the time of its frame each image was taken: what the cameras' own clocks say, and the time
+    offsets of the rig."""
+    frame_time_s = observations.frame_time_s[:, None]
+    time_s = observations.time_s if observations.time_s.ndim == 2 else frame_time_s
+    return np.nan_to_num(time_s - frame_time_s) + rig.time_offsets_s
+
+
+def image_motion_px(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    time_s: Float[np.ndarray, " frame"],
+    delay_s: Float[np.ndarray, "frame camera"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    """How far the image of each joint moves from the time of its frame to that of each camera's image, undistorted
+    pixels; zero where that is not known."""
+    at_camera_m = np.stack([_at(time_s + delay_s[:, c], positions_m, time_s) for c in range(rig.n_cameras)], axis=1)
+    return np.nan_to_num(rig.project_each(at_camera_m) - rig.project(positions_m))
+
+
+def _at(
+    at_s: Float[np.ndarray, " frame"], positions_m: Float[np.ndarray, "frame joint 3"], time_s: np.ndarray
+) -> Float[np.ndarray, "frame joint 3"]:
+    """The motion at other times: a spline through the known positions, straight beyond its ends."""
+    from scipy.interpolate import CubicSpline
+
+    moved_m = np.full(positions_m.shape, np.nan)
+    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    for joint in np.flatnonzero(known.sum(axis=0) > 1).tolist():
+        known_s = time_s[known[:, joint]]
+        motion = CubicSpline(known_s, positions_m[known[:, joint], joint])
+        within_s = np.clip(at_s, known_s[0], known_s[-1])
+        moved_m[:, joint] = motion(within_s) + (at_s - within_s)[:, None] * motion(within_s, 1)
+    return moved_m
