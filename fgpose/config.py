@@ -45,7 +45,7 @@ class ProjectionConfig:
     """Standard deviation of a good detection. Raising it trusts motion and bones more."""
     kernel: Kernel = "cauchy"
     """Robust kernel on the reprojection error."""
-    kernel_scale: float = 1.5
+    kernel_scale: float = 2.2
     """Error, in sigmas, from which the kernel begins to discount a detection. Raising it trusts outliers more."""
     weighting: Literal["fusion", "confidence", "uniform"] = "fusion"
     """Where the weight of each detection comes from: the views' agreement (eq. 2) times the detector's confidence, the
@@ -53,8 +53,14 @@ class ProjectionConfig:
     agreement_px: float = 100.0
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
     fusion). Raising it trusts detections that no other view confirms."""
-    min_weight: float = 0.02
+    min_weight: float = 0.001
     """Weights are at least this, so that no detection is switched off. Raising it evens the views out."""
+    persistent_px: float = 12.0
+    """Median error of a joint in a camera, over memory_s before and after, at which a detection is taken for invented
+    and its weight is halved (batch only). Raising it trusts detections that have not fitted for a while."""
+    memory_s: float = 0.12
+    """Time before and after a detection that tells whether it is invented, seconds. Raising it notices short
+    occlusions less."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +91,7 @@ class SymmetryConfig:
     form: Literal["none", "frame", "shared_length"] = "shared_length"
     """frame: left minus right limb length within each frame (eq. 4). shared_length: one unknown length per bone pair,
     the same left and right and at all times."""
-    sigma_m: float = 0.01
+    sigma_m: float = 0.005
     """Standard deviation of the difference (frame) or of a bone around its length (shared_length), metres. Raising it
     lets bones vary more."""
 
@@ -96,7 +102,7 @@ class MotionConfig:
 
     model: Literal["none", "random_walk", "constant_velocity"] = "constant_velocity"
     """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
-    acceleration_density: float = 2.0
+    acceleration_density: float = 1.0
     """Power spectral density of the acceleration, m^2/s^3 (constant_velocity). Raising it follows fast motion more
     closely and smooths less."""
     velocity_density: float = 1.0
@@ -147,11 +153,13 @@ class RefinementConfig:
 class CalibrationConfig:
     """Refining the poses of the cameras on the recording itself (refine_rig); only done when asked for."""
 
-    rotation_sigma_deg: float = 0.3
-    """How well the calibration knows the direction of a camera, degrees. Raising it moves cameras further."""
-    translation_sigma_m: float = 0.02
-    """How well the calibration knows the place of a camera, metres. Raising it moves cameras further."""
-    independent_looks: float = 20.0
+    rotation_sigma_deg: float = 0.1
+    """How well the calibration knows the direction of a camera that nobody touched, degrees. Raising it moves cameras
+    further."""
+    translation_sigma_m: float = 0.005
+    """How well the calibration knows the place of a camera that nobody touched, metres. Raising it moves cameras
+    further."""
+    independent_looks: float = 50.0
     """How many independent measurements all detections of a camera are worth: their errors are alike from frame to
     frame. Raising it trusts the recording more, the calibration less."""
     max_frames: int = 50

@@ -13,13 +13,15 @@ from threadpoolctl import threadpool_limits
 from fgpose.camera import CameraRig
 from fgpose.chain import Chain
 from fgpose.config import Config
-from fgpose.evidence import gather
+from fgpose.delays import image_motion_px
+from fgpose.evidence import Evidence, gather
 from fgpose.observations import Observations
 from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
+from fgpose.persistence import persistence_weights
 from fgpose.stretch import Stretch
 from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
-from fgpose.trajectory import Convergence, Trajectory, reprojection_residual_px
-from fgpose.uncertainty import with_swing
+from fgpose.trajectory import Convergence, Trajectory
+from fgpose.uncertainty import with_correlated_errors, with_swing
 from fgpose.window import Window
 
 Progress = Callable[[int, int], None]
@@ -28,6 +30,9 @@ Progress = Callable[[int, int], None]
 # Lengths learned from the sample are held: the windows then agree on them, and nothing is to be gained from each alone.
 _HELD_LENGTH_SIGMA_M = 1e-4
 _SAMPLE_FRAMES = 600
+# Where hardly any detection is distrusted, solving again would change nothing that can be seen.
+_DISTRUSTED, _FEW = 0.5, 0.005
+_DELAY_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +94,7 @@ def smooth(
         positions_m=positions_m,
         status=joint_status(active, evidence.observed),
         covariance_m2=covariance_m2,
-        residual_px=reprojection_residual_px(observations, rig, positions_m),
+        residual_px=_residual_px(evidence, rig, positions_m),
         camera_names=rig.names,
         bone_lengths_m=_first_known([part.lengths_m for part in solved]),
         convergence=Convergence.worst([part.convergence for part in solved]),
@@ -97,22 +102,87 @@ def smooth(
     )
 
 
+def _residual_px(
+    evidence: Evidence, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Distance between each detection and where the joint was when the image was taken."""
+    projected_px = rig.project(positions_m)
+    if evidence.delay_s.any():
+        projected_px += image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
+    return np.linalg.norm(projected_px - evidence.undistorted_px, axis=-1)
+
+
 def _solve(stretch: Stretch, covariance: bool) -> _Solved:
-    active, solver = stretch.active, stretch.config.solver
+    active = stretch.active
     if not active.any():
         nobody_m = np.full((*active.shape, 3), np.nan)
         no_lengths_m = np.full(stretch.skeleton.n_lengths, np.nan)
         return _Solved(nobody_m, np.full((*active.shape, 3, 3), np.nan), no_lengths_m, Convergence(True, 0, 0.0, 0.0))
-    chain = Chain(stretch)
     # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
-        if solver.backend == "chain":
-            solved = _optimize(chain, solver.max_iterations)
-        else:
-            solved = _optimize(Window(stretch), solver.max_iterations)
+        solved = _optimized(stretch)
+        for _ in range(_DELAY_ROUNDS if stretch.evidence.delay_s.any() else 0):
+            solved = _optimized(_from(solved, _on_time(stretch, solved)))
+        stretch = _on_time(stretch, solved)
+        weights = _persistence_weights(stretch, solved)
+        if np.mean(weights < _DISTRUSTED) > _FEW:
+            stretch = _from(solved, _weighted(stretch, weights))
+            solved = _optimized(stretch)
         if not covariance:
             return solved
-        return replace(solved, covariance_m2=chain.covariance_m2(solved.positions_m))
+        return replace(solved, covariance_m2=_covariance_m2(stretch, solved))
+
+
+def _covariance_m2(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "frame joint 3 3"]:
+    chain, active = Chain(stretch), stretch.active
+    covariance_m2 = chain.covariance_m2(solved.positions_m)
+    information = chain.frame_information(solved.positions_m)
+    seen = np.isfinite(stretch.evidence.undistorted_px).all(axis=-1)
+    trust = np.where(seen, stretch.evidence.weights, 0.0).sum(axis=1)
+    covariance_m2[active] = with_correlated_errors(
+        covariance_m2[active], information[active], trust[active], _step_s(stretch)
+    )
+    return covariance_m2
+
+
+def _step_s(stretch: Stretch) -> float:
+    """Usual time from frame to frame; inf with one frame."""
+    time_s = stretch.evidence.time_s
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+
+
+def _optimized(stretch: Stretch) -> _Solved:
+    solver = stretch.config.solver
+    problem = Chain(stretch) if solver.backend == "chain" else Window(stretch)
+    return _optimize(problem, solver.max_iterations)
+
+
+def _from(solved: _Solved, stretch: Stretch) -> Stretch:
+    """The stretch with what was solved as its first guess."""
+    guess_m = np.where(np.isnan(solved.positions_m), stretch.evidence.guess_m, solved.positions_m)
+    lengths_m = _first_known([solved.lengths_m, stretch.lengths_m])
+    return replace(stretch, evidence=replace(stretch.evidence, guess_m=guess_m), lengths_m=lengths_m)
+
+
+def _on_time(stretch: Stretch, solved: _Solved) -> Stretch:
+    """The stretch with its detections where they would be if all cameras were synchronous."""
+    evidence = stretch.evidence
+    if not evidence.delay_s.any():
+        return stretch
+    moved_px = image_motion_px(solved.positions_m, evidence.time_s, evidence.delay_s, stretch.rig)
+    return replace(stretch, evidence=replace(evidence, undistorted_px=evidence.undistorted_px - moved_px))
+
+
+def _persistence_weights(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "frame camera joint"]:
+    evidence = stretch.evidence
+    error_px = np.linalg.norm(stretch.rig.project(solved.positions_m) - evidence.undistorted_px, axis=-1)
+    return persistence_weights(error_px, _step_s(stretch), stretch.config.projection)
+
+
+def _weighted(stretch: Stretch, weights: Float[np.ndarray, "frame camera joint"]) -> Stretch:
+    """The stretch with less trust in some detections."""
+    trusted = np.maximum(stretch.evidence.weights * weights, stretch.config.projection.min_weight)
+    return replace(stretch, evidence=replace(stretch.evidence, weights=trusted))
 
 
 @runtime_checkable

@@ -19,14 +19,17 @@ def detection_weights(
     view's own detection judges its own candidate). Hence three changes: the error of detection k is that of the
     candidates of the *other* views projected into view k; of these the smallest, for one view that confirms a
     detection outweighs others that are wrong in depth; and the reciprocal is bounded, 1 / (1 + e / s^2) with s =
-    agreement_px, which is eq. 2 for large errors. It multiplies the detector's confidence.
+    agreement_px, which is eq. 2 for large errors. It multiplies the detector's confidence. Of two views that contradict
+    each other neither is confirmed, so the agreement counts from three views on.
     """
     if config.weighting == "uniform":
         return np.ones_like(confidence)
     weights = confidence
     if config.weighting == "fusion":
         error_px2 = _error_of_other_views_px2(fusion)
-        weights = weights / (1.0 + np.where(np.isfinite(error_px2), error_px2, 0.0) / config.agreement_px**2)
+        several = np.asarray(confidence > 0).sum(axis=1, keepdims=True) > 2
+        error_px2 = np.where(several & np.isfinite(error_px2), error_px2, 0.0)
+        weights = weights / (1.0 + error_px2 / config.agreement_px**2)
     return np.clip(weights, config.min_weight, 1.0)
 
 
