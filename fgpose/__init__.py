@@ -18,8 +18,10 @@ from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.observations import Observations
 from fgpose.refinement import refine
 from fgpose.rig_refinement import RigRefinement, refine_rig
+from fgpose.self_calibration import SelfCalibration, self_calibrate
 from fgpose.skeleton import Skeleton
 from fgpose.smoother import smooth
+from fgpose.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
 
 __all__ = [
@@ -33,10 +35,13 @@ __all__ = [
     "Fusion",
     "Observations",
     "RigRefinement",
+    "SelfCalibration",
     "Skeleton",
     "Status",
+    "TimeOffsets",
     "Trajectory",
     "builtin_skeletons",
+    "estimate_time_offsets",
     "evaluate",
     "fuse",
     "load_config",
@@ -51,5 +56,6 @@ __all__ = [
     "save_observations",
     "save_rig",
     "save_trajectory",
+    "self_calibrate",
     "smooth",
 ]

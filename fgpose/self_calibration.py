@@ -1,0 +1,63 @@
+"""Where the cameras are and how much their clocks are off, both from the recording itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fgpose.camera import CameraRig
+from fgpose.config import Config
+from fgpose.observations import Observations
+from fgpose.rig_refinement import RigRefinement, refine_rig
+from fgpose.smoother import smooth
+from fgpose.time_offsets import TimeOffsets, estimate_time_offsets
+
+_ROUNDS = 2
+# Where the reprojection error of a detection counts half; beyond, it counts ever less.
+_FIT_PX = 12.0
+
+
+@dataclass(frozen=True, eq=False)
+class SelfCalibration:
+    """A rig whose cameras agree better in place and time."""
+
+    rig: CameraRig
+    observations: Observations
+    """The observations, their per-view 3D moved with the cameras that saw it."""
+    refinement: RigRefinement
+    time_offsets: TimeOffsets
+
+
+def self_calibrate(observations: Observations, rig: CameraRig, config: Config | None = None) -> SelfCalibration:
+    """Refine the poses of the cameras and estimate their time offsets, in turns.
+
+    A camera that is late and one that was moved look alike while the person walks in one direction, and what is done
+    first explains both. So both orders are tried, and the one that fits the detections better counts.
+
+    Raises:
+        ValueError: see refine_rig and estimate_time_offsets.
+    """
+    config = config or Config()
+    candidates = [_in_turns(observations, rig, config, offsets_first=first) for first in (False, True)]
+    return min(candidates, key=lambda candidate: _misfit(candidate, config))
+
+
+def _in_turns(observations: Observations, rig: CameraRig, config: Config, *, offsets_first: bool) -> SelfCalibration:
+    offsets_s = rig.time_offsets_s
+    if offsets_first:
+        offsets_s = estimate_time_offsets(observations, rig, config).offsets_s
+    for _ in range(_ROUNDS):
+        # Always from the calibration as it was given: its prior holds for that.
+        refinement = refine_rig(observations, rig.with_time_offsets(offsets_s), config)
+        offsets = estimate_time_offsets(refinement.observations, refinement.rig, config)
+        offsets_s = offsets.offsets_s
+    return SelfCalibration(offsets.rig, refinement.observations, refinement, offsets)
+
+
+def _misfit(calibration: SelfCalibration, config: Config) -> float:
+    """Mean robust (Geman-McClure) reprojection error of the smoothed motion."""
+    residual_px = smooth(calibration.observations, calibration.rig, config).residual_px
+    assert residual_px is not None
+    squared = (residual_px[np.isfinite(residual_px)] / _FIT_PX) ** 2
+    return float(np.mean(squared / (1 + squared)))
