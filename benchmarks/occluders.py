@@ -11,83 +11,28 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
+from fgpose.benchmark.cutouts import Cutout, Occluder
+from fgpose.benchmark.cutouts import load_cutouts as cutouts_in
 from fgpose.monocular.clips import Clip, Picture
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection_cache import ViewDetections
-from fgpose.monocular.network import Image
 from fgpose.monocular.sources import Sources
 from fgpose.synthetic import Occlusion
 
 RULE = Occlusion()
 """Of the rule only the numbers about views, occluders, scales and durations are used."""
 
-Cutout = UInt8[np.ndarray, "height width 4"]
-"""RGB and alpha, not premultiplied."""
-
 _FOLDER = Path(__file__).parent / "data" / "occluders"
 # Landmarks lie inside the body: 3 % of a standing person's height is about 5 cm of flesh. As in fgpose.synthetic.
 _BOX_MARGIN = 0.03
 
 
-def load_cutouts(folder: Path = _FOLDER) -> list[Cutout]:
-    """All PNG files with alpha in the folders of a folder, by name."""
-    cutouts = []
-    for path in sorted(folder.glob("*/*.png")):
-        image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        assert image is not None, path
-        cutouts.append(np.asarray(cv2.cvtColor(image, cv2.COLOR_BGRA2RGBA), dtype=np.uint8))
-    return cutouts
-
-
-@dataclass(frozen=True, eq=False)
-class Occluder:
-    """A cut-out at its place in the person's box."""
-
-    cutout: Cutout
-    scale: float
-    """Its short side over that of the box."""
-    centre: Float[np.ndarray, 2]
-    """From the upper left corner of the box, over its size."""
-
-    def pasted(self, image: Image, box_px: Float[np.ndarray, 4]) -> Image:
-        """A copy of the image with the cut-out on it, as far as it reaches into the image.
-
-        Args:
-            image: RGB.
-            box_px: left, top, width and height of the person's box.
-        """
-        height, width = self.cutout.shape[:2]
-        factor = self.scale * min(box_px[2:]) / min(width, height)
-        size_px = max(1, round(factor * width)), max(1, round(factor * height))
-        corner_px = box_px[:2] + self.centre * box_px[2:] - np.array(size_px) / 2
-        left, top = np.round(corner_px).astype(int).tolist()
-        return _blended(image, _resized(self.cutout, size_px), left, top)
-
-
-def _resized(cutout: Cutout, size_px: tuple[int, int]) -> Float[np.ndarray, "height width 4"]:
-    """Of another size, with colours multiplied by alpha and all in [0, 1]: else colours of invisible pixels would bleed
-    into the rim."""
-    layer = cutout.astype(np.float64) / 255
-    layer[..., :3] *= layer[..., 3:]
-    shrinks = size_px[0] < cutout.shape[1]
-    return np.asarray(cv2.resize(layer, size_px, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR))
-
-
-def _blended(image: Image, layer: Float[np.ndarray, "height width 4"], left: int, top: int) -> Image:
-    """Copy of the image with the layer over it, its first pixel at (left, top), which may lie outside."""
-    rows, columns = (
-        slice(max(0, start), max(0, min(end, start + length)))
-        for start, end, length in ((top, image.shape[0], layer.shape[0]), (left, image.shape[1], layer.shape[1]))
-    )
-    visible = layer[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left]
-    result = image.copy()
-    below = result[rows, columns]
-    result[rows, columns] = np.round(255 * visible[..., :3] + (1 - visible[..., 3:]) * below)
-    return result
+def load_cutouts() -> list[Cutout]:
+    """Those that come with the benchmark, by name."""
+    return list(cutouts_in(_FOLDER).values())
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,18 @@ from jaxtyping import Float
 from fgpose import load_rig, load_skeleton
 from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.sources import Sources, open_sources
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, ring_rig, simulate
+from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 
 # Punching on the spot: the person stays in all four images, so that every detection there can be is there.
 _CLIP = Path(__file__).parents[1] / "tests" / "data" / "mocap_cmu" / "cmu_02_05_start.npz"
 _SEED = 0
 
 
-def scene(n_frames: int, occlusion: Occlusion = NO_OCCLUSION) -> Scene:
+def scene(n_frames: int) -> Scene:
     """The start of the clip or, beyond its end, the clip back and forth."""
     clip_m, fps = motion_from_npz(_CLIP)
     truth_m = clip_m[:n_frames] if n_frames <= len(clip_m) else _back_and_forth(clip_m, n_frames)
-    return simulate(truth_m, load_skeleton("h36m_17"), ring_rig(), fps, DetectionNoise(), occlusion, _SEED)
+    return simulate(truth_m, load_skeleton("h36m_17"), ring_rig(), fps, DetectionNoise(), NO_OCCLUSION, _SEED)
 
 
 def _back_and_forth(clip_m: Float[np.ndarray, "clip joint 3"], n_frames: int) -> Float[np.ndarray, "frame joint 3"]:

@@ -17,12 +17,13 @@ SOURCES = {"fgpose": ROOT / "fgpose", "fgpose_factors": ROOT / "factors" / "fgpo
 # From the bottom up. A module imports its own layer and those below it, never one above.
 LAYERS = (
     {"skeleton", "camera", "observations", "config", "trajectory"},
-    {"triangulation", "fusion", "keys", "tracks", "evidence", "weights", "residuals"},
+    {"triangulation", "fusion", "keys", "tracks", "delays", "evidence", "weights", "persistence", "residuals"},
     {"graph"},
     {"optimizer", "block_tridiagonal", "chain_terms", "uncertainty", "bone_lengths", "fixed_lag"},
     {"graph_problem", "stretch"},
     {"chain", "window"},
-    {"refinement", "smoother", "estimator", "rig_refinement"},
+    {"refinement", "smoother", "estimator", "rig_refinement", "time_offsets"},
+    {"self_calibration"},
     {"pipeline"},
     {"cli"},
 )
@@ -35,7 +36,7 @@ SOLVERS = {
     "graph_problem",
     "fixed_lag",
 }
-FILES = {"fgpose.io", "fgpose.config"}
+FILES = {"fgpose.io", "fgpose.config", "fgpose.benchmark"}
 STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
 ALLOWED = {

@@ -1,0 +1,141 @@
+"""aniposelib's triangulate_optim from outside: it brings an OpenCV that would overwrite ours, so it lives in an
+environment of its own and runs there as a second process.
+
+That process stays alive between calls and takes its own time: neither its start, nor its just-in-time compilation (once
+it has solved something), nor the transfer counts.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.camera import CameraRig
+from fgpose.observations import Observations
+
+# With the default number of threads the same run, of as many iterations, took 10 or 34 ms a frame on a shared machine;
+# with one, always 8 to 10.
+_ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
+_DEFAULT_PYTHON = Path(".venv/bench/bin/python")
+
+
+@dataclass(frozen=True)
+class PeerSettings:
+    """How triangulate_optim is called; its own defaults unless said otherwise. Constraints are always all bones."""
+
+    scores: bool = False
+    """Whether it gets the detectors' confidences."""
+    optim: dict[str, Any] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        parts = [f"{name} {value}" for name, value in self.optim.items()] + ["scores"] * self.scores
+        return ", ".join(parts) or "default"
+
+
+@dataclass(frozen=True, eq=False)
+class PeerResult:
+    positions_m: Float[np.ndarray, "frame joint 3"]
+    wall_s: float
+    cpu_s: float
+
+
+class Peer:
+    """A running aniposelib."""
+
+    def __init__(self, process: subprocess.Popen[str], log: IO[str], folder: Path) -> None:
+        self._process, self._log, self._folder = process, log, folder
+        self._numbers = itertools.count()
+        self.version = str(self._answer()["version"])
+
+    def solve(self, observations: Observations, rig: CameraRig, settings: PeerSettings) -> PeerResult:
+        """Triangulate a recording from its 2D detections; timed inside the other process, without the transfer.
+
+        Raises:
+            OSError: the process died; the message ends with the last line that it wrote.
+        """
+        number = next(self._numbers)
+        recording, output = self._folder / f"{number}.npz", self._folder / f"{number}.npy"
+        np.savez(recording, allow_pickle=False, **_arrays(observations, rig))
+        request = {"recording": str(recording), "settings": settings.optim, "scores": settings.scores}
+        answer = self._ask(request | {"output": str(output)})
+        result = PeerResult(np.load(output), answer["wall_s"], answer["cpu_s"])
+        recording.unlink()
+        output.unlink()
+        return result
+
+    def _ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.write(json.dumps(request) + "\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:  # it has ended, and the missing answer tells why
+            with suppress(BrokenPipeError):
+                self._process.stdin.close()  # or else leaving running_peer would try to send the rest
+        return self._answer()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        answer = self._process.stdout.readline()
+        if not answer:
+            self._log.seek(0)
+            last = self._log.read().strip().splitlines()[-1:]
+            raise OSError(f"aniposelib ended: {''.join(last) or 'without a word'}")
+        return json.loads(answer)
+
+
+def _arrays(observations: Observations, rig: CameraRig) -> dict[str, np.ndarray]:
+    return {
+        "undistorted_px": rig.undistort(observations.points2d_px),
+        "confidence": observations.confidence,
+        "bones": np.array(observations.skeleton.bones),
+        "K": np.stack([camera.K for camera in rig.cameras]),
+        "camera_T_world": np.stack([camera.camera_T_world for camera in rig.cameras]),
+    }
+
+
+def find_peer(python: Path | None = None) -> Path | None:
+    """The Python that has aniposelib: the given one, else .venv/bench of the current folder, else None.
+
+    Raises:
+        OSError: the given one does not exist.
+    """
+    if python is None:
+        return _DEFAULT_PYTHON.absolute() if _DEFAULT_PYTHON.exists() else None
+    if not python.exists():
+        raise OSError(f"there is no Python for aniposelib at {python}")
+    return python.absolute()  # not resolve(): a virtual environment's Python is a link
+
+
+@contextmanager
+def running_peer(python: Path) -> Iterator[Peer]:
+    """Start aniposelib, and end it afterwards.
+
+    Args:
+        python: of an environment that has aniposelib, Python 3.11 or newer.
+
+    Raises:
+        OSError: it does not start; the message ends with the last line that it wrote.
+    """
+    # -P: the modules beside the server have names that other packages' modules have too.
+    server = [str(python), "-P", str(Path(__file__).with_name("peer_server.py"))]
+    pipe = subprocess.PIPE
+    # Leaving the block closes the server's input, at which it ends, and waits for it.
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        tempfile.TemporaryFile("w+") as log,
+        subprocess.Popen(
+            server, stdin=pipe, stdout=pipe, stderr=log, text=True, env=os.environ | _ENVIRONMENT
+        ) as process,
+    ):
+        yield Peer(process, log, Path(folder))

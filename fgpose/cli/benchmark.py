@@ -1,0 +1,162 @@
+"""The benchmarks. The docstrings are what --help prints."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import Positional, arg, subcommand
+
+from fgpose.cli.options import new_console, progress_bar
+
+if TYPE_CHECKING:
+    from fgpose.benchmark.recording import Method
+    from fgpose.benchmark.scores import Score
+    from fgpose.benchmark.variants import Variant
+
+_OUTPUT = Path("out/benchmark")
+_SCORES = "scores.json"
+_QUICK_VARIANTS = ("clean", "occluded", "occluded_2_cameras", "desync_3", "industrial")
+_QUICK_CLIPS = 2
+_QUICK_FRAMES = 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class Open:
+    """The open benchmark: real motion, simulated detections with the errors of real ones, and all that goes wrong.
+
+    Every method on every recording, in less than 20 minutes on two cores. Writes scores.json and the report into the
+    output folder. What is finished is kept there in cache: an interrupted run goes on where it was. What a change of
+    the code concerns is measured anew.
+
+    Example: fgpose benchmark open --quick
+    """
+
+    quick: bool = False
+    """Five variants on the first 100 frames of two clips, in less than 90 seconds: for a first look."""
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
+    """Folder for the results; it is made if it is absent."""
+    variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these variants."""
+    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these methods."""
+    clips: Literal["test", "tuning"] = "test"
+    """test: the motions on which results are stated. tuning: those on which defaults may be chosen."""
+    workers: Annotated[int, arg(metavar="N")] = 2
+    """Processes at work. More than there are cores distort the times."""
+    cache: bool = True
+    """Keep finished results and take what is there. --no-cache measures everything, and keeps nothing."""
+    aniposelib: Annotated[
+        Path | None, arg(metavar="PYTHON", help_behavior_hint="(default: .venv/bench/bin/python)")
+    ] = None
+    """Python of an environment that has aniposelib; without one its lines are left out."""
+
+    def run(self) -> None:
+        from fgpose.benchmark.looks import check_matplotlib
+        from fgpose.benchmark.scores import save_scores
+        from fgpose.io.atomic import check_writable
+
+        if self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        variants, methods = self._variants(), self._methods()
+        check_matplotlib()
+        check_writable(self.output)
+        save_scores(self._scores(variants, methods), self.output / _SCORES)
+        if not self.methods and not any(method.group == "peer" for method in methods):
+            new_console().print("aniposelib was left out: --aniposelib PYTHON names an environment that has it")
+        _report(self.output, self._command())
+
+    def _command(self) -> str:
+        """What gives the same numbers again."""
+        words = ["fgpose benchmark", *(["--quick"] if self.quick else [])]
+        words += [f"--clips {self.clips}"] if self.clips != "test" else []
+        for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
+            words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
+        return " ".join(words)
+
+    def _variants(self) -> list[Variant]:
+        from fgpose.benchmark.variants import VARIANTS, find_variant
+
+        names = self.variants or (_QUICK_VARIANTS if self.quick else [variant.name for variant in VARIANTS])
+        return [find_variant(name) for name in dict.fromkeys(names)]
+
+    def _methods(self) -> list[Method]:
+        from fgpose.benchmark.methods import find_methods, methods
+        from fgpose.benchmark.peer import find_peer
+
+        every = methods(find_peer(self.aniposelib))
+        return find_methods(tuple(dict.fromkeys(self.methods)), every) if self.methods else every
+
+    def _scores(self, variants: Sequence[Variant], methods: Sequence[Method]) -> list[Score]:
+        from fgpose.benchmark.runner import run
+        from fgpose.benchmark.variants import MAX_FRAMES, TEST_CLIPS, TUNING_CLIPS, recordings
+
+        clips = TEST_CLIPS if self.clips == "test" else TUNING_CLIPS
+        clips, max_frames = (clips[:_QUICK_CLIPS], _QUICK_FRAMES) if self.quick else (clips, MAX_FRAMES)
+        total, done = len(variants) * len(clips) * len(methods), 0
+
+        with progress_bar("benchmark", "results") as progress:
+
+            def advance(score: Score) -> None:
+                nonlocal done
+                done += 1
+                progress(done, total)
+
+            progress(0, total)
+            every = recordings(variants, clips, max_frames)
+            return run(every, methods, self.output / "cache" if self.cache else None, advance, self.workers)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """Write the report of a benchmark anew from its scores.json, without measuring.
+
+    Example: fgpose benchmark report out/benchmark
+    """
+
+    folder: Annotated[Positional[Path], arg(metavar="FOLDER")] = _OUTPUT
+    """Where scores.json is and the report goes."""
+
+    def run(self) -> None:
+        _report(self.folder, "fgpose benchmark")
+
+
+def _report(folder: Path, command: str) -> None:
+    from fgpose.benchmark.report import write_report
+    from fgpose.benchmark.scores import load_scores
+
+    console = new_console()
+    for path in write_report(load_scores(folder / _SCORES), folder, command):
+        console.print(f"wrote {path}", soft_wrap=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Benchmark:
+    """Compare fgpose with other methods on recordings whose truth is known.
+
+    Without a name of a benchmark it is the open one: fgpose benchmark --quick is fgpose benchmark open --quick.
+
+    Example: fgpose benchmark --quick
+    """
+
+    action: Annotated[
+        Annotated[Open, subcommand("open", prefix_name=False)]
+        | Annotated[Report, subcommand("report", prefix_name=False)],
+        arg(name=""),
+    ] = field(default_factory=Open)
+
+    def run(self) -> None:
+        self.action.run()
+
+
+ACTIONS = ("open", "report")
+
+
+def with_action(arguments: list[str]) -> list[str]:
+    """The arguments of the command line with the benchmark named that is meant where none is."""
+    if arguments[:1] != ["benchmark"] or arguments[1:2] in ([name] for name in (*ACTIONS, "-h", "--help")):
+        return arguments
+    return ["benchmark", "open", *arguments[1:]]
