@@ -196,6 +196,8 @@ class OnlineConfig:
     """A joint is linearised again when it moves by more than this, metres. Raising it is faster and less exact."""
     covariance: bool = True
     """Also give the covariance of the newest joints."""
+    estimate_time_offsets: bool = False
+    """Learn by how much each camera's clock is off from that of the first."""
 
 
 @dataclass(frozen=True)

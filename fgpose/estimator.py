@@ -21,11 +21,13 @@ from fgpose.graph import FrameTime
 from fgpose.keys import position_key, velocity_key
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
+from fgpose.time_offsets import RunningOffsets
 from fgpose.tracks import joint_status
 from fgpose.trajectory import Estimate
 from fgpose.uncertainty import with_swing
 from fgpose_factors import freeze
 
+_APPLY_OFFSETS_S = 0.5
 _TIME_ROUNDING_S = 1e-6  # a frame that is exactly one lag old is old enough
 
 
@@ -48,7 +50,8 @@ class Estimator:
     """The pose of one person, live: each update takes the newest frame and returns the pose at its time.
 
     The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
-    range factors, so that no Python callback is left in iSAM2.
+    range factors, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also learns how
+    late each camera is; its rig then changes.
 
     It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
     feed it the last few seconds again; it settles within a second.
@@ -62,6 +65,8 @@ class Estimator:
         self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
         self._n_frames = 0
+        self._offsets = RunningOffsets(rig, self.config.projection)
+        self._offsets_applied_s = -np.inf
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -88,7 +93,10 @@ class Estimator:
         self._window.append(state)
         self._let_go(now.time_s)
         self._n_frames += 1
-        return self._estimate(state, evidence)
+        estimate = self._estimate(state, evidence)
+        if self.config.online.estimate_time_offsets and before is not None:
+            self._learn_offsets(now.time_s - before.at.time_s, state, evidence)
+        return estimate
 
     def _evidence(self, frame: Observations) -> Evidence:
         if frame.n_frames != 1:
@@ -111,6 +119,13 @@ class Estimator:
         at_camera_m = foreseen_m + before.velocities_mps * delay_s[:, None, None]
         moved_px = np.nan_to_num(self.rig.project_each(at_camera_m) - self.rig.project(foreseen_m))
         return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
+
+    def _learn_offsets(self, step_s: float, state: _State, evidence: Evidence) -> None:
+        detections = evidence.undistorted_px[0], evidence.weights[0]
+        self._offsets.add(step_s, state.positions_m, state.velocities_mps, *detections, self.rig)
+        # A new rig costs a millisecond, and offsets change slowly.
+        if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
+            self.rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
 
     def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
         """Joints that take part: triangulated now or, with a motion model, not too long ago."""

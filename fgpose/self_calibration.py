@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.camera import CameraRig
 from fgpose.config import Config
@@ -13,7 +14,6 @@ from fgpose.rig_refinement import RigRefinement, refine_rig
 from fgpose.smoother import smooth
 from fgpose.time_offsets import TimeOffsets, estimate_time_offsets
 
-_ROUNDS = 2
 # Where the reprojection error of a detection counts half; beyond, it counts ever less.
 _FIT_PX = 12.0
 
@@ -39,19 +39,20 @@ def self_calibrate(observations: Observations, rig: CameraRig, config: Config | 
         ValueError: see refine_rig and estimate_time_offsets.
     """
     config = config or Config()
-    candidates = [_in_turns(observations, rig, config, offsets_first=first) for first in (False, True)]
-    return min(candidates, key=lambda candidate: _misfit(candidate, config))
+    known_s = rig.time_offsets_s
+    starts_s = known_s, estimate_time_offsets(observations, rig, config).offsets_s
+    candidates = [_turn(observations, rig, start_s, config) for start_s in starts_s]
+    best = min(candidates, key=lambda candidate: _misfit(candidate, config))
+    return _turn(observations, rig, best.rig.time_offsets_s, config)
 
 
-def _in_turns(observations: Observations, rig: CameraRig, config: Config, *, offsets_first: bool) -> SelfCalibration:
-    offsets_s = rig.time_offsets_s
-    if offsets_first:
-        offsets_s = estimate_time_offsets(observations, rig, config).offsets_s
-    for _ in range(_ROUNDS):
-        # Always from the calibration as it was given: its prior holds for that.
-        refinement = refine_rig(observations, rig.with_time_offsets(offsets_s), config)
-        offsets = estimate_time_offsets(refinement.observations, refinement.rig, config)
-        offsets_s = offsets.offsets_s
+def _turn(
+    observations: Observations, rig: CameraRig, offsets_s: Float[np.ndarray, " camera"], config: Config
+) -> SelfCalibration:
+    """Poses with these offsets, then offsets with these poses."""
+    # Always from the poses as they were given: the prior holds for those.
+    refinement = refine_rig(observations, rig.with_time_offsets(offsets_s), config)
+    offsets = estimate_time_offsets(refinement.observations, refinement.rig, config)
     return SelfCalibration(offsets.rig, refinement.observations, refinement, offsets)
 
 

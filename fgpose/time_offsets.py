@@ -14,11 +14,13 @@ from fgpose.observations import Observations
 from fgpose.smoother import smooth
 from fgpose_factors import projection_residual, robust_weight
 
-_MAX_ROUNDS = 8
-_TOLERANCE_FRAMES = 0.01
+_MAX_ROUNDS = 6
+_TOLERANCE_FRAMES = 0.03
 _PRIOR_S = 0.1
 """Standard deviation of an offset before anything is known: cameras that film one person start within a few frames."""
-_MAX_DURATION_S = 60.0
+_MAX_DURATION_S = 30.0
+_MEMORY_S = 30.0
+"""Time constant with which the online estimate forgets: clocks drift."""
 _CORRELATION_S = 0.15
 """Time over which the errors of a pose network stay alike: so much time counts as one measurement."""
 _MIN_INFORMATION = 1e-9  # 1/m^2, keeps a joint that no two cameras see invertible; it then contributes nothing
@@ -41,7 +43,7 @@ def estimate_time_offsets(observations: Observations, rig: CameraRig, config: Co
     Joints that move are seen too far ahead or behind by a camera whose clock is off, by the velocity of their image
     times the offset. In turns the motion is estimated with the offsets so far (fgpose.smooth), and the offsets from the
     reprojection errors that it leaves; in that step the joints are free to move along (Schur complement), without
-    which it would take many more rounds. At most a minute in the middle of the recording is used.
+    which it would take many more rounds. At most half a minute in the middle of the recording is used.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
@@ -59,6 +61,41 @@ def estimate_time_offsets(observations: Observations, rig: CameraRig, config: Co
             break
     alike = max(1.0, 2 * _CORRELATION_S / step_s)
     return TimeOffsets(rig.time_offsets_s, _sigma_s(information / alike), rig)
+
+
+class RunningOffsets:
+    """The same frame by frame: what the newest frames say, older ones counting ever less.
+
+    Args:
+        rig: with the offsets known so far.
+    """
+
+    def __init__(self, rig: CameraRig, config: ProjectionConfig) -> None:
+        self._rig, self._config = rig, config
+        self._information = np.zeros((rig.n_cameras, rig.n_cameras))
+        self._moment = np.zeros(rig.n_cameras)
+
+    def add(
+        self,
+        step_s: float,
+        positions_m: Float[np.ndarray, "joint 3"],
+        velocities_mps: Float[np.ndarray, "joint 3"],
+        undistorted_px: Float[np.ndarray, "camera joint 2"],
+        weights: Float[np.ndarray, "camera joint"],
+        rig: CameraRig,
+    ) -> None:
+        """Take a frame, its detections moved to its time with the offsets of the rig."""
+        frame = (positions_m, velocities_mps, undistorted_px, weights)
+        information, gradient = offset_information(*(array[None] for array in frame), rig, self._config)
+        keep, alike = np.exp(-step_s / _MEMORY_S), max(1.0, 2 * _CORRELATION_S / step_s)
+        self._information = keep * self._information + information / alike
+        self._moment = keep * self._moment + (information @ rig.time_offsets_s - gradient) / alike
+
+    def rig(self) -> CameraRig:
+        """The rig with the offsets that fit best."""
+        offsets_s = self._rig.time_offsets_s
+        change_s = _solved(self._information, self._information @ offsets_s - self._moment)
+        return self._rig.with_time_offsets(offsets_s + change_s)
 
 
 def _middle(observations: Observations) -> Observations:
