@@ -153,8 +153,9 @@ def _step_s(stretch: Stretch) -> float:
 
 def _optimized(stretch: Stretch) -> _Solved:
     solver = stretch.config.solver
-    problem = Chain(stretch) if solver.backend == "chain" else Window(stretch)
-    return _optimize(problem, solver.max_iterations)
+    if solver.backend == "chain":
+        return _optimize(Chain(stretch), solver.max_iterations)
+    return _optimize(Window(stretch), solver.max_iterations)
 
 
 def _from(solved: _Solved, stretch: Stretch) -> Stretch:

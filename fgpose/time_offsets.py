@@ -85,8 +85,9 @@ class RunningOffsets:
         rig: CameraRig,
     ) -> None:
         """Take a frame, its detections moved to its time with the offsets of the rig."""
-        frame = (positions_m, velocities_mps, undistorted_px, weights)
-        information, gradient = offset_information(*(array[None] for array in frame), rig, self._config)
+        information, gradient = offset_information(
+            positions_m[None], velocities_mps[None], undistorted_px[None], weights[None], rig, self._config
+        )
         keep, alike = np.exp(-step_s / _MEMORY_S), max(1.0, 2 * _CORRELATION_S / step_s)
         self._information = keep * self._information + information / alike
         self._moment = keep * self._moment + (information @ rig.time_offsets_s - gradient) / alike

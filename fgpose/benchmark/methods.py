@@ -188,12 +188,17 @@ def _empty_frames(recording: Recording, duration_s: float) -> Observations:
     return Observations(observations.skeleton, after_s, np.full(shape, np.nan), camera_names=observations.camera_names)
 
 
+def batch(name: str, config: Config) -> Method:
+    """fgpose.smooth with this configuration."""
+    return Method(name, "ours", _Timed(partial(_batch, config)))
+
+
 OURS = (
-    Method("fgpose per frame", "ours", _Timed(partial(_batch, Config(motion=MotionConfig(model="none"))))),
+    batch("fgpose per frame", Config(motion=MotionConfig(model="none"))),
     Method("fgpose online, lag 0", "ours", _Timed(_newest)),
     Method("fgpose online, lag 0.2 s", "ours", _Timed(partial(_lagged, 0.2))),
     Method("fgpose online, lag 0.5 s", "ours", _Timed(partial(_lagged, 0.5))),
-    Method("fgpose batch", "ours", _Timed(partial(_batch, Config(solver=_COVARIANCE)))),
+    batch("fgpose batch", Config(solver=_COVARIANCE)),
     Method("fgpose batch, time offsets", "ours", _Timed(_synchronised)),
     Method("fgpose batch, self-calibrated", "ours", _Timed(_self_calibrated)),
 )
