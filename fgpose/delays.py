@@ -14,13 +14,17 @@ from jaxtyping import Float
 from fgpose.camera import CameraRig
 from fgpose.observations import Observations
 
+_ROUNDING_S = 1e-9
+"""The mean of equal times differs from them by rounding."""
+
 
 def delays_s(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
     """How much later than the time of its frame each image was taken: what the cameras' own clocks say, and the time
     offsets of the rig."""
     frame_time_s = observations.frame_time_s[:, None]
     time_s = observations.time_s if observations.time_s.ndim == 2 else frame_time_s
-    return np.nan_to_num(time_s - frame_time_s) + rig.time_offsets_s
+    late_s = np.nan_to_num(time_s - frame_time_s) + rig.time_offsets_s
+    return np.where(np.abs(late_s) > _ROUNDING_S, late_s, 0.0)
 
 
 def image_motion_px(

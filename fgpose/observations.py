@@ -268,7 +268,9 @@ def _default_names(n_cameras: int) -> tuple[str, ...]:
 
 
 def _mean_time(time_s: np.ndarray) -> np.ndarray:
+    """Mean of what is known; of equal times exactly that."""
     known = np.isfinite(time_s)
     counts = known.sum(axis=1)
-    total = np.where(known, time_s, 0.0).sum(axis=1)
-    return np.divide(total, counts, out=np.full(len(time_s), np.nan), where=counts > 0)
+    first_s = np.where(known, time_s, np.inf).min(axis=1, initial=np.inf)
+    later_s = np.where(known, time_s - first_s[:, None], 0.0).sum(axis=1)
+    return np.where(counts > 0, first_s + later_s / np.maximum(counts, 1), np.nan)

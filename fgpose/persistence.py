@@ -14,6 +14,9 @@ from fgpose.config import ProjectionConfig
 _POWER = 4
 """How sharply the weight falls; gently enough that a detection just below the threshold counts nearly in full."""
 
+_MAX_VALUES = 32
+"""Of so many a median is as good as of all that a fast camera delivers, and fits into memory."""
+
 
 def persistence_weights(
     error_px: Float[np.ndarray, "frame camera joint"], step_s: float, config: ProjectionConfig
@@ -40,6 +43,7 @@ def _running_median(
     """Median of what is known up to `reach` frames before and after; NaN where nothing is."""
     padded = np.pad(values, ((reach, reach), (0, 0), (0, 0)), constant_values=np.nan)
     around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
+    around = around[..., :: 1 + around.shape[-1] // _MAX_VALUES]
     return _median_known(np.moveaxis(around, -1, 0))
 
 

@@ -57,8 +57,13 @@ def _turn(
 
 
 def _misfit(calibration: SelfCalibration, config: Config) -> float:
-    """Mean robust (Geman-McClure) reprojection error of the smoothed motion."""
+    """Robust (Geman-McClure) reprojection error of the smoothed motion, and what the prior says of the moves."""
     residual_px = smooth(calibration.observations, calibration.rig, config).residual_px
     assert residual_px is not None
     squared = (residual_px[np.isfinite(residual_px)] / _FIT_PX) ** 2
-    return float(np.mean(squared / (1 + squared)))
+    prior, moves = config.calibration, calibration.refinement
+    moved = (moves.rotation_deg / prior.rotation_sigma_deg) ** 2 + (
+        moves.translation_m / prior.translation_sigma_m
+    ) ** 2
+    looks = prior.independent_looks * len(moved)
+    return looks * float(np.mean(squared / (1 + squared))) + 0.5 * float(np.sum(np.log1p(moved)))

@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]
 _HELD_LENGTH_SIGMA_M = 1e-4
 _SAMPLE_FRAMES = 600
 # Where hardly any detection is distrusted, solving again would change nothing that can be seen.
-_DISTRUSTED, _FEW = 0.5, 0.005
+_DISTRUSTED, _FEW = 0.5, 0.01
 _DELAY_ROUNDS = 2
 
 
@@ -68,18 +68,18 @@ def smooth(
     evidence = replace(evidence, guess_m=fill_gaps(evidence.guess_m, evidence.time_s))
     skeleton = observations.skeleton
 
-    def solve(frames: slice | np.ndarray, lengths: _Lengths, covariance: bool = False) -> _Solved:
+    def stretch(frames: slice | np.ndarray, lengths: _Lengths) -> Stretch:
         part = evidence.frames(frames), active[frames]
-        return _solve(Stretch(rig, skeleton, config, *part, lengths.lengths_m, lengths.sigma_m), covariance)
+        return Stretch(rig, skeleton, config, *part, lengths.lengths_m, lengths.sigma_m)
 
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     lengths = _Lengths(median_lengths(skeleton, evidence.guess_m), config.prior.length_sigma_m)
     if len(spans) > 1:
-        sample = solve(_sample(observations.n_frames), lengths)
+        sample = _sampled(stretch(_sample(observations.n_frames), lengths))
         lengths = _Lengths(_first_known([sample.lengths_m, lengths.lengths_m]), _HELD_LENGTH_SIGMA_M)
     solved = []
     for span in spans:
-        solved.append(_cut(solve(span.solve, lengths, config.solver.covariance), span))
+        solved.append(_cut(_solve(stretch(span.solve, lengths), config.solver.covariance), span))
         if progress:
             progress(span.keep.stop, observations.n_frames)
     positions_m = np.concatenate([part.positions_m for part in solved])
@@ -113,11 +113,8 @@ def _residual_px(
 
 
 def _solve(stretch: Stretch, covariance: bool) -> _Solved:
-    active = stretch.active
-    if not active.any():
-        nobody_m = np.full((*active.shape, 3), np.nan)
-        no_lengths_m = np.full(stretch.skeleton.n_lengths, np.nan)
-        return _Solved(nobody_m, np.full((*active.shape, 3, 3), np.nan), no_lengths_m, Convergence(True, 0, 0.0, 0.0))
+    if not stretch.active.any():
+        return _nobody(stretch)
     # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
         solved = _optimized(stretch)
@@ -131,6 +128,21 @@ def _solve(stretch: Stretch, covariance: bool) -> _Solved:
         if not covariance:
             return solved
         return replace(solved, covariance_m2=_covariance_m2(stretch, solved))
+
+
+def _sampled(stretch: Stretch) -> _Solved:
+    """Frames far apart: the motion between them, by which delays would be undone, is not known."""
+    if not stretch.active.any():
+        return _nobody(stretch)
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _optimized(stretch)
+
+
+def _nobody(stretch: Stretch) -> _Solved:
+    shape = stretch.active.shape
+    no_lengths_m = np.full(stretch.skeleton.n_lengths, np.nan)
+    nobody_m, no_covariance_m2 = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
+    return _Solved(nobody_m, no_covariance_m2, no_lengths_m, Convergence(True, 0, 0.0, 0.0))
 
 
 def _covariance_m2(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "frame joint 3 3"]:

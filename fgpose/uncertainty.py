@@ -51,6 +51,7 @@ def with_correlated_errors(
     n_frames = np.clip(_EQUAL_FRAMES * information / np.maximum(alone, information / _MAX_FRAMES), 1e-3, None)
     step_s = min(step_s, _MAX_STEP_S)
     alike = 1 - _CORRELATED_SHARE + _CORRELATED_SHARE * n_frames * _mean_correlation(n_frames * step_s / _CORRELATION_S)
+    alike = np.maximum(alike, 1.0)  # less than one frame cannot be averaged
     doubt = np.clip(1.0 - trust / _TRUSTED_VIEWS, 0.0, 1.0)
     return covariance_m2 * (_CAUTION * alike * (1.0 + doubt))[..., None, None]
 
