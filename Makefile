@@ -3,8 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+PEER := $(VENV)/bench/.installed
 
-.PHONY: demo demo-video test lint types pytest wheel benchmark format clean
+.PHONY: demo demo-video test lint types pytest wheel benchmark benchmark-accuracy benchmark-quick format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -13,7 +14,7 @@ demo: $(STAMP)
 demo-video: $(STAMP)
 	$(BIN)/fgpose demo --videos --output out
 
-test: lint types pytest wheel
+test: lint types pytest benchmark-quick wheel
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
@@ -29,11 +30,24 @@ pytest: $(STAMP)
 wheel: $(STAMP)
 	sh tests/check_wheel.sh $(BIN)/python
 
+# Speed, memory and real videos against limits.
+benchmark: $(STAMP) $(PEER)
+	$(BIN)/python benchmarks/run.py
+
+# Accuracy of all methods on motion capture with simulated detections.
+benchmark-accuracy: $(STAMP) $(PEER)
+	$(BIN)/fgpose benchmark --output out/benchmark
+
+# A part of it, whose errors must be those that are stored. After a change that is meant to change them:
+# .venv/bin/fgpose benchmark --quick --output out/benchmark-quick --store tests/data/benchmark_quick.json
+benchmark-quick: $(STAMP)
+	$(BIN)/fgpose benchmark --quick --output out/benchmark-quick --check tests/data/benchmark_quick.json
+
 # The peer brings its own OpenCV under the same import name as ours, so it gets an environment of its own.
-benchmark: $(STAMP)
+$(PEER): benchmarks/requirements.txt
 	test -x $(VENV)/bench/bin/python || $(PYTHON) -m venv $(VENV)/bench
 	$(VENV)/bench/bin/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.txt
-	$(BIN)/python benchmarks/run.py
+	touch $@
 
 format: $(STAMP)
 	$(BIN)/ruff format .
@@ -43,7 +57,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video]" --group dev
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,benchmark]" --group dev
 	touch $@
 
 clean:

@@ -1,7 +1,8 @@
 """What is to be said of a recording before anything is solved: what is seen, and what looks wrong.
 
 Every check compares one camera with the robust triangulation of the others, so that a wrong camera does not explain
-itself away. It takes three cameras to say anything, four to say which one is wrong.
+itself away. It takes three cameras to say anything, four to say which one is wrong. Cameras that are late or a little
+off are those of camera_faults.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.camera import CameraRig
-from fgpose.left_out import LeftOut, compare_with_others, sample_stretches, shifted
+from fgpose.left_out import LeftOut, compare_with_others, sample
 from fgpose.metrics import mean_known
 from fgpose.observations import Observations
 from fgpose.triangulation import triangulate_robust
@@ -22,14 +23,6 @@ _INLIER_PX = 20.0
 # takes part in their comparison.
 _CALIBRATION_RATIO = 2.5
 _MIN_CALIBRATION_PX = 20.0
-# A camera that is a little off: the robust triangulation of all cameras settles on the others, which it then misses by
-# several times their error, and mostly by a constant.
-_DISAGREEMENT_RATIO = 3.0
-_MIN_DISAGREEMENT_PX = 10.0
-# A camera late by 3 frames at 60 Hz gains 20 to 40 %, its neighbours up to 15 %; a good one gains less than 3 %.
-_CLEAR_GAIN = 0.1
-_MIN_SHIFT_FRAMES = 0.5
-_WEAK_GAIN = 0.08
 # Clearly swapped: the swapped labels fit at least twice as well, and the two joints lie well apart in the image.
 _SWAP_RATIO = 0.5
 _MIN_SWAP_SEPARATION_PX = 30.0
@@ -53,15 +46,8 @@ class CameraInfo:
     """Its 90 % quantile."""
     left_out_px: float
     """Median distance to the robust triangulation of the other cameras."""
-    offset_px: float
+    constant_px: float
     """Part of it that is constant over joints and frames."""
-    shift_frames: float
-    """By how many frames the camera seems to be late (negative: early), once the constant offset is removed."""
-    shift_gain: float
-    """Share of the error that reading it so much later takes away."""
-    uncorrected_shift_frames: float
-    """The same with the constant offset left in, where calibration and time are hard to tell apart; whole frames."""
-    uncorrected_gain: float
     share_swapped: float
     """Share of its left/right pairs that would fit clearly better with left and right exchanged."""
     distance_m: float
@@ -99,12 +85,6 @@ class RecordingInfo:
     """Median diagonal of the box around the person."""
     suspected_calibration: str | None
     """Camera whose calibration looks wrong."""
-    disagreeing: str | None
-    """Camera that misses what the others agree on by a constant: its calibration may be a little off."""
-    suspected_shifts: tuple[tuple[str, float], ...]
-    """Cameras that are clearly late (frames; negative: early), the clearest first."""
-    possible_shift: tuple[str, float] | None
-    """Camera that may be late, or a little wrongly calibrated: the two cannot be told apart."""
     suspected_swaps: tuple[str, ...]
     """Cameras that exchange left and right now and then."""
     implausible: tuple[str, ...]
@@ -112,16 +92,14 @@ class RecordingInfo:
 
     @property
     def suspicious(self) -> bool:
-        """Whether anything should be looked into before the recording is solved."""
-        return bool(
-            self.suspected_calibration or self.suspected_shifts or self.suspected_swaps or self.implausible
-        )  # a disagreeing camera, a possible shift and gaps are remarks
+        """Whether anything should be looked into before the recording is solved; gaps are remarks."""
+        return bool(self.suspected_calibration or self.suspected_swaps or self.implausible)
 
 
 def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float = 0.5) -> RecordingInfo:
     """Report on a recording.
 
-    Residuals, shifts and swaps of a long recording come from stretches spread evenly over it.
+    Residuals and swaps of a long recording come from frames spread evenly over it.
 
     Args:
         observations: the recording.
@@ -132,15 +110,14 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         ValueError: the cameras of the observations and of the rig differ.
     """
     observations.check_rig(rig)
-    undistorted_px, confidence = sample_stretches(rig.undistort(observations.points2d_px), observations.confidence)
+    sampled = sample(observations.n_frames)
+    undistorted_px, confidence = rig.undistort(observations.points2d_px[sampled]), observations.confidence[sampled]
     positions_m = triangulate_robust(undistorted_px, confidence, rig, _INLIER_PX).positions_m
     residual_px = np.linalg.norm(rig.project(positions_m) - undistorted_px, axis=-1)
     views = compare_with_others(undistorted_px, confidence, rig, _INLIER_PX)
     cameras = tuple(
         _camera_info(observations, rig, c, residual_px[:, c], views[c], positions_m) for c in range(rig.n_cameras)
     )
-    calibration = _suspected_calibration(cameras)
-    shifts = () if calibration else _suspected_shifts(undistorted_px, confidence, rig)
     n_seen = observations.seen.sum(axis=1)
     size_m = _person_size_m(positions_m)
     interval_s = np.diff(observations.frame_time_s)
@@ -156,10 +133,7 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         gaps=_gaps(observations, np.asarray(n_seen >= 2), min_gap_s),
         never_seen=tuple(np.array(observations.skeleton.joints)[~np.any(n_seen >= 2, axis=0)].tolist()),
         person_size_m=size_m,
-        suspected_calibration=calibration,
-        disagreeing=None if calibration or shifts else _disagreeing(cameras),
-        suspected_shifts=shifts,
-        possible_shift=None if calibration or shifts else _possible_shift(cameras),
+        suspected_calibration=_suspected_calibration(cameras),
         suspected_swaps=tuple(camera.name for camera in cameras if camera.share_swapped > _SUSPECT_SWAPS),
         implausible=_implausible(cameras, size_m),
     )
@@ -174,8 +148,6 @@ def _camera_info(
     positions_m: Float[np.ndarray, "frame joint 3"],
 ) -> CameraInfo:
     seen = observations.seen[:, c]
-    shift = left_out.best_shift()
-    uncorrected = left_out.best_shift(remove_offset=False)
     return CameraInfo(
         name=rig.names[c],
         share_seen=float(seen.mean()),
@@ -183,11 +155,7 @@ def _camera_info(
         residual_px=_quantile(residual_px, 0.5),
         residual_q90_px=_quantile(residual_px, 0.9),
         left_out_px=left_out.error_px(),
-        offset_px=float(np.linalg.norm(left_out.offset_px)),
-        shift_frames=shift.frames,
-        shift_gain=shift.gain,
-        uncorrected_shift_frames=float(np.round(uncorrected.frames)),
-        uncorrected_gain=uncorrected.gain,
+        constant_px=float(np.linalg.norm(left_out.constant_px)),
         share_swapped=_share_swapped(left_out, observations.skeleton.left_right),
         distance_m=_quantile(np.linalg.norm(positions_m - rig.cameras[c].position_m, axis=-1), 0.5),
     )
@@ -207,44 +175,6 @@ def _suspected_calibration(cameras: tuple[CameraInfo, ...]) -> str | None:
     others_px = np.median([camera.left_out_px for camera in known if camera is not worst])
     clear = worst.left_out_px > max(_CALIBRATION_RATIO * others_px, _MIN_CALIBRATION_PX)
     return worst.name if clear else None
-
-
-def _disagreeing(cameras: tuple[CameraInfo, ...]) -> str | None:
-    """The camera that misses the triangulation by much more than the others do, mostly by a constant."""
-    if len(cameras) < 3:
-        return None
-    worst = max(cameras, key=lambda camera: np.nan_to_num(camera.residual_px))
-    others_px = np.nanmedian([camera.residual_px for camera in cameras if camera is not worst])
-    clear = worst.residual_px > max(_DISAGREEMENT_RATIO * others_px, _MIN_DISAGREEMENT_PX)
-    return worst.name if clear and worst.offset_px > 0.5 * worst.left_out_px else None
-
-
-def _suspected_shifts(
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    confidence: Float[np.ndarray, "frame camera joint"],
-    rig: CameraRig,
-) -> tuple[tuple[str, float], ...]:
-    """The clearest camera, then the clearest after that one has been put right, and so on: a late camera spoils the
-    comparison of all others."""
-    found: dict[str, float] = {}
-    for _ in range(rig.n_cameras // 2):
-        best = [view.best_shift() for view in compare_with_others(undistorted_px, confidence, rig, _INLIER_PX)]
-        clear = [
-            c for c, shift in enumerate(best) if shift.gain > _CLEAR_GAIN and abs(shift.frames) > _MIN_SHIFT_FRAMES
-        ]
-        if not clear:
-            break
-        c = max(clear, key=lambda c: best[c].gain)
-        found[rig.names[c]] = found.get(rig.names[c], 0.0) + best[c].frames
-        undistorted_px, confidence = shifted(undistorted_px, confidence, c, round(best[c].frames))
-    return tuple(found.items())
-
-
-def _possible_shift(cameras: tuple[CameraInfo, ...]) -> tuple[str, float] | None:
-    candidate = max(cameras, key=lambda camera: np.nan_to_num(camera.uncorrected_gain))
-    if not candidate.uncorrected_gain > _WEAK_GAIN:
-        return None
-    return candidate.name, candidate.uncorrected_shift_frames
 
 
 def _share_swapped(left_out: LeftOut, left_right: tuple[tuple[int, int], ...]) -> float:

@@ -20,7 +20,7 @@ from fgpose.synthetic import (
     walking,
 )
 
-MOCAP = Path(__file__).parent / "data" / "mocap_cmu"
+MOCAP = Path(__file__).parents[1] / "fgpose" / "data" / "mocap_cmu"
 
 
 @pytest.fixture(scope="session")

@@ -93,9 +93,11 @@ def test_uncertainty(camera: str):
         joint: numbers(rf"{joint} +# +# +#", printed)
         for joint in ("neck", "left_elbow", "left_wrist", "right_wrist", "left_ankle")
     }
-    for everything, without_one, _ in sigmas_mm.values():
+    for joint, (everything, without_one, _) in sigmas_mm.items():
         # three cameras for four; 6 px at 4 m and 1100 px are 2 cm for one view of one frame
-        assert everything < without_one < 2 * everything
+        assert everything <= without_one < 2 * everything
+        # cam_01 is 19 px off at the neck and hardly counts there: less than the 0.1 mm of the table
+        assert everything < without_one or (camera, joint) == ("cam_01", "neck")
         assert 1 < everything < 20
     for joint in ("left_elbow", "left_wrist"):
         assert sigmas_mm[joint][2] > 3 * sigmas_mm[joint][0]
@@ -127,3 +129,17 @@ def test_your_own_network():
     # balls are found to half a pixel, 2 mm at 4.5 m and 1145 px; a wave of 1 Hz is smoothed a little at its ends
     assert mean_mm < 4
     assert largest_mm < 20
+
+
+def test_unsynchronised_cameras(tmp_path: Path):
+    output = tmp_path / "synchronised.toml"
+    printed = run("08_unsynchronised_cameras.py", "--seconds", "2", "--output", str(output))
+    for camera in ("ring_1", "ring_2", "ring_3"):
+        true_ms, estimated_ms, sigma_ms = numbers(rf"{camera}: true +# ms, estimated +# \+/- # ms", printed)
+        assert abs(true_ms) >= 25
+        assert abs(estimated_ms - true_ms) < 3 * sigma_ms
+    (before_mm,) = numbers(r"as if they were synchronous: # mm", printed)
+    (after_mm,) = numbers(r"with estimated time offsets: # mm", printed)
+    # a foot that swings at 4 m/s is 24 cm further after 60 ms
+    assert after_mm < before_mm / 2
+    assert output.read_text().count("time_offset_s") == 3

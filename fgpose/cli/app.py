@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, TextIO, Union
 
+from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
 from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
@@ -45,8 +46,9 @@ _COMMANDS = {
     "evaluate": Evaluate,
     "view": View,
     "models": Models,
+    "benchmark": Benchmark,
 }
-Command = Demo | Run | Detect | Smooth | Track | Refine | Info | Evaluate | View | Models
+Command = Demo | Run | Detect | Smooth | Track | Refine | Info | Evaluate | View | Models | Benchmark
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 
@@ -86,6 +88,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parse(arguments: list[str]) -> Command:
     import tyro
 
+    arguments = with_action(arguments)
     config = _config_of(arguments)
     # The list of the commands has one line for each; the help of a command says everything.
     brief = arguments[:1] in ([], ["-h"], ["--help"])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg, subcommand
 
+from fgpose.cli.benchmark_data import Human36M, OccludeImages, Workcell
 from fgpose.cli.options import new_console, progress_bar
 
 if TYPE_CHECKING:
@@ -22,6 +23,9 @@ _SCORES = "scores.json"
 _QUICK_VARIANTS = ("clean", "occluded", "occluded_2_cameras", "desync_3", "industrial")
 _QUICK_CLIPS = 2
 _QUICK_FRAMES = 100
+# It takes as long as all others together.
+_NOT_QUICK = ("fgpose batch, self-calibrated",)
+_MARGIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +40,8 @@ class Open:
     """
 
     quick: bool = False
-    """Five variants on the first 100 frames of two clips, in less than 90 seconds: for a first look."""
+    """Five variants on the first 100 frames of two clips, without the slowest method, in less than 90 seconds: for a
+    first look."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
     """Folder for the results; it is made if it is absent."""
     variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
@@ -53,6 +58,10 @@ class Open:
         Path | None, arg(metavar="PYTHON", help_behavior_hint="(default: .venv/bench/bin/python)")
     ] = None
     """Python of an environment that has aniposelib; without one its lines are left out."""
+    check: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """Hold the errors against those that --store has written, and fail where they differ. Without aniposelib."""
+    store: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """Write the errors of this run, give or take 5 %, for --check. Without aniposelib."""
 
     def run(self) -> None:
         from fgpose.benchmark.looks import check_matplotlib
@@ -64,10 +73,34 @@ class Open:
         variants, methods = self._variants(), self._methods()
         check_matplotlib()
         check_writable(self.output)
-        save_scores(self._scores(variants, methods), self.output / _SCORES)
-        if not self.methods and not any(method.group == "peer" for method in methods):
+        if self.check is not None:
+            self.check.stat()  # that it is missing shall be known before the work is done
+        scores = self._scores(variants, methods)
+        save_scores(scores, self.output / _SCORES)
+        if not self.methods and not self._without_peer and not any(method.group == "peer" for method in methods):
             new_console().print("aniposelib was left out: --aniposelib PYTHON names an environment that has it")
         _report(self.output, self._command())
+        self._compare(scores)
+
+    @property
+    def _without_peer(self) -> bool:
+        """Errors that are kept must not depend on whether there is an environment with aniposelib."""
+        return self.check is not None or self.store is not None
+
+    def _compare(self, scores: list[Score]) -> None:
+        from fgpose.benchmark.report import check_against, store_intervals
+
+        if self.store is not None:
+            store_intervals(scores, self.store, _MARGIN)
+            new_console().print(f"wrote {self.store}", soft_wrap=True)
+        if self.check is None:
+            return
+        violations = check_against(self.check, scores)
+        for violation in violations:
+            new_console().print(f"! {violation}", soft_wrap=True)
+        if violations:
+            raise ValueError(f"{len(violations)} errors are not those stored in {self.check}")
+        new_console().print(f"the errors are those stored in {self.check}", soft_wrap=True)
 
     def _command(self) -> str:
         """What gives the same numbers again."""
@@ -87,8 +120,10 @@ class Open:
         from fgpose.benchmark.methods import find_methods, methods
         from fgpose.benchmark.peer import find_peer
 
-        every = methods(find_peer(self.aniposelib))
-        return find_methods(tuple(dict.fromkeys(self.methods)), every) if self.methods else every
+        every = methods(None if self._without_peer else find_peer(self.aniposelib))
+        if self.methods:
+            return find_methods(tuple(dict.fromkeys(self.methods)), every)
+        return [method for method in every if not (self.quick and method.name in _NOT_QUICK)]
 
     def _scores(self, variants: Sequence[Variant], methods: Sequence[Method]) -> list[Score]:
         from fgpose.benchmark.runner import run
@@ -144,7 +179,10 @@ class Benchmark:
 
     action: Annotated[
         Annotated[Open, subcommand("open", prefix_name=False)]
-        | Annotated[Report, subcommand("report", prefix_name=False)],
+        | Annotated[Report, subcommand("report", prefix_name=False)]
+        | Annotated[Human36M, subcommand("human36m", prefix_name=False)]
+        | Annotated[OccludeImages, subcommand("occlude", prefix_name=False)]
+        | Annotated[Workcell, subcommand("workcell", prefix_name=False)],
         arg(name=""),
     ] = field(default_factory=Open)
 
@@ -152,7 +190,7 @@ class Benchmark:
         self.action.run()
 
 
-ACTIONS = ("open", "report")
+ACTIONS = ("open", "report", "human36m", "occlude", "workcell")
 
 
 def with_action(arguments: list[str]) -> list[str]:

@@ -8,12 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from fgpose.cli.calibration import calibrated
 from fgpose.cli.options import OutputOptions, ParameterOptions, RecordingOptions, new_console, progress_bar
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
-    from fgpose.config import Config
     from fgpose.pipeline import Outputs, Result, Source
 
 
@@ -22,10 +20,14 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
     """What smooth, track and refine have in common."""
 
     def load(self) -> Source:
-        source = super().load()
-        if not self.refine_calibration:
-            return source
-        return with_refined_calibration(source, self.parameters, self.outputs(self.keypoints), new_console())
+        return calibrated(
+            super().load(),
+            self.parameters,
+            self.outputs(self.keypoints),
+            new_console(),
+            poses=self.refine_calibration,
+            clocks=self.estimate_time_offsets,
+        )
 
     def checked_outputs(self, *saved: str) -> Outputs:
         """Where the results go, once it is certain that they can be written there."""
@@ -121,8 +123,9 @@ class Track(EstimatorOptions):
 class Info(RecordingOptions):
     """Report on a recording before solving it: what is seen, and what looks wrong.
 
-    Which cameras see what, how well they agree, whether a calibration looks wrong, a camera late, left and right
-    exchanged, or millimetres taken for metres. Nothing is written. Errors are pixels of the undistorted image.
+    Which cameras see what, how well they agree, whether a calibration looks wrong, a camera was moved or is late, left
+    and right are exchanged, or millimetres taken for metres. Takes some seconds. Nothing is written. Errors are pixels
+    of the undistorted image.
 
     Example: fgpose info pose/ --rig Calib.toml --skeleton body_25b --fps 60
     """
@@ -131,11 +134,16 @@ class Info(RecordingOptions):
     """List stretches in which fewer than two cameras see a joint for longer than this, seconds."""
 
     def run(self) -> None:
+        from fgpose.camera_faults import camera_faults
         from fgpose.cli.info_tables import print_info
         from fgpose.info import recording_info
 
         source = self.load()
-        print_info(new_console(), recording_info(source.observations, source.rig, self.min_gap_s))
+        with new_console(stderr=True).status("comparing the cameras"):
+            info = recording_info(source.observations, source.rig, self.min_gap_s)
+            # What is said of time and of small moves rests on a calibration that is right on the whole.
+            faults = () if info.suspected_calibration else camera_faults(source.observations, source.rig)
+        print_info(new_console(), info, faults)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,20 +170,6 @@ class Evaluate:
 
         estimate, reference = load_trajectory(self.estimate), load_trajectory(self.reference)
         print_evaluation(new_console(), evaluate(estimate, reference, self.offset_s))
-
-
-def with_refined_calibration(source: Source, config: Config, outputs: Outputs, console: Console) -> Source:
-    """The recording with its cameras refined; says how far they moved, and writes the calibration."""
-    from fgpose.cli.tables import print_refinement
-    from fgpose.io.calibration import save_rig
-    from fgpose.pipeline import Source
-    from fgpose.rig_refinement import refine_rig
-
-    refinement = refine_rig(source.observations, source.rig, config)
-    path = outputs.folder / f"{outputs.name}_calibration.toml"
-    save_rig(refinement.rig, path)
-    print_refinement(console, refinement, path)
-    return Source(refinement.rig, refinement.observations)
 
 
 def finish(result: Result, outputs: Outputs, options: OutputOptions) -> None:

@@ -71,7 +71,7 @@ class Demo:
         _say_how_to_open(console, outputs)
 
     def _run_from_detections(self) -> None:
-        from fgpose.cli.commands import with_refined_calibration
+        from fgpose.cli.calibration import calibrated
         from fgpose.cli.tables import latency_table, print_source, result_table
         from fgpose.config import Config
         from fgpose.io.recordings import load_recording
@@ -83,7 +83,7 @@ class Demo:
         source = first_frames(Source(*load_recording(self.recording)), self.frames)
         console.print(f"{self.recording}: real detections of a man balancing on one leg")
         print_source(console, source)
-        source = with_refined_calibration(source, Config(), outputs, console)
+        source = calibrated(source, Config(), outputs, console, poses=True, clocks=False)
         result, batch_s = _run(source)
         write_outputs(result, outputs)
         headings = {"refined": "each frame alone", "online": "online", "smoothed": "smoothed"}

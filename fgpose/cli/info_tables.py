@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from fgpose.camera_faults import CameraFault
 from fgpose.cli.tables import new_table
 from fgpose.info import CameraInfo, RecordingInfo
 
@@ -15,7 +16,7 @@ _MAX_GAPS = 10
 _FEW_SEEN = 0.5
 
 
-def print_info(console: Console, info: RecordingInfo) -> None:
+def print_info(console: Console, info: RecordingInfo, faults: tuple[CameraFault, ...]) -> None:
     """The tables, then the hints."""
     rate = "" if np.isnan(info.fps) else f" at {info.fps:.4g} Hz"
     views = "2D and per-view 3D" if info.has_points3d else "2D only"
@@ -25,16 +26,18 @@ def print_info(console: Console, info: RecordingInfo) -> None:
     )
     console.print(_seen_table(info))
     console.print(_check_table(info.cameras))
+    if faults:
+        console.print(_faults_table(faults, info.fps))
     for gap in info.gaps[:_MAX_GAPS]:
         console.print(
             f"gap: {gap.joint} seen by fewer than two cameras for {gap.duration_s:.2f} s from {gap.start_s:.2f} s"
         )
     if len(info.gaps) > _MAX_GAPS:
         console.print(f"gap: {len(info.gaps) - _MAX_GAPS} shorter ones")
-    remarks = list(hints(info))
+    remarks = [*hints(info), *_fault_hints(faults)]
     for remark in remarks:
         console.print(f"! {remark}")
-    if not info.suspicious:
+    if not info.suspicious and not any(fault.late for fault in faults):
         console.print("Nothing is clearly wrong." if remarks else "Nothing suspicious.")
 
 
@@ -46,18 +49,8 @@ def hints(info: RecordingInfo) -> Iterator[str]:
         yield (
             f"The calibration of {info.suspected_calibration} looks wrong: the other cameras agree without it and miss "
             "it by far. Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out with "
-            "--cameras. Other suspicions only count once this is settled."
+            "--cameras. Time offsets and small errors of the calibration can only be told once this is settled."
         )
-    if info.disagreeing:
-        (camera,) = (camera for camera in info.cameras if camera.name == info.disagreeing)
-        yield (
-            f"{camera.name} misses what the other cameras agree on by {camera.residual_px:.0f} px, mostly by a "
-            "constant: its calibration may be a little off. Try --refine-calibration."
-        )
-    for name, frames in info.suspected_shifts:
-        yield f"{name} looks {_lateness(frames, '.1f')}. Shift its images, then look again."
-    if info.possible_shift:
-        yield _possible_shift(info)
     for name in info.suspected_swaps:
         (camera,) = (camera for camera in info.cameras if camera.name == name)
         yield f"{name} exchanges left and right in {100 * camera.share_swapped:.0f} % of the pairs that can be judged."
@@ -70,20 +63,25 @@ def hints(info: RecordingInfo) -> Iterator[str]:
         yield "With fewer than three cameras nothing can be said about calibration and time."
 
 
-def _possible_shift(info: RecordingInfo) -> str:
-    assert info.possible_shift is not None
-    name, frames = info.possible_shift
-    (camera,) = (camera for camera in info.cameras if camera.name == name)
-    return (
-        f"{name} may be up to {_lateness(frames, '.0f')}: read so, its error falls by "
-        f"{100 * camera.uncorrected_gain:.0f} %. But with its constant offset of {camera.offset_px:.0f} px removed "
-        f"{camera.shift_frames:+.1f} frames fit best: part or all of it may be calibration (principal point, image "
-        "size)."
-    )
-
-
-def _lateness(frames: float, form: str) -> str:
-    return f"{format(abs(frames), form)} frames {'late' if frames > 0 else 'early'}"
+def _fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
+    """Cameras that are late or were moved, and the options that put them right."""
+    late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
+    # Each alone would explain the other with it: a camera that was moved looks late while the person walks one way.
+    both = " and --refine-calibration together" if moved else ""
+    for fault in late:
+        ms, sigma_ms = 1000 * abs(fault.offset_s), 1000 * fault.offset_sigma_s
+        yield (
+            f"{fault.name} takes its images {abs(fault.offset_frames):.1f} frames ({ms:.0f} +/- {sigma_ms:.0f} ms) "
+            f"{'later' if fault.offset_s > 0 else 'earlier'} than their times say, measured by the clocks of the "
+            f"others. Use --estimate-time-offsets{both}."
+        )
+    together = " and --estimate-time-offsets together" if late else ""
+    for fault in sorted(moved, key=lambda fault: -fault.rotation_deg):
+        yield (
+            f"{fault.name} seems to have been moved since it was calibrated, by about {fault.rotation_deg:.1f} degrees "
+            f"and {100 * fault.translation_m:.0f} cm; a wrong principal point or image size looks alike. "
+            f"Use --refine-calibration{together}."
+        )
 
 
 def _seen_table(info: RecordingInfo) -> Table:
@@ -102,24 +100,44 @@ def _seen_table(info: RecordingInfo) -> Table:
 
 def _check_table(cameras: tuple[CameraInfo, ...]) -> Table:
     """How well each camera agrees with the others."""
-    table = new_table(
-        "camera", "error\n[px]", "90 %\n[px]", "left out\n[px]", "offset\n[px]", "late\n[frames]", "swapped\n[%]"
-    )
+    table = new_table("camera", "error\n[px]", "90 %\n[px]", "left out\n[px]", "constant\n[px]", "swapped\n[%]")
     table.caption = (
         "error: distance to the triangulation of all cameras (median, 90 % quantile). left out: to that of the other "
-        "cameras alone; offset: the part of it that is constant. late: what fits best once the offset is removed "
-        "(- early). swapped: left and right exchanged."
+        "cameras alone; constant: the part of it that is. swapped: left and right exchanged."
     )
     table.caption_justify = "left"
     for camera in cameras:
-        errors_px = camera.residual_px, camera.residual_q90_px, camera.left_out_px, camera.offset_px
+        errors_px = camera.residual_px, camera.residual_q90_px, camera.left_out_px, camera.constant_px
         table.add_row(
             camera.name,
             *(_number(error_px, ".1f") for error_px in errors_px),
-            _number(camera.shift_frames, "+.1f"),
             _number(100 * camera.share_swapped, ".1f"),
         )
     return table
+
+
+def _faults_table(faults: tuple[CameraFault, ...], fps: float) -> Table:
+    """What would make the cameras agree."""
+    table = new_table("camera", "taken later\n[ms]", "taken later\n[frames]", "turned\n[deg]", "moved\n[cm]")
+    table.caption = (
+        "taken later: images, than their times say, by the camera whose clock is nearest to all (- earlier). turned, "
+        "moved: what else would make the cameras agree, on 20 s at most."
+    )
+    table.caption_justify = "left"
+    for fault in faults:
+        table.add_row(
+            fault.name,
+            _plus_minus(1000 * fault.offset_s, 1000 * fault.offset_sigma_s, 0),
+            _plus_minus(fault.offset_frames, fps * fault.offset_sigma_s, 2),
+            f"{fault.rotation_deg:.2f}",
+            f"{100 * fault.translation_m:.1f}",
+        )
+    return table
+
+
+def _plus_minus(value: float, sigma: float, digits: int) -> str:
+    """A number with its sign and its standard deviation, if it has one; in ASCII, for any terminal."""
+    return f"{value:+.{digits}f} +/- {sigma:.{digits}f}" if sigma else f"{value:.{digits}f}"
 
 
 def _number(value: float, form: str) -> str:

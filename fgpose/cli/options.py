@@ -104,6 +104,9 @@ class ParameterOptions(OutputOptions):
     refine_calibration: bool = False
     """First move the cameras a little, so that they agree on the person (--calibration.*). Writes the calibration
     that results as NAME_calibration.toml."""
+    estimate_time_offsets: bool = False
+    """First estimate by how much each camera's clock is off, from the motion itself. The calibration that is written
+    carries the offsets. With --refine-calibration both are found together."""
 
 
 def first_frames(source: Source, frames: int | None) -> Source:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.commands import with_refined_calibration
+from fgpose.cli.calibration import calibrated
 from fgpose.cli.detect import VideoOptions
 from fgpose.cli.options import ParameterOptions, new_console, progress_bar
 from fgpose.monocular.frame_matching import NO_IMAGE
@@ -45,8 +45,8 @@ class Run(ParameterOptions, VideoOptions):
         outputs.check(("smoothed",), (self.rig,))
         detected = self.detect(console)
         source = Source(detected.rig, self.wanted(detected, console).observations)
-        if self.refine_calibration:
-            source = with_refined_calibration(source, self.parameters, outputs, console)
+        wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
+        source = calibrated(source, self.parameters, outputs, console, **wanted)
         shown = "rrd" in self.formats or self.live
         with progress_bar("smoothing") as progress:
             result = run_smooth(source, self.parameters, progress, compare=shown)

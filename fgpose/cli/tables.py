@@ -14,6 +14,7 @@ from fgpose.evaluation import Evaluation
 from fgpose.metrics import jitter_mps3
 from fgpose.pipeline import Result, Source
 from fgpose.rig_refinement import RigRefinement
+from fgpose.time_offsets import TimeOffsets
 from fgpose.trajectory import Status, Trajectory
 
 _MEANING = {
@@ -38,8 +39,8 @@ def print_result(console: Console, result: Result, written: tuple[Path, ...]) ->
 
 def print_source(console: Console, source: Source) -> None:
     observations = source.observations
-    interval_s = np.diff(observations.frame_time_s)
-    rate = f" at {1 / np.median(interval_s):.4g} Hz" if len(interval_s) else ""
+    fps = frames_per_second(observations.frame_time_s)
+    rate = "" if np.isnan(fps) else f" at {fps:.4g} Hz"
     console.print(
         f"{observations.n_frames} frames{rate}, {observations.n_cameras} cameras, "
         f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
@@ -68,19 +69,41 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
     return table
 
 
-def print_refinement(console: Console, refinement: RigRefinement, path: Path) -> None:
-    """How far each camera was moved, and what that did to its error."""
-    table = new_table("calibration refined", *refinement.rig.names)
-    rows = {
-        "turned by [deg]": (refinement.rotation_deg, 2),
-        "moved by [mm]": (1000 * refinement.translation_m, 0),
-        "triangulation error before [px]": (refinement.residual_before_px, 1),
-        "triangulation error after [px]": (refinement.residual_after_px, 1),
-    }
+def calibration_table(source: Source, refinement: RigRefinement | None, offsets: TimeOffsets | None) -> Table:
+    """How far each camera was moved and what that did to its error, and by how much its clock is off.
+
+    Args:
+        source: the recording.
+        refinement: None, as offsets: was not asked for.
+        offsets: with their standard deviations, also in frames of the recording.
+    """
+    table = new_table("calibration", *source.rig.names)
+    rows: dict[str, tuple[np.ndarray, int]] = {}
+    if refinement is not None:
+        rows |= {
+            "turned by [deg]": (refinement.rotation_deg, 2),
+            "moved by [mm]": (1000 * refinement.translation_m, 0),
+            "triangulation error before [px]": (refinement.residual_before_px, 1),
+            "triangulation error after [px]": (refinement.residual_after_px, 1),
+        }
+    if offsets is not None:
+        fps = frames_per_second(source.observations.frame_time_s)
+        rows |= {
+            "taken later [ms]": (1000 * offsets.offsets_s, 1),
+            "standard deviation [ms]": (1000 * offsets.sigma_s, 1),
+            "taken later [frames]": (fps * offsets.offsets_s, 2),
+            "standard deviation [frames]": (fps * offsets.sigma_s, 2),
+        }
+        table.caption = "taken later: than the times of the images say (- earlier), by the clock of the first camera"
+        table.caption_justify = "left"
     for name, (values, digits) in rows.items():
         table.add_row(name, *(f"{value:.{digits}f}" for value in values))
-    console.print(table)
-    console.print(f"wrote {path}", soft_wrap=True)
+    return table
+
+
+def frames_per_second(time_s: np.ndarray) -> float:
+    """Of the usual interval; NaN for a single frame."""
+    return float(1 / np.median(np.diff(time_s))) if len(time_s) > 1 else np.nan
 
 
 def latency_table(update_ms: np.ndarray) -> Table:

@@ -188,13 +188,18 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         views_m=np.zeros((1, 0, 17, 3)),
         rays=np.zeros((1, 0, 17, 3)),
         depth_sigma_m=np.zeros((1, 0, 17)),
+        delay_s=np.zeros((1, 2)),
     )
     chain = Chain(Stretch(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3))
-    information = np.eye(3) / config.prior.position_sigma_m**2
+    of_detections = np.zeros((3, 3))
     for camera in pair.cameras:
         R, depth_m = camera.camera_T_world[:3, :3], camera.to_camera_frame(centre_m[0, 0])[2]
         sideways = R[:2]
-        information += sideways.T @ sideways * (camera.K[0, 0] / depth_m / 3.0) ** 2
+        of_detections += sideways.T @ sideways * (camera.K[0, 0] / depth_m / 3.0) ** 2
+    found = chain.frame_information(centre_m)
+    np.testing.assert_allclose(found[0, 0], of_detections, rtol=1e-9, atol=1e-9 * np.trace(of_detections))
+    assert np.isnan(found[0, 1:]).all(), "joints that take no part"
+    information = of_detections + np.eye(3) / config.prior.position_sigma_m**2
     covariance_m2 = chain.covariance_m2(centre_m)[0, 0]
     np.testing.assert_allclose(covariance_m2, np.linalg.inv(information), rtol=1e-9, atol=1e-18)
 
@@ -210,5 +215,6 @@ def test_the_solution_is_that_of_gtsam_on_a_real_recording():
     apart_m = np.linalg.norm(solved["chain"].positions_m - solved["gtsam"].positions_m, axis=-1)
     assert solved["chain"].convergence is not None
     assert solved["chain"].convergence.converged
-    # both end when the error falls by less than 1e-7 of itself, which is 0.03 sigma for one joint, here of 20 mm
-    assert np.nanmax(apart_m) < 6e-4
+    # Both end when the error falls by less than 1e-7 of itself: of 11,300 in the first of the two solves that is 0.05
+    # sigma for one joint, here of 20 mm. The weights of the second solve come from the first.
+    assert np.nanmax(apart_m) < 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.synthetic import Scene
+from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 
 def turned(rig: fgpose.CameraRig, camera: int, degrees: float) -> fgpose.CameraRig:
@@ -29,17 +29,44 @@ def direction_error_deg(rig: fgpose.CameraRig, truth: fgpose.CameraRig, camera: 
 def test_a_turned_camera_is_turned_back(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
     wrong = turned(rig, 2, 1.0)
     result = fgpose.refine_rig(walking_scene.observations, wrong)
-    # A degree is three sigmas of the prior, so about half of it is believed, and the camera stands out.
-    assert direction_error_deg(result.rig, rig, 2) < 0.6
+    # Found to less than half: a camera that is turned and one that is moved sideways look nearly alike at 4.5 m.
+    assert direction_error_deg(result.rig, rig, 2) < 0.5
     assert np.argmax(result.rotation_deg) == 2
     assert result.residual_after_px[2] < 0.6 * result.residual_before_px[2]
 
 
+@pytest.mark.parametrize("bumped", range(4))
+def test_a_bumped_camera_moves_by_itself(walking_scene: Scene, rig: fgpose.CameraRig, bumped: int) -> None:
+    """The others do not share the move, and then agree with it as well as with the right calibration."""
+    result = fgpose.refine_rig(walking_scene.observations, turned(rig, bumped, 1.0))
+    right = fgpose.refine_rig(walking_scene.observations, rig)
+    others = np.arange(4) != bumped
+    assert result.rotation_deg[bumped] > 0.4
+    # The sigmas of a camera that nobody touched; what is measured is half of that.
+    assert result.rotation_deg[others].max() < 0.1
+    assert result.translation_m[others].max() < 0.005
+    np.testing.assert_allclose(result.residual_after_px, right.residual_after_px, rtol=0.1)
+
+
+def test_a_delay_that_is_known_moves_no_camera(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    offsets_s = np.array([0.0, 0.06, 0.0, 0.0])
+    truth_m = walking(40, 30.0, skeleton)
+    scene = simulate(truth_m, skeleton, rig, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=offsets_s)
+    known = fgpose.refine_rig(scene.observations, rig.with_time_offsets(offsets_s))
+    assert known.rotation_deg.max() < 0.1
+    assert known.translation_m.max() < 0.005
+    np.testing.assert_array_equal(known.rig.time_offsets_s, offsets_s)
+    # Not known, 1.2 m/s times 0.06 s are 18 px: that camera is moved to where it would have seen them on time.
+    ignored = fgpose.refine_rig(scene.observations, rig)
+    assert np.argmax(ignored.translation_m) == 1
+    assert ignored.translation_m[1] + 4.5 * np.deg2rad(ignored.rotation_deg[1]) > 0.03
+
+
 def test_a_right_rig_stays(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
     result = fgpose.refine_rig(walking_scene.observations, rig)
-    # 5 px of detection error, 20 looks: 1 px or 0.06 degrees of each camera's direction.
-    assert result.rotation_deg.max() < 0.2
-    assert result.translation_m.max() < 0.03
+    # 5 px of detection error, 50 looks: 0.7 px or 0.04 degrees of each camera's direction, and the calibration's 0.1.
+    assert result.rotation_deg.max() < 0.1
+    assert result.translation_m.max() < 0.005
 
 
 def test_frames_in_which_nobody_is_there_do_not_count(walking_scene: Scene, rig: fgpose.CameraRig) -> None:

@@ -22,9 +22,14 @@ from fgpose.synthetic import (
     simulate,
     walking,
 )
+from tests.conftest import MOCAP
 
-MOCAP = Path(__file__).parents[1] / "data" / "mocap_cmu"
 FPS = 60.0
+CLIPS = (
+    *("cmu_01_01_a", "cmu_01_04_a"),
+    *("cmu_02_01_short", "cmu_02_03_short", "cmu_02_05", "cmu_02_07_a", "cmu_02_10"),
+    *("cmu_03_03_a", "cmu_03_03_b"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +101,7 @@ def test_a_skeleton_that_the_walker_lacks_is_named(skeleton: Skeleton) -> None:
         walking(1, FPS, other)
 
 
-@pytest.mark.parametrize("clip", ["cmu_02_01_short", "cmu_02_05_start", "cmu_03_03_b"])
+@pytest.mark.parametrize("clip", CLIPS)
 def test_motion_clips_are_people(skeleton: Skeleton, clip: str) -> None:
     positions_m, fps = motion_from_npz(MOCAP / f"{clip}.npz")
     assert fps == 50
@@ -105,6 +110,13 @@ def test_motion_clips_are_people(skeleton: Skeleton, clip: str) -> None:
     assert np.ptp(skeleton.bone_lengths(positions_m), axis=0).max() < 1e-5
     height_m = positions_m[:, skeleton.index("head"), 2] - positions_m[:, skeleton.index("left_ankle"), 2]
     assert 1.2 < np.median(height_m) < 1.8
+
+
+def test_the_clips_are_all_that_is_there() -> None:
+    assert sorted(path.stem for path in MOCAP.glob("*.npz")) == sorted(CLIPS)
+    readme = (MOCAP / "README.md").read_text(encoding="utf-8")
+    for clip in CLIPS:
+        assert f"| {clip}.npz | {len(motion_from_npz(MOCAP / f'{clip}.npz')[0])} |" in readme
 
 
 @pytest.mark.parametrize(
@@ -150,6 +162,48 @@ def test_detections_are_in_the_distorted_image(skeleton: Skeleton) -> None:
     assert np.abs(scene.observations.points2d_px - straight.project(truth_m)).max() > 1
     # The inverse of the distortion is iterative: its tolerance.
     np.testing.assert_allclose(bent.undistort(scene.observations.points2d_px), straight.project(truth_m), atol=1e-6)
+
+
+def test_a_late_camera_sees_where_the_joints_are_later(skeleton: Skeleton, rig: CameraRig) -> None:
+    """Uniform motion, of which every camera's time is known exactly: also before the first and after the last frame."""
+    offsets_s = np.array([0.0, 0.04, -0.03, 0.5 / FPS])
+    velocity_mps = np.array([0.8, -0.5, 0.1])
+    time_s = np.arange(6) / FPS
+    truth_m = walking(1, FPS, skeleton) + time_s[:, None, None] * velocity_mps
+    scene = simulate(truth_m, skeleton, rig, FPS, NO_NOISE, NO_OCCLUSION, seed=0, offsets_s=offsets_s)
+    later_m = truth_m[:, None] + offsets_s[:, None, None] * velocity_mps
+    # A spline through points on a line is that line, to rounding: 1e-12 m, or 1e-9 px.
+    np.testing.assert_allclose(scene.observations.points2d_px, rig.project_each(later_m), atol=1e-8)
+    assert scene.observations.points3d_m is not None
+    np.testing.assert_allclose(scene.observations.points3d_m, later_m, atol=1e-9)
+    np.testing.assert_array_equal(scene.truth_m, truth_m)
+    np.testing.assert_array_equal(scene.observations.time_s, time_s)  # what the observations say of their time
+
+
+def test_a_late_camera_sees_the_curve_between_the_frames(skeleton: Skeleton, rig: CameraRig) -> None:
+    """A walk sampled at 60 Hz, seen half a frame later, is the walk sampled at 120 Hz; the noise is the same."""
+    fine_m = walking(60, 2 * FPS, skeleton)
+    offsets_s = np.array([0.0, 0.5 / FPS, 0.0, 0.0])
+    late = simulate(fine_m[::2], skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=offsets_s)
+    on_time = simulate(fine_m[::2], skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=0)
+    others = [0, 2, 3]
+    late_px, on_time_px = late.observations.points2d_px, on_time.observations.points2d_px
+    np.testing.assert_allclose(late_px[:, others], on_time_px[:, others], atol=1e-9)  # rounding of the spline
+    moved_px = late_px[:, 1] - on_time_px[:, 1]
+    expected_px = rig.cameras[1].project(fine_m[1::2]) - rig.cameras[1].project(fine_m[::2])
+    # Half a frame of walking is some px; the spline is exact to thousandths inside, less so at its ends.
+    assert np.median(np.abs(expected_px)) > 0.5
+    np.testing.assert_allclose(moved_px[3:-3], expected_px[3:-3], atol=0.02)
+
+
+def test_offsets_of_zero_change_nothing(skeleton: Skeleton, rig: CameraRig) -> None:
+    truth_m = walking(20, FPS, skeleton)
+    scenes = [
+        simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), Occlusion(), seed=0, offsets_s=offsets_s)
+        for offsets_s in (None, np.zeros(4))
+    ]
+    for name in ("points2d_px", "points3d_m", "confidence", "covariance3d_m2"):
+        np.testing.assert_array_equal(*(getattr(scene.observations, name) for scene in scenes))
 
 
 def test_what_is_outside_the_image_is_missing(skeleton: Skeleton, rig: CameraRig) -> None:
@@ -215,8 +269,8 @@ def test_lateral_error_is_the_measured_one(noisy_scene: Scene, skeleton: Skeleto
 
 
 def test_confidence_informs_but_is_no_oracle(rig: CameraRig, skeleton: Skeleton) -> None:
-    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05_start.npz")
-    scene = simulate(truth_m, skeleton, rig, fps, DetectionNoise(), Occlusion(), seed=0)
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
+    scene = simulate(truth_m[:400], skeleton, rig, fps, DetectionNoise(), Occlusion(), seed=0)
     confidence, seen = scene.observations.confidence, scene.observations.seen
     visible, occluded = confidence[seen & ~scene.occluded], confidence[seen & scene.occluded]
     # Chance that a visible joint is rated above an occluded one, over quantiles: 0.5 tells nothing, 1 is an oracle.
@@ -256,9 +310,9 @@ def test_the_same_seed_gives_the_same_scene(rig: CameraRig, skeleton: Skeleton) 
 
 
 def test_the_share_of_occluded_joints_is_that_of_the_rule(rig: CameraRig, skeleton: Skeleton) -> None:
-    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05_start.npz")
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
     shares = [
-        simulate(truth_m, skeleton, rig, fps, DetectionNoise(), Occlusion(n_views=n_views), seed).occluded.mean()
+        simulate(truth_m[:400], skeleton, rig, fps, DetectionNoise(), Occlusion(n_views=n_views), seed).occluded.mean()
         for n_views in (1, 3)
         for seed in range(10)
     ]

@@ -42,6 +42,21 @@ def test_the_nearest_other_view_decides() -> None:
     np.testing.assert_allclose(weights[0, :, 0], expected)
 
 
+def test_of_two_views_that_contradict_each_other_neither_is_confirmed() -> None:
+    """By hand: two views of a joint keep their confidence however far apart they are; a third one judges all three.
+
+    Three cameras, two joints: all three see the first, only two the second.
+    """
+    by_view_px2 = np.full((1, 3, 3, 2), 100.0**2)
+    by_view_px2[:, 2, :, 1] = by_view_px2[:, :, 2, 1] = np.nan
+    confidence = np.full((1, 3, 2), 0.5)
+    confidence[0, 2, 1] = 0.0
+    fusion = Fusion(np.zeros((1, 2, 3)), np.ones((1, 3, 2)), np.ones((1, 3, 2)), by_view_px2)
+    weights = detection_weights(fusion, confidence, ProjectionConfig(agreement_px=100.0))
+    np.testing.assert_allclose(weights[0, :, 0], 0.25)  # off by agreement_px: half
+    np.testing.assert_allclose(weights[0, :2, 1], 0.5)
+
+
 def test_a_lone_view_keeps_its_confidence() -> None:
     fusion = Fusion(np.zeros((1, 1, 3)), np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.zeros((1, 1, 1, 1)))
     weights = detection_weights(fusion, np.full((1, 1, 1), 0.8), ProjectionConfig())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -34,11 +34,14 @@ class CalibratedView:
     t: Float[np.ndarray, " 3"]
     distortion: Float[np.ndarray, " coefficients"]
     lens: LensModel = "pinhole"
+    time_offset_s: float = 0.0
+    """How much later than its time stamps say the camera takes its images; only our own files know it."""
 
     def to_camera(self, metres_per_unit: float) -> Camera:
-        return Camera.from_world_to_camera(
+        camera = Camera.from_world_to_camera(
             self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, self.distortion, self.lens
         )
+        return replace(camera, time_offset_s=self.time_offset_s)
 
 
 def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: Unit, unit: Unit) -> CameraRig:

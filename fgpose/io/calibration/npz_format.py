@@ -19,17 +19,20 @@ _ARRAYS = {
     "world_T_camera": (4, 4),
     "distortion": (_MAX_COEFFICIENTS,),
     "lens": (),
+    "time_offset_s": (),
 }
+_ADDED = ("time_offset_s",)
+"""Arrays that older files lack; zero there."""
 
 
 def read(path: Path) -> list[CalibratedView]:
     """Cameras of an npz written by write, in metres. Raises ValueError for anything else."""
     file = read_arrays(path)
-    missing = [name for name in _ARRAYS if name not in file]
+    missing = [name for name in _ARRAYS if name not in file and name not in _ADDED]
     if missing:
         raise ValueError(f"not a calibration of fgpose: the array {', '.join(missing)} is missing")
-    arrays = {name: file[name] for name in _ARRAYS}
-    n_cameras = arrays["camera_names"].size
+    n_cameras = file["camera_names"].size
+    arrays = {name: file.get(name, np.zeros(n_cameras)) for name in _ARRAYS}
     for name, array in arrays.items():
         if array.shape != (n_cameras, *_ARRAYS[name]):
             raise ValueError(f"array {name} must be {(n_cameras, *_ARRAYS[name])}, got {array.shape}")
@@ -37,7 +40,13 @@ def read(path: Path) -> list[CalibratedView]:
 
 
 def _view(
-    name: np.str_, size_px: np.ndarray, K: np.ndarray, world_T_camera: np.ndarray, distortion: np.ndarray, lens: str
+    name: np.str_,
+    size_px: np.ndarray,
+    K: np.ndarray,
+    world_T_camera: np.ndarray,
+    distortion: np.ndarray,
+    lens: str,
+    time_offset_s: np.floating,
 ) -> CalibratedView:
     if lens not in ("pinhole", "fisheye"):
         raise ValueError(f"camera {name}: lens must be pinhole or fisheye, got {lens}")
@@ -50,6 +59,7 @@ def _view(
         t=-R @ world_T_camera[:3, 3],
         distortion=distortion[~np.isnan(distortion)],
         lens="fisheye" if lens == "fisheye" else "pinhole",
+        time_offset_s=float(time_offset_s),
     )
 
 
@@ -67,4 +77,5 @@ def write(rig: CameraRig, path: Path) -> None:
             world_T_camera=np.stack([camera.world_T_camera for camera in rig.cameras]),
             distortion=distortion,
             lens=np.array([camera.lens for camera in rig.cameras]),
+            time_offset_s=rig.time_offsets_s,
         )

@@ -1,10 +1,11 @@
 """TOML calibrations of Pose2Sim, aniposelib and caliscope: one table per camera.
 
-All three have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some versions of caliscope a matrix) and
+All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some versions of caliscope a matrix) and
 ``translation``, world to camera. They differ in what is around it:
 
 - Pose2Sim: any table names, ``fisheye`` in every table, metres, cameras in the order of the file.
 - aniposelib: ``[cam_0]``, ``[cam_1]``, ..., the unit of the calibration board (often mm), cameras in natural order.
+- fgpose (what write writes): Pose2Sim's, with ``time_offset_s`` in the table of a camera whose clock is off.
 - caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; an ``ignore``d camera is left out.
 """
 
@@ -70,11 +71,13 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
         t=numbers(name, "translation", table["translation"], 3),
         distortion=numbers(name, "distortions", table["distortions"]).ravel(),
         lens="fisheye" if table.get("fisheye", False) else "pinhole",
+        time_offset_s=float(numbers(name, "time_offset_s", table.get("time_offset_s", 0.0), 1)[0]),
     )
 
 
 def write(rig: CameraRig, path: Path) -> None:
-    """Write a rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects."""
+    """Write a rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects; a time
+    offset only where there is one, so that the file of synchronous cameras is exactly Pose2Sim's."""
     import tomli_w
 
     document: dict[str, Any] = {camera.name: _table(camera) for camera in rig.cameras}
@@ -96,4 +99,5 @@ def _table(camera: Camera) -> dict[str, Any]:
         "rotation": Rotation.from_matrix(camera_T_world[:3, :3]).as_rotvec().tolist(),
         "translation": camera_T_world[:3, 3].tolist(),
         "fisheye": camera.lens == "fisheye",
+        **({"time_offset_s": camera.time_offset_s} if camera.time_offset_s else {}),
     }

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 
@@ -92,3 +93,49 @@ def test_a_missing_environment_is_refused_before_any_work(folder):
     with pytest.raises(OSError, match="no Python for aniposelib at nowhere"):
         parsed("--output", str(folder), "--aniposelib", "nowhere").run()
     assert not folder.exists()
+
+
+def test_errors_are_held_against_those_that_are_stored(tiny, tmp_path, capsys):
+    stored = tmp_path / "stored.json"
+    chosen = ("--quick", "--variants", "clean", "--methods", "DLT", "--workers", "1")
+    here = ("--output", str(tmp_path / "results"))
+    parsed(*chosen, *here, "--store", str(stored)).run()
+    assert f"wrote {stored}" in capsys.readouterr().out
+    parsed(*chosen, *here, "--check", str(stored)).run()
+    assert "the errors are those stored in" in capsys.readouterr().out
+    content = json.loads(stored.read_text())
+    for name in ("mean_mm", "low_mm", "high_mm"):
+        content["intervals"][0][name] /= 2
+    stored.write_text(json.dumps(content))
+    with pytest.raises(ValueError, match=r"1 errors are not those stored in .*stored\.json"):
+        parsed(*chosen, *here, "--check", str(stored)).run()
+    assert "! clean, DLT: MPJPE" in capsys.readouterr().out
+
+
+def test_a_missing_file_of_errors_is_named_before_any_work(tmp_path):
+    with pytest.raises(FileNotFoundError) as error:
+        parsed("--quick", "--output", str(tmp_path / "results"), "--check", str(tmp_path / "absent.json")).run()
+    assert error.value.filename == str(tmp_path / "absent.json")
+    assert list((tmp_path / "results").iterdir()) == []
+
+
+@pytest.mark.parametrize("option", ["--check", "--store"])
+def test_errors_that_are_kept_do_not_depend_on_aniposelib(option, tmp_path):
+    options = Open(aniposelib=Path(sys.executable), **{option[2:]: tmp_path / "stored.json"})
+    assert not any(method.group == "peer" for method in options._methods())
+    assert any(method.group == "peer" for method in Open(aniposelib=Path(sys.executable))._methods())
+
+
+def test_quick_leaves_out_the_slowest_method_unless_it_is_named():
+    slow = "fgpose batch, self-calibrated"
+    assert slow not in [method.name for method in Open(quick=True)._methods()]
+    assert slow in [method.name for method in Open()._methods()]
+    assert [method.name for method in Open(quick=True, methods=(slow,))._methods()] == [slow]
+
+
+def test_every_benchmark_is_known_by_its_name(capsys):
+    for action in benchmark.ACTIONS:
+        with pytest.raises(SystemExit) as end:
+            parsed(action, "--help")
+        assert end.value.code == 0
+        assert "Example: fgpose benchmark " in capsys.readouterr().out

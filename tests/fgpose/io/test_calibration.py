@@ -352,3 +352,44 @@ def test_an_unknown_unit_is_refused():
     unit: Any = "cm"
     with pytest.raises((ValueError, TypeError)):
         load_rig(POSE2SIM, unit=unit)
+
+
+@pytest.mark.parametrize("extension", [".npz", ".toml"])
+def test_time_offsets_go_with_the_calibration(tmp_path: Path, extension: str):
+    offsets_s = np.array([0.0, 0.0123, -0.05, 0.0])
+    path = tmp_path / f"rig{extension}"
+    save_rig(load_rig(POSE2SIM).with_time_offsets(offsets_s), path)
+    np.testing.assert_array_equal(load_rig(path).time_offsets_s, offsets_s)
+
+
+def test_toml_of_synchronous_cameras_has_nothing_that_other_programs_do_not_know(tmp_path: Path):
+    path = tmp_path / "rig.toml"
+    rig = load_rig(POSE2SIM)
+    save_rig(rig, path)
+    tables = tomllib.loads(POSE2SIM.read_text())
+    assert {name: set(table) for name, table in tomllib.loads(path.read_text()).items()} == {
+        name: set(table) for name, table in tables.items()
+    }
+    save_rig(rig.with_time_offsets(np.array([0.0, 0.01, 0.0, 0.0])), path)
+    assert [table.get("time_offset_s") for table in tomllib.loads(path.read_text()).values()][:4] == [
+        None,
+        0.01,
+        None,
+        None,
+    ]
+
+
+def test_an_npz_from_before_time_offsets_is_read(tmp_path: Path):
+    path = tmp_path / "rig.npz"
+    save_rig(load_rig(POSE2SIM).with_time_offsets(np.full(4, 0.01)), path)
+    with np.load(path) as archive:
+        old = {name: archive[name] for name in archive.files if name != "time_offset_s"}
+    np.savez(path, **old)
+    np.testing.assert_array_equal(load_rig(path).time_offsets_s, np.zeros(4))
+
+
+@pytest.mark.parametrize("offset", [float("nan"), "late", [0.1, 0.2]])
+def test_an_impossible_time_offset_is_named(tmp_path: Path, offset: Any):
+    path = write_toml(tmp_path, {"cam_0": camera_table(), "cam_1": camera_table(time_offset_s=offset)})
+    with pytest.raises(ValueError, match=r"calibration\.toml: camera cam_1: time_offset_s"):
+        load_rig(path)
