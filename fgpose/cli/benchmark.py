@@ -42,6 +42,8 @@ class Open:
     quick: bool = False
     """Five variants on the first 100 frames of two clips, without the slowest method, in less than 90 seconds: for a
     first look."""
+    ablation: bool = False
+    """In place of the methods: fgpose's batch with one ingredient removed or exchanged at a time."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
     """Folder for the results; it is made if it is absent."""
     variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
@@ -84,8 +86,8 @@ class Open:
 
     @property
     def _without_peer(self) -> bool:
-        """Errors that are kept must not depend on whether there is an environment with aniposelib."""
-        return self.check is not None or self.store is not None
+        """Errors that are kept must not depend on whether there is an environment with aniposelib; an ablation has none."""
+        return self.ablation or self.check is not None or self.store is not None
 
     def _compare(self, scores: list[Score]) -> None:
         from fgpose.benchmark.report import check_against, store_intervals
@@ -104,7 +106,7 @@ class Open:
 
     def _command(self) -> str:
         """What gives the same numbers again."""
-        words = ["fgpose benchmark", *(["--quick"] if self.quick else [])]
+        words = ["fgpose benchmark", *(["--quick"] * self.quick), *(["--ablation"] * self.ablation)]
         words += [f"--clips {self.clips}"] if self.clips != "test" else []
         for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
             words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
@@ -117,10 +119,11 @@ class Open:
         return [find_variant(name) for name in dict.fromkeys(names)]
 
     def _methods(self) -> list[Method]:
+        from fgpose.benchmark.ablation import ablations
         from fgpose.benchmark.methods import find_methods, methods
         from fgpose.benchmark.peer import find_peer
 
-        every = methods(None if self._without_peer else find_peer(self.aniposelib))
+        every = ablations() if self.ablation else methods(None if self._without_peer else find_peer(self.aniposelib))
         if self.methods:
             return find_methods(tuple(dict.fromkeys(self.methods)), every)
         return [method for method in every if not (self.quick and method.name in _NOT_QUICK)]

@@ -133,6 +133,15 @@ def test_quick_leaves_out_the_slowest_method_unless_it_is_named():
     assert [method.name for method in Open(quick=True, methods=(slow,))._methods()] == [slow]
 
 
+def test_the_ablation_removes_one_ingredient_at_a_time(tiny, folder):
+    chosen = ("--variants", "clean", "--methods", "as it is", "no motion model", "--workers", "1")
+    parsed("--ablation", "--quick", "--output", str(folder), *chosen).run()
+    whole, without = (score for score in load_scores(folder / "scores.json") if score.clip == "cmu_01_01_a")
+    assert (whole.method, without.method) == ("as it is", "no motion model")
+    # Without a motion model every frame keeps its noise: several times the acceleration error, on 12 frames too.
+    assert without.acceleration_mm_per_frame2 > 2 * whole.acceleration_mm_per_frame2
+
+
 def test_every_benchmark_is_known_by_its_name(capsys):
     for action in benchmark.ACTIONS:
         with pytest.raises(SystemExit) as end:
