@@ -86,7 +86,7 @@ class Open:
 
     @property
     def _without_peer(self) -> bool:
-        """Errors that are kept must not depend on whether there is an environment with aniposelib; an ablation has none."""
+        """Errors that are kept must not depend on whether aniposelib is there; an ablation is of fgpose alone."""
         return self.ablation or self.check is not None or self.store is not None
 
     def _compare(self, scores: list[Score]) -> None:
