@@ -12,6 +12,7 @@ from fgpose.config import Config
 from fgpose.observations import Observations
 from fgpose.self_calibration import SelfCalibration, self_calibrate
 from fgpose.skeleton import Skeleton
+from fgpose.tracks import usual_step_s
 
 # Enough to tell; more would only take longer.
 _MAX_DURATION_S = 20.0
@@ -57,7 +58,7 @@ def camera_faults(observations: Observations, rig: CameraRig, config: Config | N
     observations.check_rig(rig)
     if rig.n_cameras < 3 or observations.n_frames < 2:
         return ()
-    step_s = float(np.median(np.diff(observations.frame_time_s)))
+    step_s = usual_step_s(observations.frame_time_s)
     try:
         calibration = self_calibrate(_limbs_only(_thinned(observations, step_s)), rig, config)
     except ValueError:  # nothing to learn from: that joints are not seen is said elsewhere

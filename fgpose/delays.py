@@ -27,6 +27,15 @@ def delays_s(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "f
     return np.where(np.abs(late_s) > _ROUNDING_S, late_s, 0.0)
 
 
+def on_time_px(
+    observations: Observations, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    """The detections, undistorted, where they would be if all cameras were synchronous and this were the motion."""
+    delay_s = delays_s(observations, rig)
+    moved_px = image_motion_px(positions_m, observations.frame_time_s, delay_s, rig)
+    return rig.undistort(observations.points2d_px) - moved_px
+
+
 def image_motion_px(
     positions_m: Float[np.ndarray, "frame joint 3"],
     time_s: Float[np.ndarray, " frame"],
@@ -35,6 +44,8 @@ def image_motion_px(
 ) -> Float[np.ndarray, "frame camera joint 2"]:
     """How far the image of each joint moves from the time of its frame to that of each camera's image, undistorted
     pixels; zero where that is not known."""
+    if not delay_s.any():
+        return np.zeros((*delay_s.shape, positions_m.shape[1], 2))
     at_camera_m = np.stack([_at(time_s + delay_s[:, c], positions_m, time_s) for c in range(rig.n_cameras)], axis=1)
     return np.nan_to_num(rig.project_each(at_camera_m) - rig.project(positions_m))
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from fgpose.camera import Camera, CameraRig
 from fgpose.config import Config
-from fgpose.delays import delays_s, image_motion_px
+from fgpose.delays import delays_s, on_time_px
 from fgpose.keys import position_key
 from fgpose.observations import Observations
 from fgpose.smoother import smooth
@@ -86,12 +86,10 @@ def refine_rig(observations: Observations, rig: CameraRig, config: Config | None
 def _on_time_px(
     observations: Observations, rig: CameraRig, config: Config
 ) -> Float[np.ndarray, "frame camera joint 2"]:
-    """The detections, undistorted, where they would be if all cameras were synchronous."""
-    undistorted_px, delay_s = rig.undistort(observations.points2d_px), delays_s(observations, rig)
-    if not delay_s.any():
-        return undistorted_px
-    positions_m = smooth(observations, rig, config).positions_m
-    return undistorted_px - image_motion_px(positions_m, observations.frame_time_s, delay_s, rig)
+    """The detections of all frames, undistorted; the motion is only estimated where there are delays to be undone."""
+    if not delays_s(observations, rig).any():
+        return rig.undistort(observations.points2d_px)
+    return on_time_px(observations, rig, smooth(observations, rig, config).positions_m)
 
 
 def _bundle_adjusted(

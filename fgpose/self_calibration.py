@@ -39,8 +39,7 @@ def self_calibrate(observations: Observations, rig: CameraRig, config: Config | 
         ValueError: see refine_rig and estimate_time_offsets.
     """
     config = config or Config()
-    known_s = rig.time_offsets_s
-    starts_s = known_s, estimate_time_offsets(observations, rig, config).offsets_s
+    starts_s = rig.time_offsets_s, estimate_time_offsets(observations, rig, config).offsets_s
     candidates = [_turn(observations, rig, start_s, config) for start_s in starts_s]
     best = min(candidates, key=lambda candidate: _misfit(candidate, config))
     return _turn(observations, rig, best.rig.time_offsets_s, config)

@@ -19,7 +19,7 @@ from fgpose.observations import Observations
 from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
 from fgpose.persistence import persistence_weights
 from fgpose.stretch import Stretch
-from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s
+from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s, usual_step_s
 from fgpose.trajectory import Convergence, Trajectory
 from fgpose.uncertainty import with_correlated_errors, with_swing
 from fgpose.window import Window
@@ -106,10 +106,8 @@ def _residual_px(
     evidence: Evidence, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Distance between each detection and where the joint was when the image was taken."""
-    projected_px = rig.project(positions_m)
-    if evidence.delay_s.any():
-        projected_px += image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
-    return np.linalg.norm(projected_px - evidence.undistorted_px, axis=-1)
+    moved_px = image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
+    return np.linalg.norm(rig.project(positions_m) + moved_px - evidence.undistorted_px, axis=-1)
 
 
 def _solve(stretch: Stretch, covariance: bool) -> _Solved:
@@ -151,16 +149,9 @@ def _covariance_m2(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "fram
     information = chain.frame_information(solved.positions_m)
     seen = np.isfinite(stretch.evidence.undistorted_px).all(axis=-1)
     trust = np.where(seen, stretch.evidence.weights, 0.0).sum(axis=1)
-    covariance_m2[active] = with_correlated_errors(
-        covariance_m2[active], information[active], trust[active], _step_s(stretch)
-    )
+    step_s = usual_step_s(stretch.evidence.time_s)
+    covariance_m2[active] = with_correlated_errors(covariance_m2[active], information[active], trust[active], step_s)
     return covariance_m2
-
-
-def _step_s(stretch: Stretch) -> float:
-    """Usual time from frame to frame; inf with one frame."""
-    time_s = stretch.evidence.time_s
-    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
 
 
 def _optimized(stretch: Stretch) -> _Solved:
@@ -180,8 +171,6 @@ def _from(solved: _Solved, stretch: Stretch) -> Stretch:
 def _on_time(stretch: Stretch, solved: _Solved) -> Stretch:
     """The stretch with its detections where they would be if all cameras were synchronous."""
     evidence = stretch.evidence
-    if not evidence.delay_s.any():
-        return stretch
     moved_px = image_motion_px(solved.positions_m, evidence.time_s, evidence.delay_s, stretch.rig)
     return replace(stretch, evidence=replace(evidence, undistorted_px=evidence.undistorted_px - moved_px))
 
@@ -189,7 +178,7 @@ def _on_time(stretch: Stretch, solved: _Solved) -> Stretch:
 def _persistence_weights(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "frame camera joint"]:
     evidence = stretch.evidence
     error_px = np.linalg.norm(stretch.rig.project(solved.positions_m) - evidence.undistorted_px, axis=-1)
-    return persistence_weights(error_px, _step_s(stretch), stretch.config.projection)
+    return persistence_weights(error_px, usual_step_s(evidence.time_s), stretch.config.projection)
 
 
 def _weighted(stretch: Stretch, weights: Float[np.ndarray, "frame camera joint"]) -> Stretch:

@@ -9,9 +9,10 @@ from jaxtyping import Float
 
 from fgpose.camera import CameraRig
 from fgpose.config import Config, ProjectionConfig
-from fgpose.delays import delays_s, image_motion_px
+from fgpose.delays import on_time_px
 from fgpose.observations import Observations
 from fgpose.smoother import smooth
+from fgpose.tracks import usual_step_s
 from fgpose_factors import projection_residual, robust_weight
 
 _MAX_ROUNDS = 6
@@ -51,7 +52,7 @@ def estimate_time_offsets(observations: Observations, rig: CameraRig, config: Co
     config = config or Config()
     observations.check_rig(rig)
     part = _middle(observations)
-    step_s = float(np.median(np.diff(part.frame_time_s))) if part.n_frames > 1 else _PRIOR_S
+    step_s = usual_step_s(part.frame_time_s)
     information = np.zeros((rig.n_cameras, rig.n_cameras))
     for _ in range(_MAX_ROUNDS):
         information, gradient = _of_recording(part, rig, config)
@@ -114,11 +115,10 @@ def _of_recording(
     positions_m, time_s = trajectory.positions_m, observations.frame_time_s
     if len(time_s) < 2:
         return np.zeros((rig.n_cameras, rig.n_cameras)), np.zeros(rig.n_cameras)
-    moved_px = image_motion_px(positions_m, time_s, delays_s(observations, rig), rig)
     return offset_information(
         positions_m,
         np.gradient(positions_m, time_s, axis=0),
-        rig.undistort(observations.points2d_px) - moved_px,
+        on_time_px(observations, rig, positions_m),
         observations.confidence,
         rig,
         config.projection,
@@ -168,11 +168,14 @@ def _prior_gradient(offsets_s: Float[np.ndarray, " camera"]) -> Float[np.ndarray
 def _solved(information: np.ndarray, gradient: np.ndarray) -> Float[np.ndarray, " camera"]:
     """The change of the offsets; none for the first camera."""
     change_s = np.zeros(len(gradient))
-    others = information[1:, 1:] + np.eye(len(gradient) - 1) / _PRIOR_S**2
-    change_s[1:] = -np.linalg.solve(others, gradient[1:])
+    change_s[1:] = -np.linalg.solve(_of_others(information), gradient[1:])
     return change_s
 
 
 def _sigma_s(information: np.ndarray) -> Float[np.ndarray, " camera"]:
-    others = information[1:, 1:] + np.eye(len(information) - 1) / _PRIOR_S**2
-    return np.concatenate([[0.0], np.sqrt(np.diag(np.linalg.inv(others)))])
+    return np.concatenate([[0.0], np.sqrt(np.diag(np.linalg.inv(_of_others(information))))])
+
+
+def _of_others(information: np.ndarray) -> np.ndarray:
+    """What is known of all cameras but the first, with the prior."""
+    return information[1:, 1:] + np.eye(len(information) - 1) / _PRIOR_S**2

@@ -10,6 +10,11 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status
 
 
+def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
+    """Median time from frame to frame, seconds; inf with one frame."""
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+
+
 def active_joints(
     guess_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"], config: MotionConfig
 ) -> Bool[np.ndarray, "frame joint"]:

@@ -24,6 +24,7 @@ LAYERS = (
     {"chain", "window"},
     {"refinement", "smoother", "estimator", "rig_refinement", "time_offsets"},
     {"self_calibration"},
+    {"camera_faults"},
     {"pipeline"},
     {"cli"},
 )

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.camera import CameraRig
+from fgpose.tracks import fill_gaps
 from fgpose.triangulation import triangulate
 
 _REFINE_ITERATIONS = 10
@@ -85,19 +86,8 @@ def low_pass(
     """
     from scipy.signal import butter, sosfiltfilt
 
-    filled_m = _without_gaps(positions_m)
+    filled_m = fill_gaps(positions_m, np.arange(len(positions_m)) / fps)
     if len(filled_m) < 2:
         return filled_m
     sections = butter(_FILTER_ORDER // 2, cutoff_hz, fs=fps, output="sos")
     return np.asarray(sosfiltfilt(sections, filled_m, axis=0, padlen=min(_PADDING, len(filled_m) - 1)))
-
-
-def _without_gaps(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3"]:
-    filled_m = positions_m.copy()
-    frames = np.arange(len(positions_m))
-    for joint in range(positions_m.shape[1]):
-        known = np.isfinite(positions_m[:, joint]).all(axis=-1)
-        if known.any():
-            for axis in range(3):
-                filled_m[:, joint, axis] = np.interp(frames, frames[known], positions_m[known, joint, axis])
-    return filled_m

@@ -206,14 +206,17 @@ def check_against(stored: Path, scores: list[Score]) -> list[str]:
 
 
 def _read_intervals(path: Path) -> tuple[Any, dict[tuple[str, str], dict[str, Any]]]:
+    wrong = ValueError(f"{path} does not hold stored intervals of the benchmark")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        intervals = {(entry["variant"], entry["method"]): entry for entry in content["intervals"]}
-        if all(isinstance(entry[name], int | float) for entry in intervals.values() for name in _NUMBERS):
-            return content["version"], intervals
+        version, entries = content["version"], content["intervals"]
+        intervals = {(entry["variant"], entry["method"]): entry for entry in entries}
+        numbers = [entry[name] for entry in entries for name in _NUMBERS]
     except (ValueError, KeyError, TypeError, AttributeError):
-        pass
-    raise ValueError(f"{path} does not hold stored intervals of the benchmark")
+        raise wrong from None
+    if not all(isinstance(number, int | float) for number in numbers):
+        raise wrong
+    return version, intervals
 
 
 def _violation(summary: Summary, interval: dict[str, Any] | None) -> str | None:
