@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,13 +20,8 @@ class Coupling:
 
     matrices: Float[np.ndarray, "step kind kind"]
     """By kind of unknown (position, velocity): row of the earlier frame, column of the later one."""
-    kept: Bool[np.ndarray, "step unknown"]
-    """Which unknowns of each kind are coupled."""
-
-    @cached_property
-    def all_kept(self) -> list[bool]:
-        """Whether a step couples all unknowns: most do, and need no masking."""
-        return [bool(kept.all()) for kept in self.kept]
+    strength: Float[np.ndarray, "step unknown"]
+    """Factor on the matrix for each unknown of every kind; zero where it is not coupled."""
 
     def to_later(self, step: int, values: np.ndarray) -> np.ndarray:
         """U_t^T x, for x (size, columns) of the earlier frame."""
@@ -39,8 +34,7 @@ class Coupling:
     def _apply(self, matrix: np.ndarray, step: int, values: np.ndarray) -> np.ndarray:
         kinds = len(matrix)
         coupled = matrix @ values.reshape(kinds, -1)
-        if not self.all_kept[step]:
-            coupled.reshape(kinds, self.kept.shape[1], -1)[:, ~self.kept[step]] = 0.0
+        coupled.reshape(kinds, self.strength.shape[1], -1)[:] *= self.strength[step][:, None]
         return coupled.reshape(values.shape)
 
     @cached_property
@@ -51,11 +45,10 @@ class Coupling:
 
     def sandwich(self, step: int, matrix: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
         """U_t^T W U_t. U is so sparse that this is a sum of scaled blocks of W: one small matrix product."""
-        kinds, unknowns = self.matrices.shape[1], self.kept.shape[1]
+        kinds, unknowns = self.matrices.shape[1], self.strength.shape[1]
         blocks = matrix.reshape(kinds, unknowns, kinds, unknowns).swapaxes(1, 2).reshape(kinds**2, -1)
         product = (self._squares[step] @ blocks).reshape(kinds, kinds, unknowns, unknowns)
-        if not self.all_kept[step]:
-            product *= np.outer(self.kept[step], self.kept[step])
+        product *= np.outer(self.strength[step], self.strength[step])
         return product.swapaxes(1, 2).reshape(matrix.shape)
 
 
@@ -134,7 +127,7 @@ def _eliminate(
     potrf, potri = get_lapack_funcs(("potrf", "potri"), dtype=float)
     below = np.tri(diagonal.shape[1], k=-1, dtype=bool)
     for t, block in enumerate(diagonal):
-        if t and coupling.kept[t - 1].any():
+        if t and coupling.strength[t - 1].any():
             block -= coupling.sandwich(t - 1, diagonal[t - 1])
         # Of a C-ordered block, LAPACK's "lower" is the upper triangle; potri needs two thirds of a general inverse.
         _, failed = potrf(block.T, lower=1, clean=0, overwrite_a=1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -25,13 +26,14 @@ from fgpose.chain_terms import (
     Projections,
     SharedLengths,
     Term,
+    projections,
 )
 from fgpose.stretch import Stretch
 from fgpose_factors import depth_covariance_m2
 
 # The steps that an information matrix leads to are right only near the state that it belongs to, but the gradient is
 # always that of the state itself: so near, they lead to the same place in hardly more iterations.
-_NEAR_M = 1e-3
+_NEAR_M = 4e-3
 
 
 class Chain:
@@ -47,14 +49,14 @@ class Chain:
         motion = _motion(stretch)
         self._terms: list[Term] = [
             motion,
-            *_projections(stretch),
+            *projections(stretch.rig, *self._detections(), stretch.config.projection),
             *_fading(stretch),
             *_anchors(stretch),
             *_depths(stretch),
             *_symmetry(stretch),
             _priors(stretch),
         ]
-        self._coupling = Coupling(motion.coupling, np.repeat(motion.kept, 3, axis=1))
+        self._coupling = Coupling(motion.coupling, np.repeat(motion.strength, 3, axis=1))
         n_frames, n_kinds, n_slots = len(stretch.active), 1 + stretch.with_velocity, len(stretch.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
         self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
@@ -106,8 +108,8 @@ class Chain:
             diagonal, self._coupling, information.border.reshape(len(diagonal), size, -1), information.corner
         )
 
-    def moved(self, state: ChainState, step: ChainState) -> ChainState:
-        return ChainState(state.joints + step.joints, state.lengths_m + step.lengths_m)
+    def moved(self, state: ChainState, step: ChainState, fraction: float) -> ChainState:
+        return ChainState(state.joints + fraction * step.joints, state.lengths_m + fraction * step.lengths_m)
 
     def is_small(self, step: ChainState) -> bool:
         """Whether the joints move by less than the tolerance on average."""
@@ -153,6 +155,12 @@ class Chain:
         of_slots = sum(term.information(state) for term in self._terms if isinstance(term, Projections))
         return self._of_all_joints(np.asarray(of_slots))
 
+    def _detections(self) -> tuple[Float[np.ndarray, "frame camera slot 2"], Float[np.ndarray, "frame camera slot"]]:
+        """Where they are, NaN for joints that take no part, and their weights."""
+        evidence, joints = self._stretch.evidence, self._stretch.joints
+        used = self._active[:, None, :, None]
+        return np.where(used, evidence.undistorted_px[:, :, joints], np.nan), evidence.weights[:, :, joints]
+
     def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:
         stretch = self._stretch
         of_joints = np.full((*stretch.active.shape, *of_slots.shape[2:]), np.nan)
@@ -172,8 +180,17 @@ class _Linearized:
     chain: Chain
     state: ChainState
 
+    @cached_property
+    def _gradient(self) -> ChainState:
+        return self.chain.gradient(self.state)
+
+    def foreseen_decrease(self, step: ChainState, fraction: float) -> float:
+        """Without damping H s = -g, so that g s + s H s / 2 is half of g s."""
+        slope = np.vdot(self._gradient.joints, step.joints) + np.vdot(self._gradient.lengths_m, step.lengths_m)
+        return -float(slope) * fraction * (1 - fraction / 2)
+
     def solve(self, damping: float) -> ChainState | None:
-        gradient = self.chain.gradient(self.state)
+        gradient = self._gradient
         try:
             factorized = self.chain.factorized(self.state, damping)
         except np.linalg.LinAlgError:
@@ -184,27 +201,17 @@ class _Linearized:
         return ChainState(-joints.reshape(gradient.joints.shape), -lengths_m)
 
 
-def _projections(stretch: Stretch) -> Iterator[Projections]:
-    evidence, config = stretch.evidence, stretch.config.projection
-    joints = stretch.joints
-    for number, camera in enumerate(stretch.rig.cameras):
-        measured_px = evidence.undistorted_px[:, number, joints]
-        used = np.isfinite(measured_px).all(axis=-1) & stretch.active[:, joints]
-        sigma_px = graph.projection_sigma_px(evidence.weights[:, number, joints], config)
-        precision = np.where(used, sigma_px**-2, 0.0)
-        yield Projections(camera, np.nan_to_num(measured_px), precision, config.kernel, config.kernel_scale)
-
-
 def _motion(stretch: Stretch) -> Motion:
-    config, kept = stretch.config.motion, stretch.kept[1:, stretch.joints]
+    config = stretch.config.motion
+    strength = (stretch.kept / stretch.process_density)[1:, stretch.joints]
     step_s = np.maximum(np.diff(stretch.evidence.time_s), graph.shortest_step_s(config))
     one, zero = np.ones_like(step_s), np.zeros_like(step_s)
     if config.model != "constant_velocity":
-        return Motion(kept, one[:, None, None], 1 / (config.velocity_density * step_s[:, None, None]))
+        return Motion(strength, one[:, None, None], 1 / step_s[:, None, None])
     transition = np.array([[one, step_s], [zero, one]])
     across = -6 / step_s**2
-    precision = np.array([[12 / step_s**3, across], [across, 4 / step_s]]) / config.acceleration_density
-    return Motion(kept, transition.transpose(2, 0, 1), precision.transpose(2, 0, 1))
+    precision = np.array([[12 / step_s**3, across], [across, 4 / step_s]])
+    return Motion(strength, transition.transpose(2, 0, 1), precision.transpose(2, 0, 1))
 
 
 def _slots(stretch: Stretch) -> Int[np.ndarray, " joint"]:
@@ -225,7 +232,7 @@ def _fading(stretch: Stretch) -> Iterator[Fading]:
     ]
     reference = np.array([-1 if holder is None else _slots(stretch)[holder] for holder in holders])
     step_s = np.diff(stretch.evidence.time_s)[frame - 1]
-    precision = step_s / (config.fade_s**2 * config.acceleration_density)
+    precision = step_s / (config.fade_s**2 * stretch.process_density[frame, joint])
     yield Fading(frame, _slots(stretch)[joint], reference, precision)
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.camera import Camera
+from fgpose.camera import Camera, CameraRig
+from fgpose.config import ProjectionConfig
+from fgpose.graph import projection_sigma_px
 from fgpose_factors import Kernel, bone_length_and_direction, projection_residual, robust_loss, robust_weight
 
 
@@ -134,6 +136,19 @@ class Projections:
         return residual_px, jacobian
 
 
+def projections(
+    rig: CameraRig,
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    weights: Float[np.ndarray, "frame camera joint"],
+    config: ProjectionConfig,
+) -> Iterator[Projections]:
+    """One term per camera."""
+    precision = np.where(np.isnan(undistorted_px).any(axis=-1), 0.0, projection_sigma_px(weights, config) ** -2)
+    for number, camera in enumerate(rig.cameras):
+        measured_px = np.nan_to_num(undistorted_px[:, number])
+        yield Projections(camera, measured_px, precision[:, number], config.kernel, config.kernel_scale)
+
+
 @dataclass(frozen=True, eq=False)
 class PointPriors:
     """Robust priors on positions, fgpose.graph.anchor_factors and depth_factors."""
@@ -240,34 +255,38 @@ class FrameSymmetry:
 class Motion:
     """x_{t+1} = F_t x_t with white noise, for each joint that is there in both frames."""
 
-    kept: Bool[np.ndarray, "step joint"]
+    strength: Float[np.ndarray, "step joint"]
+    """1 / q of each joint; zero where it is not there in both frames."""
     transition: Float[np.ndarray, "step kind kind"]
     """F_t."""
     precision: Float[np.ndarray, "step kind kind"]
-    """Inverse covariance of the noise."""
+    """Inverse covariance of noise of density q = 1."""
 
     @property
     def coupling(self) -> Float[np.ndarray, "step kind kind"]:
-        """Information between an earlier and a later frame."""
+        """Information between an earlier and a later frame, q = 1."""
         return -np.swapaxes(self.transition, 1, 2) @ self.precision
 
     def error(self, state: ChainState) -> float:
         unforeseen = self._unforeseen(state)
-        return 0.5 * float(np.sum(unforeseen * _by_kind(self.precision, unforeseen)))
+        return 0.5 * float(np.sum(unforeseen * self._weighted(self.precision, unforeseen)))
 
     def add_gradient(self, gradient: ChainState, state: ChainState) -> None:
         unforeseen = self._unforeseen(state)
-        gradient.joints[1:] += _by_kind(self.precision, unforeseen)
-        gradient.joints[:-1] += _by_kind(self.coupling, unforeseen)
+        gradient.joints[1:] += self._weighted(self.precision, unforeseen)
+        gradient.joints[:-1] += self._weighted(self.coupling, unforeseen)
 
     def add_information(self, information: Information, state: ChainState) -> None:
-        kept = self.kept[:, None, None, :, None]
+        strength = self.strength[:, None, None, :, None]
         earlier = -self.coupling @ self.transition
-        information.single_axes[1:] += kept * self.precision[..., None, None]
-        information.single_axes[:-1] += kept * earlier[..., None, None]
+        information.single_axes[1:] += strength * self.precision[..., None, None]
+        information.single_axes[:-1] += strength * earlier[..., None, None]
 
     def _unforeseen(self, state: ChainState) -> Float[np.ndarray, "step kind joint 3"]:
-        return self.kept[:, None, :, None] * (state.joints[1:] - _by_kind(self.transition, state.joints[:-1]))
+        return state.joints[1:] - _by_kind(self.transition, state.joints[:-1])
+
+    def _weighted(self, matrices: np.ndarray, unforeseen: np.ndarray) -> Float[np.ndarray, "step kind joint 3"]:
+        return self.strength[:, None, :, None] * _by_kind(matrices, unforeseen)
 
 
 def _by_kind(matrices: np.ndarray, joints: np.ndarray) -> Float[np.ndarray, "step kind joint 3"]:

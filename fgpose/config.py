@@ -48,8 +48,11 @@ class ProjectionConfig:
     kernel_scale: float = 2.2
     """Error, in sigmas, from which the kernel begins to discount a detection. Raising it trusts outliers more."""
     weighting: Literal["fusion", "confidence", "uniform"] = "fusion"
-    """Where the weight of each detection comes from: the views' agreement (eq. 2) times the detector's confidence, the
+    """Where the weight of each detection comes from: the views' agreement (eq. 2) and the detector's confidence, the
     confidence alone, or none."""
+    confirming_px: float = 20.0
+    """Distance between a detection and the nearest candidate of another view at which half of what its confidence lacks
+    is made good (weighting = fusion). Raising it heeds the detector's confidence less."""
     agreement_px: float = 100.0
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
     fusion). Raising it trusts detections that no other view confirms."""
@@ -102,9 +105,18 @@ class MotionConfig:
 
     model: Literal["none", "random_walk", "constant_velocity"] = "constant_velocity"
     """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
-    acceleration_density: float = 1.0
-    """Power spectral density of the acceleration, m^2/s^3 (constant_velocity). Raising it follows fast motion more
-    closely and smooths less."""
+    adaptive: bool = True
+    """Let each joint's acceleration density follow its motion (constant_velocity): 2 * acceleration_time_s * mean
+    square acceleration nearby_s around. Otherwise it is acceleration_density at all times."""
+    acceleration_time_s: float = 0.06
+    """Time constant with which an acceleration passes, seconds (adaptive). Raising it follows motion more closely and
+    smooths less."""
+    nearby_s: float = 0.2
+    """Time before and after over which accelerations are averaged, seconds (adaptive). Raising it follows changes of
+    pace less."""
+    acceleration_density: float = 4.0
+    """Power spectral density of the acceleration, m^2/s^3 (constant_velocity); where adaptive, until the motion is
+    known. Raising it follows fast motion more closely and smooths less."""
     velocity_density: float = 1.0
     """Power spectral density of the velocity, m^2/s (random_walk). Raising it smooths less."""
     fade_s: float = 0.05
@@ -175,7 +187,7 @@ class SolverConfig:
     a graph of the same factors; about three times slower, and the same result."""
     max_iterations: int = 50
     """Upper bound of iterations per window."""
-    step_tolerance_m: float = 2e-4
+    step_tolerance_m: float = 1e-4
     """Converged when an iteration moves the joints by less than this on average, metres. Raising it stops earlier."""
     window_s: float = 15.0
     """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""

@@ -14,17 +14,20 @@ from jaxtyping import Bool, Float
 from fgpose import graph
 from fgpose.bone_lengths import RunningLengths
 from fgpose.camera import CameraRig
+from fgpose.chain_terms import ChainState, projections
 from fgpose.config import Config
 from fgpose.evidence import Evidence, gather
 from fgpose.fixed_lag import FixedLagSmoother
 from fgpose.graph import FrameTime
 from fgpose.keys import position_key, velocity_key
 from fgpose.observations import Observations
+from fgpose.persistence import RunningPersistence
+from fgpose.process_noise import RunningDensity, initial_density, is_adaptive
 from fgpose.skeleton import Skeleton
 from fgpose.time_offsets import RunningOffsets
-from fgpose.tracks import joint_status
+from fgpose.tracks import joint_status, usual_step_s
 from fgpose.trajectory import Estimate
-from fgpose.uncertainty import with_swing
+from fgpose.uncertainty import doubt_online, with_correlated_errors, with_swing
 from fgpose_factors import freeze
 
 _APPLY_OFFSETS_S = 0.5
@@ -64,6 +67,8 @@ class Estimator:
         self._window: deque[_State] = deque()
         self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
+        self._density = RunningDensity(skeleton.n_joints, self.config.motion)
+        self._persistence = RunningPersistence((rig.n_cameras, skeleton.n_joints), self.config.projection)
         self._n_frames = 0
         self._offsets = RunningOffsets(rig, self.config.projection)
         self._offsets_applied_s = -np.inf
@@ -165,6 +170,15 @@ class Estimator:
         while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
             self._window.popleft()
             self._smoother.drop_oldest()
+            if is_adaptive(self.config.motion):
+                oldest = self._window[0]
+                self._density.add(oldest.at.time_s, self._points(velocity_key, oldest))
+
+    def _process_density(self) -> Float[np.ndarray, " joint"]:
+        config = self.config.motion
+        return (
+            self._density.density() if is_adaptive(config) else np.full(self.skeleton.n_joints, initial_density(config))
+        )
 
     def _is_lagged(self, state: _State, time_s: float) -> bool:
         return state.at.time_s <= time_s - self.config.online.lag_s + _TIME_ROUNDING_S
@@ -215,9 +229,11 @@ class Estimator:
         if before is not None and config.motion.model != "none":
             kept = state.active & before.active
             entering = state.active & ~before.active
-            yield from graph.motion_factors(before.at, state.at, np.flatnonzero(kept).tolist(), config.motion)
-            step_s = state.at.time_s - before.at.time_s
-            yield from graph.fading_factors(self.skeleton, frame, step_s, state.active, evidence.seen[0], config.motion)
+            density, step_s = self._process_density(), state.at.time_s - before.at.time_s
+            yield from graph.motion_factors(before.at, state.at, np.flatnonzero(kept).tolist(), density, config.motion)
+            yield from graph.fading_factors(
+                self.skeleton, frame, step_s, state.active, evidence.seen[0], density, config.motion
+            )
         with_velocity = config.motion.model == "constant_velocity"
         joints = np.flatnonzero(entering).tolist()
         yield from graph.prior_factors(frame, joints, state.positions_m, config.prior, with_velocity=with_velocity)
@@ -238,25 +254,46 @@ class Estimator:
 
     def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
         residual_px = np.linalg.norm(self.rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
+        self._persistence.add(self._usual_step_s(), residual_px)
         return Estimate(
             skeleton=self.skeleton,
             frame=state.at.frame,
             time_s=state.at.time_s,
             positions_m=state.positions_m,
             status=state.status,
-            covariance_m2=self._covariance(state) if self.config.online.covariance else None,
+            covariance_m2=self._covariance(state, evidence) if self.config.online.covariance else None,
             residual_px=residual_px,
             smoothed=self._lagged(state.at.time_s),
         )
 
-    def _covariance(self, state: _State) -> Float[np.ndarray, "joint 3 3"]:
+    def _covariance(self, state: _State, evidence: Evidence) -> Float[np.ndarray, "joint 3 3"]:
+        joints = state.joints
         covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
-        keys = [position_key(joint, state.at.frame) for joint in state.joints]
-        covariance_m2[state.joints] = self._smoother.covariances(keys)
+        if joints:
+            keys = [position_key(joint, state.at.frame) for joint in joints]
+            linear_m2, alone = self._smoother.covariances(keys), self._frame_information(state, evidence)
+            factor = doubt_online(self._trusted(evidence).total_weight[0, joints], evidence.total_weight[0, joints])
+            covariance_m2[joints] = factor[:, None, None] * with_correlated_errors(
+                linear_m2, alone, self._usual_step_s()
+            )
         unseen_s = state.at.time_s - self._last_seen_s
         return with_swing(
             covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
         )[0]
+
+    def _frame_information(self, state: _State, evidence: Evidence) -> Float[np.ndarray, "active_joint 3 3"]:
+        """Of the detections of this frame alone."""
+        joints = state.joints
+        detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
+        at = ChainState(state.positions_m[None, None, joints], np.zeros(0))
+        terms = projections(self.rig, *detections, self.config.projection)
+        return np.sum([term.information(at)[0] for term in terms], axis=0)
+
+    def _trusted(self, evidence: Evidence) -> Evidence:
+        return replace(evidence, weights=evidence.weights * self._persistence.weights())
+
+    def _usual_step_s(self) -> float:
+        return usual_step_s(np.array([state.at.time_s for state in self._window]))
 
     def _lagged(self, time_s: float) -> Estimate | None:
         """The newest frame that is at least one lag old, as everything since has changed it."""

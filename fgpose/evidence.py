@@ -51,6 +51,11 @@ class Evidence:
         return self.n_views >= 2
 
     @property
+    def total_weight(self) -> Float[np.ndarray, "frame joint"]:
+        """Weights of the detections of a joint, summed over the cameras."""
+        return np.where(np.isnan(self.undistorted_px).any(axis=-1), 0.0, self.weights).sum(axis=1)
+
+    @property
     def seen(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether any camera detected the joint."""
         return self.n_views >= 1

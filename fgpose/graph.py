@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from fgpose.camera import CameraRig
 from fgpose.config import DepthConfig, FusionConfig, Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
 from fgpose.keys import length_key, position_key, velocity_key
+from fgpose.process_noise import least_density
 from fgpose.skeleton import Skeleton
 from fgpose_factors import (
     constant_velocity_factor,
@@ -29,7 +30,7 @@ from fgpose_factors import (
 
 # A motion model that foresees a position to better than this leaves the cameras no digits of the double precision that
 # the elimination works in: GTSAM then calls the system indeterminate (seen at 4 um).
-_FINEST_STEP_M = 2e-5
+_FINEST_STEP_M = 1e-5
 # Making a noise model costs as much as making a factor; sigmas that agree to a thousandth share theirs.
 _SIGMAS_PER_E_FOLD = 1000
 
@@ -89,33 +90,38 @@ def symmetry_factors(
 
 
 def motion_factors(
-    before: FrameTime, after: FrameTime, joints: Sequence[int], config: MotionConfig
+    before: FrameTime,
+    after: FrameTime,
+    joints: Sequence[int],
+    density: Float[np.ndarray, " joint"],
+    config: MotionConfig,
 ) -> Iterator[gtsam.NonlinearFactor]:
-    """One factor per joint that is in the graph in both frames."""
+    """One factor per joint that is in the graph in both frames; density: of the noise of every joint of the skeleton,
+    see fgpose.process_noise."""
     if config.model == "none":
         return
     step_s = max(after.time_s - before.time_s, shortest_step_s(config))
     for joint in joints:
         start, end = position_key(joint, before.frame), position_key(joint, after.frame)
         if config.model == "random_walk":
-            yield random_walk_factor(start, end, step_s, config.velocity_density)
+            yield random_walk_factor(start, end, step_s, float(density[joint]))
         else:
             yield constant_velocity_factor(
                 (start, velocity_key(joint, before.frame), before.time_s),
                 (end, velocity_key(joint, after.frame), before.time_s + step_s),
-                config.acceleration_density,
+                float(density[joint]),
             )
 
 
 def shortest_step_s(config: MotionConfig) -> float:
     """The least time between two frames that the motion model is given, even when they are nearer than that.
 
-    Over it the model foresees a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2. That is below a millisecond
-    with the default densities, so that bursts of frames are no trouble.
+    Over it the model foresees a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2. That is at most 1.6 ms with
+    the default densities, so that bursts of frames are no trouble.
     """
     if config.model == "random_walk":
-        return _FINEST_STEP_M**2 / config.velocity_density
-    return (12 * _FINEST_STEP_M**2 / config.acceleration_density) ** (1 / 3)
+        return _FINEST_STEP_M**2 / least_density(config)
+    return (12 * _FINEST_STEP_M**2 / least_density(config)) ** (1 / 3)
 
 
 def fading_factors(
@@ -124,6 +130,7 @@ def fading_factors(
     step_s: float,
     active: Bool[np.ndarray, " joint"],
     seen: Bool[np.ndarray, " joint"],
+    density: Float[np.ndarray, " joint"],
     config: MotionConfig,
 ) -> Iterator[gtsam.NonlinearFactor]:
     """The velocity of every unseen joint fades to that of the joint it hangs on; nobody seen: to standing still."""
@@ -133,7 +140,7 @@ def fading_factors(
         held_by = holder(skeleton, joint, active, seen)
         reference = None if held_by is None else velocity_key(held_by, frame)
         yield fading_velocity_factor(
-            velocity_key(joint, frame), reference, step_s, config.acceleration_density, config.fade_s
+            velocity_key(joint, frame), reference, step_s, float(density[joint]), config.fade_s
         )
 
 

@@ -38,8 +38,8 @@ class GraphProblem:
         self._ordering = self._ordering or gtsam.Ordering.ColamdGaussianFactorGraph(linear)
         return LinearizedGraph(linear, self._ordering, state)
 
-    def moved(self, state: gtsam.Values, step: gtsam.VectorValues) -> gtsam.Values:
-        return state.retract(step)
+    def moved(self, state: gtsam.Values, step: gtsam.VectorValues, fraction: float) -> gtsam.Values:
+        return state.retract(step.scale(fraction))
 
     def is_small(self, step: gtsam.VectorValues) -> bool:
         """Whether the joints move by less than the tolerance on average."""
@@ -66,6 +66,9 @@ class LinearizedGraph:
         except RuntimeError:  # gtsam.IndeterminantLinearSystemException
             return None
         return step if np.isfinite(step.norm()) else None
+
+    def foreseen_decrease(self, step: gtsam.VectorValues, fraction: float) -> float:
+        return self.linear.error(gtsam.VectorValues.Zero(step)) - self.linear.error(step.scale(fraction))
 
     def _damped(self, damping: float) -> gtsam.GaussianFactorGraph:
         system = self.linear.clone()

@@ -12,19 +12,27 @@ _DAMPING_START = 1e2
 _DAMPING_FACTOR = 10.0
 _DAMPING_MAX = 1e10
 _MIN_RELATIVE_DECREASE = 1e-7
+# Where bones bend the cost, a whole step goes too far though its direction is good. A fraction of it costs no
+# factorisation, and goes on where damping would stop: along what is poorly determined.
+_FRACTIONS = (0.5, 0.25)
+# That the direction is good shows in the error: it falls by at least so much of what the linear system foresees.
+_SUFFICIENT = 0.25
 _ROUNDING = 1e-12
 
 State = TypeVar("State")
 Step = TypeVar("Step")
-Step_co = TypeVar("Step_co", covariant=True)
 
 
 @runtime_checkable
-class Linearized(Protocol[Step_co]):
+class Linearized(Protocol[Step]):
     """The normal equations of a problem around a state."""
 
-    def solve(self, damping: float) -> Step_co | None:
+    def solve(self, damping: float) -> Step | None:
         """Step with the damping added to the diagonal; None when the system is indeterminate."""
+        ...
+
+    def foreseen_decrease(self, step: Step, fraction: float) -> float:
+        """By how much a fraction of the step lowers the quadratic error."""
         ...
 
 
@@ -40,7 +48,9 @@ class Problem(Protocol[State, Step]):
 
     def linearize(self, state: State) -> Linearized[Step]: ...
 
-    def moved(self, state: State, step: Step) -> State: ...
+    def moved(self, state: State, step: Step, fraction: float) -> State:
+        """The state after a fraction of the step."""
+        ...
 
     def is_small(self, step: Step) -> bool:
         """Whether to stop after this step."""
@@ -56,7 +66,8 @@ class Solution(Generic[State]):
 
 
 def levenberg_marquardt(problem: Problem[State, Step], initial: State, max_iterations: int) -> Solution[State]:
-    """Gauss-Newton steps, damped (Levenberg) only when one fails to lower the error or the system is indeterminate."""
+    """Gauss-Newton steps; shortened, then damped (Levenberg), only when one fails to lower the error or the system is
+    indeterminate."""
     state, error, damping = initial, problem.error(initial), 0.0
     initial_error = error
     for iteration in range(1, max_iterations + 1):
@@ -64,10 +75,9 @@ def levenberg_marquardt(problem: Problem[State, Step], initial: State, max_itera
         if descent is None:
             return Solution(state, Convergence(False, iteration, initial_error, error))
         decrease = error - descent.error
-        state, error, damping = descent.state, descent.error, descent.damping
-        if decrease <= _MIN_RELATIVE_DECREASE * error or (damping == 0.0 and problem.is_small(descent.step)):
+        state, error, damping = descent.state, descent.error, descent.next_damping
+        if decrease <= _MIN_RELATIVE_DECREASE * error or (descent.damping == 0.0 and problem.is_small(descent.step)):
             return Solution(state, Convergence(True, iteration, initial_error, error))
-        damping = damping / _DAMPING_FACTOR if damping > _DAMPING_START else 0.0
     return Solution(state, Convergence(False, max_iterations, initial_error, error))
 
 
@@ -77,17 +87,25 @@ class _Descent(Generic[State, Step]):
     step: Step
     error: float
     damping: float
+    next_damping: float
+    """A shortened step is followed by a damped one: where single joints swing to and fro, only that ends it."""
 
 
 def _descend(problem: Problem[State, Step], state: State, error: float, damping: float) -> _Descent[State, Step] | None:
-    """The least damped step that does not raise the error; None when no damping helps."""
+    """The longest of the least damped steps that does not raise the error; None when no damping helps."""
     linearized = problem.linearize(state)
     while damping <= _DAMPING_MAX:
         step = linearized.solve(damping)
         if step is not None:
-            moved = problem.moved(state, step)
+            moved = problem.moved(state, step, 1.0)
             moved_error = problem.error(moved)
             if moved_error <= error * (1 + _ROUNDING):
-                return _Descent(moved, step, moved_error, damping)
+                relaxed = damping / _DAMPING_FACTOR if damping > _DAMPING_START else 0.0
+                return _Descent(moved, step, moved_error, damping, relaxed)
+            for fraction in _FRACTIONS:
+                moved = problem.moved(state, step, fraction)
+                moved_error = problem.error(moved)
+                if error - moved_error >= _SUFFICIENT * linearized.foreseen_decrease(step, fraction):
+                    return _Descent(moved, step, moved_error, damping, max(damping, _DAMPING_START))
         damping = max(damping * _DAMPING_FACTOR, _DAMPING_START)
     return None

@@ -34,7 +34,33 @@ def persistence_weights(
     lasting_px = _running_median(error_px, round(config.memory_s / step_s))
     of_cameras = lasting_px.swapaxes(0, 1).reshape(lasting_px.shape[1], -1)
     threshold_px = np.fmax(config.persistent_px, _median_known(of_cameras.T))[:, None]
-    return np.where(np.isnan(lasting_px), 1.0, 1.0 / (1.0 + (np.nan_to_num(lasting_px) / threshold_px) ** _POWER))
+    return _weight(lasting_px, threshold_px)
+
+
+class RunningPersistence:
+    """The same frame by frame: the mean error of each detection's forerunners, older ones counting ever less.
+
+    Without the frames that follow it is too late a sign to weigh detections by, but it tells how far the newest pose
+    can be trusted.
+    """
+
+    def __init__(self, shape: tuple[int, int], config: ProjectionConfig) -> None:
+        self._config = config
+        self._error_px = np.full(shape, np.nan)
+
+    def add(self, step_s: float, error_px: Float[np.ndarray, "camera joint"]) -> None:
+        """Take the reprojection errors of a frame; NaN without a detection."""
+        keep = np.exp(-step_s / self._config.memory_s)
+        mean_px = np.where(np.isnan(self._error_px), error_px, keep * self._error_px + (1 - keep) * error_px)
+        self._error_px = np.where(np.isnan(error_px), self._error_px, mean_px)
+
+    def weights(self) -> Float[np.ndarray, "camera joint"]:
+        """Weight in (0, 1] of each detection: 1/2 where the mean error is persistent_px."""
+        return _weight(self._error_px, self._config.persistent_px)
+
+
+def _weight(error_px: np.ndarray, threshold_px: float | np.ndarray) -> np.ndarray:
+    return np.where(np.isnan(error_px), 1.0, 1.0 / (1.0 + (np.nan_to_num(error_px) / threshold_px) ** _POWER))
 
 
 def _running_median(

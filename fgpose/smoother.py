@@ -18,10 +18,11 @@ from fgpose.evidence import Evidence, gather
 from fgpose.observations import Observations
 from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
 from fgpose.persistence import persistence_weights
+from fgpose.process_noise import acceleration_density, initial_density, is_adaptive
 from fgpose.stretch import Stretch
 from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s, usual_step_s
 from fgpose.trajectory import Convergence, Trajectory
-from fgpose.uncertainty import with_correlated_errors, with_swing
+from fgpose.uncertainty import doubt, with_correlated_errors, with_swing
 from fgpose.window import Window
 
 Progress = Callable[[int, int], None]
@@ -30,9 +31,11 @@ Progress = Callable[[int, int], None]
 # Lengths learned from the sample are held: the windows then agree on them, and nothing is to be gained from each alone.
 _HELD_LENGTH_SIGMA_M = 1e-4
 _SAMPLE_FRAMES = 600
-# Where hardly any detection is distrusted, solving again would change nothing that can be seen.
+# Where hardly any detection is distrusted, doing so would change nothing that can be seen.
 _DISTRUSTED, _FEW = 0.5, 0.01
 _DELAY_ROUNDS = 2
+# A motion that is only to be learned from need not be known to the last millimetre.
+_ROUGHLY = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,8 @@ def smooth(
 
     def stretch(frames: slice | np.ndarray, lengths: _Lengths) -> Stretch:
         part = evidence.frames(frames), active[frames]
-        return Stretch(rig, skeleton, config, *part, lengths.lengths_m, lengths.sigma_m)
+        density = np.full(active[frames].shape, initial_density(config.motion))
+        return Stretch(rig, skeleton, config, *part, lengths.lengths_m, lengths.sigma_m, density)
 
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     lengths = _Lengths(median_lengths(skeleton, evidence.guess_m), config.prior.length_sigma_m)
@@ -115,13 +119,14 @@ def _solve(stretch: Stretch, covariance: bool) -> _Solved:
         return _nobody(stretch)
     # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.
     with threadpool_limits(limits=1, user_api="blas"):
-        solved = _optimized(stretch)
+        first = _roughly(stretch) if is_adaptive(stretch.config.motion) else stretch
+        solved = _optimized(first)
         for _ in range(_DELAY_ROUNDS if stretch.evidence.delay_s.any() else 0):
-            solved = _optimized(_from(solved, _on_time(stretch, solved)))
-        stretch = _on_time(stretch, solved)
-        weights = _persistence_weights(stretch, solved)
-        if np.mean(weights < _DISTRUSTED) > _FEW:
-            stretch = _from(solved, _weighted(stretch, weights))
+            solved = _optimized(_from(solved, _on_time(first, solved)))
+        on_time = _on_time(stretch, solved)
+        stretch = _adapted(_trusting(on_time, solved), solved)
+        if stretch is not on_time:
+            stretch = _from(solved, stretch)
             solved = _optimized(stretch)
         if not covariance:
             return solved
@@ -147,10 +152,10 @@ def _covariance_m2(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "fram
     chain, active = Chain(stretch), stretch.active
     covariance_m2 = chain.covariance_m2(solved.positions_m)
     information = chain.frame_information(solved.positions_m)
-    seen = np.isfinite(stretch.evidence.undistorted_px).all(axis=-1)
-    trust = np.where(seen, stretch.evidence.weights, 0.0).sum(axis=1)
+    factor = doubt(stretch.evidence.total_weight[active])
     step_s = usual_step_s(stretch.evidence.time_s)
-    covariance_m2[active] = with_correlated_errors(covariance_m2[active], information[active], trust[active], step_s)
+    correlated_m2 = with_correlated_errors(covariance_m2[active], information[active], step_s)
+    covariance_m2[active] = factor[:, None, None] * correlated_m2
     return covariance_m2
 
 
@@ -159,6 +164,12 @@ def _optimized(stretch: Stretch) -> _Solved:
     if solver.backend == "chain":
         return _optimize(Chain(stretch), solver.max_iterations)
     return _optimize(Window(stretch), solver.max_iterations)
+
+
+def _roughly(stretch: Stretch) -> Stretch:
+    """The stretch with a wider tolerance."""
+    solver = replace(stretch.config.solver, step_tolerance_m=_ROUGHLY * stretch.config.solver.step_tolerance_m)
+    return replace(stretch, config=replace(stretch.config, solver=solver))
 
 
 def _from(solved: _Solved, stretch: Stretch) -> Stretch:
@@ -175,16 +186,23 @@ def _on_time(stretch: Stretch, solved: _Solved) -> Stretch:
     return replace(stretch, evidence=replace(evidence, undistorted_px=evidence.undistorted_px - moved_px))
 
 
-def _persistence_weights(stretch: Stretch, solved: _Solved) -> Float[np.ndarray, "frame camera joint"]:
-    evidence = stretch.evidence
+def _trusting(stretch: Stretch, solved: _Solved) -> Stretch:
+    """The stretch with less trust in detections that have not fitted for a while; itself where hardly any have not."""
+    evidence, config = stretch.evidence, stretch.config.projection
     error_px = np.linalg.norm(stretch.rig.project(solved.positions_m) - evidence.undistorted_px, axis=-1)
-    return persistence_weights(error_px, usual_step_s(evidence.time_s), stretch.config.projection)
+    trust = persistence_weights(error_px, usual_step_s(evidence.time_s), config)
+    if np.mean(trust < _DISTRUSTED) <= _FEW:
+        return stretch
+    weights = np.maximum(evidence.weights * trust, config.min_weight)
+    return replace(stretch, evidence=replace(evidence, weights=weights))
 
 
-def _weighted(stretch: Stretch, weights: Float[np.ndarray, "frame camera joint"]) -> Stretch:
-    """The stretch with less trust in some detections."""
-    trusted = np.maximum(stretch.evidence.weights * weights, stretch.config.projection.min_weight)
-    return replace(stretch, evidence=replace(stretch.evidence, weights=trusted))
+def _adapted(stretch: Stretch, solved: _Solved) -> Stretch:
+    """The stretch with the process noise that its motion calls for; itself where that is fixed."""
+    if not is_adaptive(stretch.config.motion):
+        return stretch
+    density = acceleration_density(solved.positions_m, stretch.evidence.time_s, stretch.config.motion)
+    return replace(stretch, process_density=density)
 
 
 @runtime_checkable

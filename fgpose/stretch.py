@@ -31,6 +31,9 @@ class Stretch:
     """First guess of every shared bone length; NaN where a bone has none."""
     length_sigma_m: float
     """How well it is known."""
+    process_density: Float[np.ndarray, "frame joint"]
+    """Power spectral density of the noise of the motion factors that lead to each frame, m^2/s^3 with constant
+    velocity, m^2/s with random walk."""
 
     @property
     def with_velocity(self) -> bool:

@@ -2,7 +2,8 @@
 
 The graph takes the errors of detections for independent. Those of a pose network stay alike for a while, so that many
 frames together tell less than they seem to. And detections that were taken for invented leave a doubt: others of the
-same joint may be invented too.
+same joint may be invented too. Online,
+where they count until the kernel has dealt with them, that doubt is much larger.
 
 A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, that is a plane, and as the plane
 turns with the body it seems to measure the joint in every direction: the covariance of the graph then claims
@@ -21,20 +22,21 @@ from fgpose.config import SwingConfig
 from fgpose.skeleton import Skeleton
 
 # Share of the variance of a visible detection that stays alike (4 of 5 px), and for how long, measured on a
-# monocular network. sigma_px is a cautious 6 px: with it, the robust kernel does best.
-_CORRELATED_SHARE, _CORRELATION_S, _CAUTION = 0.64, 0.15, 0.66
-# The information of the whole graph over that of one frame counts frames of unequal weight; fitted, as the doubt is, to
-# the errors on four motion capture clips with 2, 3 and 4 cameras, 15 and 50 Hz, with and without occlusion.
-_EQUAL_FRAMES = 0.3
+# monocular network.
+_CORRELATED_SHARE, _CORRELATION_S = 0.64, 0.15
+# Fitted to the errors on four motion capture clips, at their pace and twice as fast, with 2, 3 and 4 cameras, with and
+# without occlusion. sigma_px is cautious (6 px, of which 5 px are there, would be 0.69), but errors have heavy tails.
+# The information of the whole graph over that of one frame counts frames of unequal weight.
+_CAUTION, _EQUAL_FRAMES, _TRUSTED_VIEWS = 0.8, 0.35, 1.5
+# Fitted to the newest pose on the same recordings.
+_CAUTION_ONLINE, _DOUBT_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
 _MAX_FRAMES = 1e4
-_TRUSTED_VIEWS = 1.5
 _MAX_STEP_S = 1e3
 
 
 def with_correlated_errors(
     covariance_m2: Float[np.ndarray, "*joints 3 3"],
     frame_information: Float[np.ndarray, "*joints 3 3"],
-    trust: Float[np.ndarray, "*joints"],
     step_s: float,
 ) -> Float[np.ndarray, "*joints 3 3"]:
     """The covariance of the graph, scaled to what it would be with errors that are alike for a while.
@@ -44,7 +46,6 @@ def with_correlated_errors(
 
     Args:
         frame_information: of the detections of each frame alone, 1/m^2.
-        trust: weights of the detections of a joint, summed over the cameras; below _TRUSTED_VIEWS there is doubt.
     """
     information = np.trace(np.linalg.inv(covariance_m2), axis1=-2, axis2=-1)
     alone = np.trace(frame_information, axis1=-2, axis2=-1)
@@ -52,8 +53,29 @@ def with_correlated_errors(
     step_s = min(step_s, _MAX_STEP_S)
     alike = 1 - _CORRELATED_SHARE + _CORRELATED_SHARE * n_frames * _mean_correlation(n_frames * step_s / _CORRELATION_S)
     alike = np.maximum(alike, 1.0)  # less than one frame cannot be averaged
-    doubt = np.clip(1.0 - trust / _TRUSTED_VIEWS, 0.0, 1.0)
-    return covariance_m2 * (_CAUTION * alike * (1.0 + doubt))[..., None, None]
+    return covariance_m2 * alike[..., None, None]
+
+
+def doubt(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
+    """Factor on the covariance of the batch.
+
+    Args:
+        trust: weights of the detections of a joint, summed over the cameras; below _TRUSTED_VIEWS there is doubt.
+    """
+    return _CAUTION * (1.0 + np.clip(1.0 - trust / _TRUSTED_VIEWS, 0.0, 1.0) ** 2)
+
+
+def doubt_online(
+    trust: Float[np.ndarray, "*joints"], weight: Float[np.ndarray, "*joints"]
+) -> Float[np.ndarray, "*joints"]:
+    """Factor on the covariance of the newest pose.
+
+    Args:
+        trust: weights of the detections of a joint that have fitted lately, summed over the cameras.
+        weight: of all its detections; there is doubt where the two differ and few are trusted.
+    """
+    enough = np.maximum(np.minimum(weight, _TRUSTED_VIEWS_ONLINE), 1e-9)
+    return _CAUTION_ONLINE * (1.0 + _DOUBT_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
 
 
 def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

@@ -55,10 +55,13 @@ class Window(GraphProblem):
             )
             if config.symmetry.form == "frame":
                 yield from graph.symmetry_factors(skeleton, frame, active, config.symmetry)
-            yield from graph.motion_factors(before, after, np.flatnonzero(kept[frame]).tolist(), config.motion)
+            joints, density = np.flatnonzero(kept[frame]).tolist(), stretch.process_density[frame]
+            yield from graph.motion_factors(before, after, joints, density, config.motion)
             if frame:
                 step_s = time_s - before.time_s
-                yield from graph.fading_factors(skeleton, frame, step_s, active, data.seen[frame], config.motion)
+                yield from graph.fading_factors(
+                    skeleton, frame, step_s, active, data.seen[frame], density, config.motion
+                )
             entering = np.flatnonzero(active & ~kept[frame]).tolist()
             yield from graph.prior_factors(
                 frame, entering, data.guess_m[frame], config.prior, with_velocity=stretch.with_velocity

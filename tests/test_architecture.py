@@ -17,7 +17,18 @@ SOURCES = {"fgpose": ROOT / "fgpose", "fgpose_factors": ROOT / "factors" / "fgpo
 # From the bottom up. A module imports its own layer and those below it, never one above.
 LAYERS = (
     {"skeleton", "camera", "observations", "config", "trajectory"},
-    {"triangulation", "fusion", "keys", "tracks", "delays", "evidence", "weights", "persistence", "residuals"},
+    {
+        "triangulation",
+        "fusion",
+        "keys",
+        "tracks",
+        "delays",
+        "evidence",
+        "weights",
+        "persistence",
+        "process_noise",
+        "residuals",
+    },
     {"graph"},
     {"optimizer", "block_tridiagonal", "chain_terms", "uncertainty", "bone_lengths", "fixed_lag"},
     {"graph_problem", "stretch"},

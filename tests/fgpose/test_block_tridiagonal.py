@@ -15,10 +15,11 @@ def random_system(kinds: int = KINDS, all_kept: bool = False) -> tuple[np.ndarra
     size = kinds * UNKNOWNS
     root = rng.normal(size=(FRAMES, size, size))
     diagonal = root @ root.swapaxes(1, 2) + 20 * np.eye(size)
-    kept = np.ones((FRAMES - 1, UNKNOWNS), dtype=bool) if all_kept else rng.random((FRAMES - 1, UNKNOWNS)) < 0.7
+    strength = rng.uniform(0.2, 2.0, size=(FRAMES - 1, UNKNOWNS))
     if not all_kept:
-        kept[2] = False
-    coupling = Coupling(rng.normal(size=(FRAMES - 1, kinds, kinds)), kept)
+        strength[rng.random(strength.shape) > 0.7] = 0.0
+        strength[2] = 0.0
+    coupling = Coupling(rng.normal(size=(FRAMES - 1, kinds, kinds)), strength)
     corner_root = rng.normal(size=(SHARED, SHARED))
     corner = corner_root @ corner_root.T + 20 * np.eye(SHARED)
     return diagonal, coupling, rng.normal(size=(FRAMES, size, SHARED)), corner
@@ -35,7 +36,7 @@ def dense(diagonal: np.ndarray, coupling: Coupling, border: np.ndarray, corner: 
         whole[n_frames * size :, at] = border[t].T
         if t < n_frames - 1:
             after = slice((t + 1) * size, (t + 2) * size)
-            block = np.kron(coupling.matrices[t], np.diag(coupling.kept[t].astype(float)))
+            block = np.kron(coupling.matrices[t], np.diag(coupling.strength[t]))
             whole[at, after] = block
             whole[after, at] = block.T
     whole[n_frames * size :, n_frames * size :] = corner
@@ -67,7 +68,7 @@ def test_diagonal_blocks_of_the_inverse_are_those_of_the_dense_inverse(all_kept:
 
 def test_one_frame_without_anything_shared() -> None:
     diagonal, coupling, border, corner = random_system()
-    alone = Coupling(coupling.matrices[:0], coupling.kept[:0])
+    alone = Coupling(coupling.matrices[:0], coupling.strength[:0])
     system = BlockTridiagonal(diagonal[:1].copy(), alone, border[:1, :, :0], corner[:0, :0])
     solved, shared = system.solve(np.ones((1, SIZE)), np.zeros(0))
     np.testing.assert_allclose(solved[0], np.linalg.solve(diagonal[0], np.ones(SIZE)), atol=1e-14)

@@ -87,7 +87,8 @@ def both(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> tuple[
     evidence = dataclasses.replace(evidence, **changes)
     lengths_m = median_lengths(skeleton, evidence.guess_m)
     lengths_m[2] = np.nan
-    stretch = Stretch(rig, skeleton, config, evidence, active, lengths_m, 0.3)
+    density = np.random.default_rng(1).uniform(0.3, 30.0, size=active.shape)
+    stretch = Stretch(rig, skeleton, config, evidence, active, lengths_m, 0.3, density)
     return Chain(stretch), Window(stretch)
 
 
@@ -102,7 +103,7 @@ def check_two_steps(chain: Chain, window: Window, damping: float = 0.0) -> None:
         step, step_of_graph = chain.linearize(state).solve(damping), window.linearize(values).solve(damping)
         assert step is not None
         assert step_of_graph is not None
-        state, values = chain.moved(state, step), window.moved(values, step_of_graph)
+        state, values = chain.moved(state, step, 1.0), window.moved(values, step_of_graph, 1.0)
         np.testing.assert_allclose(chain.positions_m(state), window.positions_m(values), rtol=0, atol=1e-10)
         np.testing.assert_allclose(chain.lengths_m(state), window.lengths_m(values), rtol=0, atol=1e-10)
         assert chain.is_small(step) == window.is_small(step_of_graph)
@@ -134,10 +135,11 @@ def test_a_bone_of_length_zero(walking_scene, rig, skeleton, form):
     check_two_steps(*both(walking_scene, rig, config, guess_m=guess_m))
 
 
-def test_one_frame(walking_scene, rig, skeleton):
+def test_one_frame(walking_scene, rig, skeleton, monkeypatch):
+    monkeypatch.setattr("fgpose.chain._NEAR_M", 0.0)  # so near the end the chain would use its first system again
     evidence = gather(walking_scene.observations.frames(slice(0, 1)), rig, Config())
     lengths_m = median_lengths(skeleton, evidence.guess_m)
-    stretch = Stretch(rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, 0.3)
+    stretch = Stretch(rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, 0.3, np.ones((1, 17)))
     check_two_steps(Chain(stretch), Window(stretch))
 
 
@@ -190,7 +192,9 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         depth_sigma_m=np.zeros((1, 0, 17)),
         delay_s=np.zeros((1, 2)),
     )
-    chain = Chain(Stretch(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3))
+    chain = Chain(
+        Stretch(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3, np.ones((1, 17)))
+    )
     of_detections = np.zeros((3, 3))
     for camera in pair.cameras:
         R, depth_m = camera.camera_T_world[:3, :3], camera.to_camera_frame(centre_m[0, 0])[2]
@@ -205,16 +209,18 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
 
 
 def test_the_solution_is_that_of_gtsam_on_a_real_recording():
-    """The chain takes a slightly other path, as it uses systems again, so both go on until hardly anything moves."""
+    """The chain takes a slightly other path, as it uses systems again, so both go on until hardly anything moves; the
+    process noise is fixed, for it is learned from a solution that need not be exact."""
     rig, observations = fgpose.load_recording(fgpose.recordings()[0])
     observations = observations.frames(slice(0, 60))
     solved = {}
     for backend in ("chain", "gtsam"):
         solver = SolverConfig(backend=backend, step_tolerance_m=1e-6, max_iterations=200)
-        solved[backend] = fgpose.smooth(observations, rig, Config(solver=solver))
+        solved[backend] = fgpose.smooth(observations, rig, Config(solver=solver, motion=MotionConfig(adaptive=False)))
     apart_m = np.linalg.norm(solved["chain"].positions_m - solved["gtsam"].positions_m, axis=-1)
     assert solved["chain"].convergence is not None
     assert solved["chain"].convergence.converged
     # Both end when the error falls by less than 1e-7 of itself: of 11,300 in the first of the two solves that is 0.05
-    # sigma for one joint, here of 20 mm. The weights of the second solve come from the first.
-    assert np.nanmax(apart_m) < 1e-3
+    # sigma for one joint, here of 60 mm. The weights of the second solve come from the first.
+    assert np.nanmax(apart_m) < 3e-3
+    assert np.nanmedian(apart_m) < 1e-4

@@ -11,6 +11,7 @@ from fgpose import graph
 from fgpose.config import MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
 from fgpose.graph import FrameTime
 from fgpose.keys import joint_and_frame, length_key, position_key, velocity_key
+from fgpose.process_noise import initial_density
 from fgpose.skeleton import Skeleton
 
 NAN = np.nan
@@ -97,7 +98,7 @@ def test_symmetry_factors_need_all_four_joints(skeleton, everyone):
 )
 def test_motion_factors_join_a_joint_to_itself_one_frame_earlier(model, kind, symbols):
     config = MotionConfig(model=model)
-    factors = list(graph.motion_factors(FrameTime(4, 1.0), FrameTime(7, 1.1), [2, 5], config))
+    factors = list(graph.motion_factors(FrameTime(4, 1.0), FrameTime(7, 1.1), [2, 5], np.ones(17), config))
     assert kinds(factors) == {kind: 2}
     for factor, joint in zip(factors, (2, 5), strict=True):
         assert "".join(chr(gtsam.symbolChr(key)) for key in keys(factor)) == symbols
@@ -106,10 +107,11 @@ def test_motion_factors_join_a_joint_to_itself_one_frame_earlier(model, kind, sy
 
 @pytest.mark.parametrize("model", ["constant_velocity", "random_walk"])
 def test_the_motion_of_a_burst_of_frames_keeps_within_double_precision(model):
-    config = MotionConfig(model=model, acceleration_density=20.0)
+    config = MotionConfig(model=model, adaptive=False, acceleration_density=20.0)
+    density = np.array([initial_density(config)])
 
     def information(step_s: float) -> float:
-        (factor,) = graph.motion_factors(FrameTime(0, 1.0), FrameTime(1, 1.0 + step_s), [0], config)
+        (factor,) = graph.motion_factors(FrameTime(0, 1.0), FrameTime(1, 1.0 + step_s), [0], density, config)
         values = gtsam.Values()
         for frame in (0, 1):
             values.insert(position_key(0, frame), np.zeros(3))
@@ -124,14 +126,16 @@ def test_the_motion_of_a_burst_of_frames_keeps_within_double_precision(model):
 
 def test_no_motion_model_no_motion_factors():
     config = MotionConfig(model="none")
-    assert not list(graph.motion_factors(FrameTime(0, 0.0), FrameTime(1, 0.1), [1, 2], config))
+    assert not list(graph.motion_factors(FrameTime(0, 0.0), FrameTime(1, 0.1), [1, 2], np.ones(3), config))
 
 
 def fading(
     skeleton: Skeleton, active: np.ndarray, seen: np.ndarray, config: MotionConfig | None = None
 ) -> list[tuple[str, ...]]:
     """The joints of each fading factor by name, the one that holds first."""
-    factors = graph.fading_factors(skeleton, FRAME, 0.02, active, seen, config or MotionConfig())
+    factors = graph.fading_factors(
+        skeleton, FRAME, 0.02, active, seen, np.ones(skeleton.n_joints), config or MotionConfig()
+    )
     names = []
     for factor in factors:
         assert all(chr(gtsam.symbolChr(key)) == "v" for key in keys(factor))

@@ -7,7 +7,7 @@ import pytest
 
 import fgpose
 from fgpose.config import ProjectionConfig, config_from_dict
-from fgpose.persistence import persistence_weights
+from fgpose.persistence import RunningPersistence, persistence_weights
 from fgpose.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
@@ -113,8 +113,21 @@ def errors_mm(scene: Scene, persistent_px: float) -> np.ndarray:
 
 
 def test_where_everything_fits_nothing_changes(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
-    """Not even the last digit: without distrusted detections there is no second solve."""
+    """Not even the last digit: without distrusted detections the weights are left alone."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_01_short.npz")
     noise = DetectionNoise(sigma_px=1.5, correlated_px=1.5, outlier_share=0.002)
     scene = simulate(truth_m[:40], skeleton, rig, fps, noise, Occlusion(n_views=0), seed=0)
     np.testing.assert_array_equal(errors_mm(scene, 12.0), errors_mm(scene, 1e6))
+
+
+def test_running_persistence_forgets_what_is_older_than_the_memory() -> None:
+    running = RunningPersistence((2, 1), CONFIG)
+    np.testing.assert_array_equal(running.weights(), 1.0)
+    for _ in range(60):  # ten times the memory
+        running.add(STEP_S, np.array([[24.0], [2.0]]))
+    np.testing.assert_allclose(running.weights()[:, 0], [1 / 17, 1.0], atol=1e-3)
+    running.add(STEP_S, np.full((2, 1), np.nan))
+    np.testing.assert_allclose(running.weights()[:, 0], [1 / 17, 1.0], atol=1e-3)  # unseen: nothing new
+    for _ in range(60):
+        running.add(STEP_S, np.array([[2.0], [2.0]]))
+    np.testing.assert_allclose(running.weights(), 1.0, atol=1e-3)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fgpose import pipeline
-from fgpose.config import Config
+from fgpose.config import Config, MotionConfig
 from fgpose.evidence import gather
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
@@ -191,7 +191,7 @@ def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> N
 def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: Source, smoothed: Result) -> None:
     """White noise on the acceleration, integrated twice in fine steps: the residual's mean square is 3."""
     rng = np.random.default_rng(0)
-    config, n_frames, fine = Config(), 400, 50
+    config, n_frames, fine = Config(motion=MotionConfig(adaptive=False)), 400, 50
     step_s = 1 / (60 * fine)
     shape = (n_frames * fine, 25, 3)
     acceleration = rng.normal(scale=np.sqrt(config.motion.acceleration_density / step_s), size=shape)

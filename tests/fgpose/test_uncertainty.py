@@ -10,20 +10,18 @@ import fgpose
 from fgpose.config import SwingConfig, config_from_dict
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
-from fgpose.uncertainty import with_correlated_errors, with_swing
+from fgpose.uncertainty import doubt, doubt_online, with_correlated_errors, with_swing
 
 CORRELATED_SHARE = 4.0**2 / 5.0**2
-CAUTION = 0.66
-EQUAL_FRAMES = 0.3
+EQUAL_FRAMES = 0.35
 """Frames of equal weight in one unit of information over that of a frame alone."""
-SEEN_WELL = 4.0
 
 
-def scaled_by(n_frames: float, step_s: float, trust: float = SEEN_WELL) -> float:
+def scaled_by(n_frames: float, step_s: float) -> float:
     """By how much a covariance grows to which so many frames contribute alike."""
     covariance_m2 = np.diag([1.0, 4.0, 2.0]) * 1e-4
     frame_information = np.linalg.inv(covariance_m2) * EQUAL_FRAMES / n_frames
-    scaled_m2 = with_correlated_errors(covariance_m2[None], frame_information[None], np.array([trust]), step_s)[0]
+    scaled_m2 = with_correlated_errors(covariance_m2[None], frame_information[None], step_s)[0]
     factor = float(np.trace(scaled_m2) / np.trace(covariance_m2))
     np.testing.assert_allclose(
         scaled_m2, factor * covariance_m2, rtol=1e-12, atol=1e-18
@@ -34,14 +32,14 @@ def scaled_by(n_frames: float, step_s: float, trust: float = SEEN_WELL) -> float
 @pytest.mark.parametrize("n_frames", [1.0, 5.0, 50.0])
 @pytest.mark.parametrize("step_s", [10.0, np.inf])
 def test_errors_of_frames_far_apart_are_independent(n_frames: float, step_s: float) -> None:
-    """As the graph takes them to be: only the cautious sigma_px is put right."""
-    assert scaled_by(n_frames, step_s) == pytest.approx(CAUTION, rel=0.02)
+    """As the graph takes them to be."""
+    assert scaled_by(n_frames, step_s) == pytest.approx(1.0, rel=0.02)
 
 
 @pytest.mark.parametrize("n_frames", [1.0, 5.0, 50.0])
 def test_errors_of_frames_close_together_are_the_same(n_frames: float) -> None:
     """What stays alike is not averaged out: with n frames its variance is n times what the graph believes."""
-    expected = CAUTION * (1 - CORRELATED_SHARE + CORRELATED_SHARE * n_frames)
+    expected = 1 - CORRELATED_SHARE + CORRELATED_SHARE * n_frames
     assert scaled_by(n_frames, 1e-5) == pytest.approx(expected, rel=0.01)
 
 
@@ -53,13 +51,21 @@ def test_errors_that_are_alike_for_a_while_against_simulated_ones() -> None:
     of_errors = CORRELATED_SHARE * np.exp(-lag_s / 0.15) + (1 - CORRELATED_SHARE) * np.eye(n_frames)
     errors = np.random.default_rng(0).multivariate_normal(np.zeros(n_frames), of_errors, 20_000)
     variance = errors.mean(axis=1).var() * n_frames
-    assert scaled_by(n_frames, step_s) == pytest.approx(CAUTION * variance, rel=0.05)
+    assert scaled_by(n_frames, step_s) == pytest.approx(variance, rel=0.05)
 
 
 def test_doubt_where_hardly_any_detection_is_trusted() -> None:
-    assert scaled_by(5.0, 0.02, trust=0.0) == pytest.approx(2 * scaled_by(5.0, 0.02))
-    assert scaled_by(5.0, 0.02, trust=0.75) == pytest.approx(1.5 * scaled_by(5.0, 0.02))
-    assert scaled_by(5.0, 0.02, trust=1.5) == pytest.approx(scaled_by(5.0, 0.02))
+    usual = doubt(np.array([4.0]))
+    np.testing.assert_allclose(doubt(np.array([0.0, 0.75, 1.5, 3.0])), usual * np.array([2.0, 1.25, 1.0, 1.0]))
+
+
+def test_online_doubt_grows_with_the_share_that_does_not_fit() -> None:
+    usual = doubt_online(np.array([4.0]), np.array([4.0]))
+    # two cameras are not doubted for being two; where enough others fit, those that do not leave no doubt
+    no_doubt = doubt_online(np.array([2.0, 2.5]), np.array([2.0, 4.0]))
+    np.testing.assert_allclose(no_doubt, usual * np.ones(2))
+    grave = doubt_online(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
+    np.testing.assert_allclose(grave, usual * np.array([1 + 20 * 0.5**2, 21.0]))
 
 
 def covered(observations: fgpose.Observations, rig: fgpose.CameraRig, truth_m: np.ndarray) -> dict[int, float]:

@@ -37,9 +37,18 @@ def test_the_nearest_other_view_decides() -> None:
     by_view_px2 = np.array([[0.0, 900.0, 100.0], [400.0, 0.0, 2500.0], [3600.0, 900.0, 0.0]])[None, :, :, None]
     blank = np.ones((1, 3, 1))
     fusion = Fusion(np.zeros((1, 1, 3)), blank, blank, by_view_px2)
-    weights = detection_weights(fusion, np.full((1, 3, 1), 0.5), ProjectionConfig(agreement_px=30.0))
-    expected = 0.5 / (1 + np.array([400.0, 900.0, 100.0]) / 900.0)
-    np.testing.assert_allclose(weights[0, :, 0], expected)
+    config = ProjectionConfig(confirming_px=10.0, agreement_px=30.0)
+    weights = detection_weights(fusion, np.full((1, 3, 1), 0.6), config)
+    nearest_px2 = np.array([400.0, 900.0, 100.0])
+    trust = 1 - 0.4 * (1 - 1 / (1 + nearest_px2 / 100.0))
+    np.testing.assert_allclose(weights[0, :, 0], trust / (1 + nearest_px2 / 900.0))
+
+
+def test_what_another_view_confirms_needs_no_confidence() -> None:
+    fusion = Fusion(np.zeros((1, 1, 3)), np.ones((1, 3, 1)), np.ones((1, 3, 1)), np.full((1, 3, 3, 1), 1.0))
+    confidence = np.array([0.05, 0.5, 1.0])[None, :, None]
+    weights = detection_weights(fusion, confidence, ProjectionConfig())
+    np.testing.assert_allclose(weights, 1.0, atol=4e-3)  # off by 1 px of 20: 1 / 400 is lacking
 
 
 def test_of_two_views_that_contradict_each_other_neither_is_confirmed() -> None:
@@ -52,7 +61,7 @@ def test_of_two_views_that_contradict_each_other_neither_is_confirmed() -> None:
     confidence = np.full((1, 3, 2), 0.5)
     confidence[0, 2, 1] = 0.0
     fusion = Fusion(np.zeros((1, 2, 3)), np.ones((1, 3, 2)), np.ones((1, 3, 2)), by_view_px2)
-    weights = detection_weights(fusion, confidence, ProjectionConfig(agreement_px=100.0))
+    weights = detection_weights(fusion, confidence, ProjectionConfig(confirming_px=1e-3, agreement_px=100.0))
     np.testing.assert_allclose(weights[0, :, 0], 0.25)  # off by agreement_px: half
     np.testing.assert_allclose(weights[0, :2, 1], 0.5)
 

@@ -1,0 +1,90 @@
+"""How much each joint may accelerate: the noise of the motion model, learned from the motion itself.
+
+A wrist that punches and a pelvis that stands have accelerations a hundred times apart: one density for all smooths the
+one too much and the other too little. An acceleration of variance a^2 that passes with time constant tau has, seen over
+longer times, the power spectral density 2 tau a^2 (the first-order Gauss-Markov process); a^2 is that of the motion as
+estimated so far, nearby in time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import MotionConfig
+
+# Between these the density is learned. Online the least is higher: nobody knows yet that a joint at rest will start.
+LEAST_DENSITY, LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 300.0
+
+
+def is_adaptive(config: MotionConfig) -> bool:
+    """Whether the density is learned: only accelerations are."""
+    return config.adaptive and config.model == "constant_velocity"
+
+
+def initial_density(config: MotionConfig) -> float:
+    """Density of the model's noise before anything is known of the motion."""
+    return config.velocity_density if config.model == "random_walk" else config.acceleration_density
+
+
+def least_density(config: MotionConfig) -> float:
+    """The least that any joint's density can become."""
+    return min(LEAST_DENSITY, config.acceleration_density) if is_adaptive(config) else initial_density(config)
+
+
+def acceleration_density(
+    positions_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"], config: MotionConfig
+) -> Float[np.ndarray, "frame joint"]:
+    """Power spectral density of each joint's acceleration around each frame, m^2/s^3.
+
+    Args:
+        positions_m: of a smoothed motion; NaN where a joint takes no part.
+        time_s: strictly increasing.
+    """
+    if len(time_s) < 3:
+        return np.full(positions_m.shape[:2], config.acceleration_density)
+    velocity_mps = np.gradient(positions_m, time_s, axis=0)
+    squared = np.nan_to_num(np.mean(np.gradient(velocity_mps, time_s, axis=0) ** 2, axis=-1))
+    return _density(_mean_nearby(squared, time_s, config.nearby_s), LEAST_DENSITY, config)
+
+
+class RunningDensity:
+    """The same frame by frame, earlier frames counting ever less.
+
+    It is given motion that is one lag old: the newest velocities jump with every detection.
+    """
+
+    def __init__(self, n_joints: int, config: MotionConfig) -> None:
+        self._config = config
+        self._squared = np.full(n_joints, config.acceleration_density / (2 * config.acceleration_time_s))
+        self._time_s, self._velocities_mps = -np.inf, np.full((n_joints, 3), np.nan)
+
+    def add(self, time_s: float, velocities_mps: Float[np.ndarray, "joint 3"]) -> None:
+        """Take the velocities of the next frame; NaN where a joint takes no part."""
+        step_s = time_s - self._time_s
+        squared = np.mean(((velocities_mps - self._velocities_mps) / step_s) ** 2, axis=-1)
+        self._time_s, self._velocities_mps = time_s, velocities_mps
+        keep = np.exp(-step_s / self._config.nearby_s)
+        self._squared = np.where(np.isnan(squared), self._squared, keep * self._squared + (1 - keep) * squared)
+
+    def density(self) -> Float[np.ndarray, " joint"]:
+        """Power spectral density of each joint's acceleration, m^2/s^3."""
+        return _density(self._squared, LEAST_DENSITY_ONLINE, self._config)
+
+
+def _density(squared: np.ndarray, least: float, config: MotionConfig) -> np.ndarray:
+    """From the mean square acceleration, (m/s^2)^2."""
+    least = min(least, config.acceleration_density)
+    return np.clip(2 * config.acceleration_time_s * squared, least, _MOST_DENSITY)
+
+
+def _mean_nearby(
+    values: Float[np.ndarray, "frame joint"], time_s: Float[np.ndarray, " frame"], reach_s: float
+) -> Float[np.ndarray, "frame joint"]:
+    """Mean over the time from reach_s before each frame to reach_s after it."""
+    steps_s = np.diff(time_s, prepend=time_s[0])
+    between = (values + np.roll(values, 1, axis=0)) / 2
+    integral = np.cumsum(between * steps_s[:, None], axis=0)
+    first_s, last_s = np.maximum(time_s - reach_s, time_s[0]), np.minimum(time_s + reach_s, time_s[-1])
+    of_joints = [np.interp(last_s, time_s, total) - np.interp(first_s, time_s, total) for total in integral.T]
+    return np.stack(of_joints, axis=1) / (last_s - first_s)[:, None]
