@@ -115,6 +115,8 @@ def _residual_px(
 
 
 def _solve(stretch: Stretch, covariance: bool) -> _Solved:
+    """A first solution tells by how much to move late detections, which to distrust, and how fast each joint moves;
+    with that, the second one."""
     if not stretch.active.any():
         return _nobody(stretch)
     # Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as long.

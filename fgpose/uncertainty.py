@@ -2,8 +2,8 @@
 
 The graph takes the errors of detections for independent. Those of a pose network stay alike for a while, so that many
 frames together tell less than they seem to. And detections that were taken for invented leave a doubt: others of the
-same joint may be invented too. Online,
-where they count until the kernel has dealt with them, that doubt is much larger.
+same joint may be invented too. Online, where they count until the kernel has dealt with them, that doubt is much
+larger.
 
 A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, that is a plane, and as the plane
 turns with the body it seems to measure the joint in every direction: the covariance of the graph then claims

@@ -11,6 +11,8 @@ from fgpose.config import Config
 
 # A detection whose neighbours in time are off by so much does not exist.
 _NEVER_PX = 1e9
+# On the tuning clips, of 0.25 to 16 m^2/s^3.
+_BEST_DENSITY = 1.0
 
 _CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "as it is": ("projection", {}),
@@ -22,6 +24,7 @@ _CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
     "per-view depth always": ("depth", {"use": "always"}),
     "no bone lengths": ("symmetry", {"form": "none"}),
     "symmetry within each frame": ("symmetry", {"form": "frame"}),
+    "one process noise for all": ("motion", {"adaptive": False, "acceleration_density": _BEST_DENSITY}),
     "random walk": ("motion", {"model": "random_walk"}),
     "no motion model": ("motion", {"model": "none"}),
 }
