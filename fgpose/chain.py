@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from fgpose import graph
 from fgpose.block_tridiagonal import BlockTridiagonal, Coupling
+from fgpose.camera import CameraRig
 from fgpose.chain_terms import (
     ChainState,
     Fading,
@@ -26,8 +27,8 @@ from fgpose.chain_terms import (
     Projections,
     SharedLengths,
     Term,
-    projections,
 )
+from fgpose.config import ProjectionConfig
 from fgpose.stretch import Stretch
 from fgpose_factors import depth_covariance_m2
 
@@ -199,6 +200,19 @@ class _Linearized:
         if not np.isfinite(joints).all() or not np.isfinite(lengths_m).all():
             return None
         return ChainState(-joints.reshape(gradient.joints.shape), -lengths_m)
+
+
+def projections(
+    rig: CameraRig,
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    weights: Float[np.ndarray, "frame camera joint"],
+    config: ProjectionConfig,
+) -> Iterator[Projections]:
+    """One term per camera."""
+    precision = np.where(np.isnan(undistorted_px).any(axis=-1), 0.0, graph.projection_sigma_px(weights, config) ** -2)
+    for number, camera in enumerate(rig.cameras):
+        measured_px = np.nan_to_num(undistorted_px[:, number])
+        yield Projections(camera, measured_px, precision[:, number], config.kernel, config.kernel_scale)
 
 
 def _motion(stretch: Stretch) -> Motion:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.camera import Camera, CameraRig
-from fgpose.config import ProjectionConfig
-from fgpose.graph import projection_sigma_px
+from fgpose.camera import Camera
 from fgpose_factors import Kernel, bone_length_and_direction, projection_residual, robust_loss, robust_weight
 
 
@@ -134,19 +132,6 @@ class Projections:
         if behind.any():
             residual_px[behind], jacobian[behind] = 2 * K[0, 0], 0.0
         return residual_px, jacobian
-
-
-def projections(
-    rig: CameraRig,
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    weights: Float[np.ndarray, "frame camera joint"],
-    config: ProjectionConfig,
-) -> Iterator[Projections]:
-    """One term per camera."""
-    precision = np.where(np.isnan(undistorted_px).any(axis=-1), 0.0, projection_sigma_px(weights, config) ** -2)
-    for number, camera in enumerate(rig.cameras):
-        measured_px = np.nan_to_num(undistorted_px[:, number])
-        yield Projections(camera, measured_px, precision[:, number], config.kernel, config.kernel_scale)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,8 @@ from jaxtyping import Bool, Float
 from fgpose import graph
 from fgpose.bone_lengths import RunningLengths
 from fgpose.camera import CameraRig
-from fgpose.chain_terms import ChainState, projections
+from fgpose.chain import projections
+from fgpose.chain_terms import ChainState
 from fgpose.config import Config
 from fgpose.evidence import Evidence, gather
 from fgpose.fixed_lag import FixedLagSmoother
