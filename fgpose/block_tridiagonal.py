@@ -33,8 +33,8 @@ class Coupling:
 
     def _apply(self, matrix: np.ndarray, step: int, values: np.ndarray) -> np.ndarray:
         kinds = len(matrix)
-        coupled = matrix @ values.reshape(kinds, -1)
-        coupled.reshape(kinds, self.strength.shape[1], -1)[:] *= self.strength[step][:, None]
+        coupled = (matrix @ values.reshape(kinds, -1)).reshape(kinds, self.strength.shape[1], -1)
+        coupled *= self.strength[step][:, None]
         return coupled.reshape(values.shape)
 
     @cached_property

@@ -23,7 +23,7 @@ from fgpose.graph import FrameTime
 from fgpose.keys import position_key, velocity_key
 from fgpose.observations import Observations
 from fgpose.persistence import RunningPersistence
-from fgpose.process_noise import RunningDensity, initial_density, is_adaptive
+from fgpose.process_noise import RunningDensity, is_adaptive
 from fgpose.skeleton import Skeleton
 from fgpose.time_offsets import RunningOffsets
 from fgpose.tracks import joint_status, usual_step_s
@@ -175,12 +175,6 @@ class Estimator:
                 oldest = self._window[0]
                 self._density.add(oldest.at.time_s, self._points(velocity_key, oldest))
 
-    def _process_density(self) -> Float[np.ndarray, " joint"]:
-        config = self.config.motion
-        return (
-            self._density.density() if is_adaptive(config) else np.full(self.skeleton.n_joints, initial_density(config))
-        )
-
     def _is_lagged(self, state: _State, time_s: float) -> bool:
         return state.at.time_s <= time_s - self.config.online.lag_s + _TIME_ROUNDING_S
 
@@ -230,7 +224,7 @@ class Estimator:
         if before is not None and config.motion.model != "none":
             kept = state.active & before.active
             entering = state.active & ~before.active
-            density, step_s = self._process_density(), state.at.time_s - before.at.time_s
+            density, step_s = self._density.density(), state.at.time_s - before.at.time_s
             yield from graph.motion_factors(before.at, state.at, np.flatnonzero(kept).tolist(), density, config.motion)
             yield from graph.fading_factors(
                 self.skeleton, frame, step_s, state.active, evidence.seen[0], density, config.motion
@@ -255,28 +249,28 @@ class Estimator:
 
     def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
         residual_px = np.linalg.norm(self.rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
-        self._persistence.add(self._usual_step_s(), residual_px)
         return Estimate(
             skeleton=self.skeleton,
             frame=state.at.frame,
             time_s=state.at.time_s,
             positions_m=state.positions_m,
             status=state.status,
-            covariance_m2=self._covariance(state, evidence) if self.config.online.covariance else None,
+            covariance_m2=self._covariance(state, evidence, residual_px) if self.config.online.covariance else None,
             residual_px=residual_px,
             smoothed=self._lagged(state.at.time_s),
         )
 
-    def _covariance(self, state: _State, evidence: Evidence) -> Float[np.ndarray, "joint 3 3"]:
-        joints = state.joints
+    def _covariance(
+        self, state: _State, evidence: Evidence, residual_px: Float[np.ndarray, "camera joint"]
+    ) -> Float[np.ndarray, "joint 3 3"]:
+        joints, step_s = state.joints, usual_step_s(np.array([state.at.time_s for state in self._window]))
+        self._persistence.add(step_s, residual_px)
         covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
         if joints:
             keys = [position_key(joint, state.at.frame) for joint in joints]
             linear_m2, alone = self._smoother.covariances(keys), self._frame_information(state, evidence)
             factor = doubt_online(self._trusted(evidence).total_weight[0, joints], evidence.total_weight[0, joints])
-            covariance_m2[joints] = factor[:, None, None] * with_correlated_errors(
-                linear_m2, alone, self._usual_step_s()
-            )
+            covariance_m2[joints] = factor[:, None, None] * with_correlated_errors(linear_m2, alone, step_s)
         unseen_s = state.at.time_s - self._last_seen_s
         return with_swing(
             covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
@@ -292,9 +286,6 @@ class Estimator:
 
     def _trusted(self, evidence: Evidence) -> Evidence:
         return replace(evidence, weights=evidence.weights * self._persistence.weights())
-
-    def _usual_step_s(self) -> float:
-        return usual_step_s(np.array([state.at.time_s for state in self._window]))
 
     def _lagged(self, time_s: float) -> Estimate | None:
         """The newest frame that is at least one lag old, as everything since has changed it."""

@@ -18,6 +18,7 @@ from fgpose.config import DepthConfig, FusionConfig, Kernel, MotionConfig, Prior
 from fgpose.keys import length_key, position_key, velocity_key
 from fgpose.process_noise import least_density
 from fgpose.skeleton import Skeleton
+from fgpose.tracks import frames_alike
 from fgpose_factors import (
     constant_velocity_factor,
     depth_factor,
@@ -194,7 +195,7 @@ def depth_spread(step_s: Float[np.ndarray, " frame"], config: DepthConfig) -> Fl
         step_s: time since the frame before; inf for the first frame.
         config: has the time over which errors stay alike.
     """
-    return np.sqrt(np.maximum(1.0, 2 * config.correlation_s / step_s))
+    return np.sqrt(frames_alike(step_s, config.correlation_s))
 
 
 def prior_factors(

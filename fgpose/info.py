@@ -13,12 +13,14 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.camera import CameraRig
-from fgpose.left_out import LeftOut, compare_with_others, sample
+from fgpose.left_out import LeftOut, compare_with_others
 from fgpose.metrics import mean_known
 from fgpose.observations import Observations
+from fgpose.tracks import frames_per_second, spread_evenly
 from fgpose.triangulation import triangulate_robust
 
 _INLIER_PX = 20.0
+_MAX_FRAMES = 2000
 # A camera turned by 5 degrees is off by ten times as much as real cameras are; its neighbours by up to twice, since it
 # takes part in their comparison.
 _CALIBRATION_RATIO = 2.5
@@ -110,7 +112,7 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         ValueError: the cameras of the observations and of the rig differ.
     """
     observations.check_rig(rig)
-    sampled = sample(observations.n_frames)
+    sampled = spread_evenly(observations.n_frames, _MAX_FRAMES)
     undistorted_px, confidence = rig.undistort(observations.points2d_px[sampled]), observations.confidence[sampled]
     positions_m = triangulate_robust(undistorted_px, confidence, rig, _INLIER_PX).positions_m
     residual_px = np.linalg.norm(rig.project(positions_m) - undistorted_px, axis=-1)
@@ -120,11 +122,10 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
     )
     n_seen = observations.seen.sum(axis=1)
     size_m = _person_size_m(positions_m)
-    interval_s = np.diff(observations.frame_time_s)
     return RecordingInfo(
         n_frames=observations.n_frames,
         duration_s=float(observations.frame_time_s[-1] - observations.frame_time_s[0]),
-        fps=float(1 / np.median(interval_s)) if len(interval_s) else np.nan,
+        fps=frames_per_second(observations.frame_time_s),
         skeleton=observations.skeleton.name,
         n_joints=observations.skeleton.n_joints,
         has_points3d=observations.points3d_m is not None,

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from fgpose.camera import CameraRig
 from fgpose.triangulation import triangulate_robust
 
-_MAX_FRAMES = 2000
 # Fewer errors than this have no median worth comparing.
 _MIN_ERRORS = 20
 
@@ -54,8 +53,3 @@ def compare_with_others(
             expected_px = camera.project(triangulation.positions_m)
         views.append(LeftOut(undistorted_px[:, c], expected_px))
     return tuple(views)
-
-
-def sample(n_frames: int) -> Int[np.ndarray, " sample"]:
-    """Frames spread evenly over a long recording; all of a short one."""
-    return np.unique(np.linspace(0, n_frames - 1, min(n_frames, _MAX_FRAMES)).round().astype(int))

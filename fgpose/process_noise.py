@@ -14,7 +14,7 @@ from jaxtyping import Float
 from fgpose.config import MotionConfig
 
 # Between these the density is learned. Online the least is higher: nobody knows yet that a joint at rest will start.
-LEAST_DENSITY, LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 300.0
+LEAST_DENSITY, _LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 300.0
 
 
 def is_adaptive(config: MotionConfig) -> bool:
@@ -32,17 +32,18 @@ def least_density(config: MotionConfig) -> float:
     return min(LEAST_DENSITY, config.acceleration_density) if is_adaptive(config) else initial_density(config)
 
 
-def acceleration_density(
+def process_density(
     positions_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"], config: MotionConfig
 ) -> Float[np.ndarray, "frame joint"]:
-    """Power spectral density of each joint's acceleration around each frame, m^2/s^3.
+    """Power spectral density of each joint's noise around each frame: of its acceleration, m^2/s^3, learned if
+    adaptive; of its velocity, m^2/s, with random walk.
 
     Args:
         positions_m: of a smoothed motion; NaN where a joint takes no part.
         time_s: strictly increasing.
     """
-    if len(time_s) < 3:
-        return np.full(positions_m.shape[:2], config.acceleration_density)
+    if not is_adaptive(config) or len(time_s) < 3:
+        return np.full(positions_m.shape[:2], initial_density(config))
     velocity_mps = np.gradient(positions_m, time_s, axis=0)
     squared = np.nan_to_num(np.mean(np.gradient(velocity_mps, time_s, axis=0) ** 2, axis=-1))
     return _density(_mean_nearby(squared, time_s, config.nearby_s), LEAST_DENSITY, config)
@@ -68,8 +69,10 @@ class RunningDensity:
         self._squared = np.where(np.isnan(squared), self._squared, keep * self._squared + (1 - keep) * squared)
 
     def density(self) -> Float[np.ndarray, " joint"]:
-        """Power spectral density of each joint's acceleration, m^2/s^3."""
-        return _density(self._squared, LEAST_DENSITY_ONLINE, self._config)
+        """Power spectral density of each joint's noise; as process_density."""
+        if not is_adaptive(self._config):
+            return np.full(self._squared.shape, initial_density(self._config))
+        return _density(self._squared, _LEAST_DENSITY_ONLINE, self._config)
 
 
 def _density(squared: np.ndarray, least: float, config: MotionConfig) -> np.ndarray:

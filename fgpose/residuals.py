@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.config import Config, MotionConfig
+from fgpose.config import Config
 from fgpose.evidence import Evidence
-from fgpose.process_noise import acceleration_density, initial_density, is_adaptive
+from fgpose.process_noise import process_density
 from fgpose.skeleton import Skeleton
 from fgpose.tracks import median_lengths
 from fgpose.trajectory import Trajectory
@@ -85,18 +85,12 @@ def _motion(trajectory: Trajectory, config: Config) -> Float[np.ndarray, "frame 
     interval_s = np.diff(trajectory.time_s)[:, None]
     whitened = np.full(trajectory.status.shape, np.nan)
     steps_m = np.diff(trajectory.positions_m, axis=0)
+    density = process_density(trajectory.positions_m, trajectory.time_s, config.motion)
     if config.motion.model == "random_walk":
-        sigma_m = np.sqrt(initial_density(config.motion) * interval_s)
+        sigma_m = np.sqrt(density[1:] * interval_s)
         whitened[1:] = np.linalg.norm(steps_m, axis=-1) / sigma_m
     elif len(interval_s) > 1:
         change_mps = np.diff(steps_m / interval_s[..., None], axis=0)
-        variance = _density(trajectory, config.motion) * (interval_s[1:] + interval_s[:-1]) / 3
+        variance = density[1:-1] * (interval_s[1:] + interval_s[:-1]) / 3
         whitened[1:-1] = np.linalg.norm(change_mps, axis=-1) / np.sqrt(variance)
     return whitened
-
-
-def _density(trajectory: Trajectory, config: MotionConfig) -> float | Float[np.ndarray, "inner_frame joint"]:
-    """Of the acceleration, that the motion itself calls for."""
-    if not is_adaptive(config):
-        return initial_density(config)
-    return acceleration_density(trajectory.positions_m, trajectory.time_s, config)[1:-1]

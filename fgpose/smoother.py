@@ -18,9 +18,17 @@ from fgpose.evidence import Evidence, gather
 from fgpose.observations import Observations
 from fgpose.optimizer import Problem, State, Step, levenberg_marquardt
 from fgpose.persistence import persistence_weights
-from fgpose.process_noise import acceleration_density, initial_density, is_adaptive
+from fgpose.process_noise import initial_density, is_adaptive, process_density
 from fgpose.stretch import Stretch
-from fgpose.tracks import active_joints, fill_gaps, joint_status, median_lengths, time_to_known_s, usual_step_s
+from fgpose.tracks import (
+    active_joints,
+    fill_gaps,
+    joint_status,
+    median_lengths,
+    spread_evenly,
+    time_to_known_s,
+    usual_step_s,
+)
 from fgpose.trajectory import Convergence, Trajectory
 from fgpose.uncertainty import doubt, with_correlated_errors, with_swing
 from fgpose.window import Window
@@ -30,7 +38,7 @@ Progress = Callable[[int, int], None]
 
 # Lengths learned from the sample are held: the windows then agree on them, and nothing is to be gained from each alone.
 _HELD_LENGTH_SIGMA_M = 1e-4
-_SAMPLE_FRAMES = 600
+_SAMPLE_FRAMES = 600  # spread over the recording: far apart, their errors are independent
 # Where hardly any detection is distrusted, doing so would change nothing that can be seen.
 _DISTRUSTED, _FEW = 0.5, 0.01
 _DELAY_ROUNDS = 2
@@ -79,7 +87,7 @@ def smooth(
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     lengths = _Lengths(median_lengths(skeleton, evidence.guess_m), config.prior.length_sigma_m)
     if len(spans) > 1:
-        sample = _sampled(stretch(_sample(observations.n_frames), lengths))
+        sample = _sampled(stretch(spread_evenly(observations.n_frames, _SAMPLE_FRAMES), lengths))
         lengths = _Lengths(_first_known([sample.lengths_m, lengths.lengths_m]), _HELD_LENGTH_SIGMA_M)
     solved = []
     for span in spans:
@@ -203,7 +211,7 @@ def _adapted(stretch: Stretch, solved: _Solved) -> Stretch:
     """The stretch with the process noise that its motion calls for; itself where that is fixed."""
     if not is_adaptive(stretch.config.motion):
         return stretch
-    density = acceleration_density(solved.positions_m, stretch.evidence.time_s, stretch.config.motion)
+    density = process_density(solved.positions_m, stretch.evidence.time_s, stretch.config.motion)
     return replace(stretch, process_density=density)
 
 
@@ -243,11 +251,6 @@ def _spans(time_s: Float[np.ndarray, " frame"], window_s: float, overlap_s: floa
         after = int(np.searchsorted(time_s, time_s[stop - 1] + overlap_s, side="right"))
         spans.append(_Span(slice(before, after), slice(start, stop)))
     return spans
-
-
-def _sample(n_frames: int) -> np.ndarray:
-    """Frames spread evenly over the recording: far apart, their errors are independent."""
-    return np.unique(np.linspace(0, n_frames - 1, min(n_frames, _SAMPLE_FRAMES)).round().astype(int))
 
 
 def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:

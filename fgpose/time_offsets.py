@@ -12,7 +12,7 @@ from fgpose.config import Config, ProjectionConfig
 from fgpose.delays import on_time_px
 from fgpose.observations import Observations
 from fgpose.smoother import smooth
-from fgpose.tracks import usual_step_s
+from fgpose.tracks import frames_alike, usual_step_s
 from fgpose_factors import projection_residual, robust_weight
 
 _MAX_ROUNDS = 6
@@ -60,7 +60,7 @@ def estimate_time_offsets(observations: Observations, rig: CameraRig, config: Co
         rig = rig.with_time_offsets(rig.time_offsets_s + change_s)
         if np.abs(change_s).max() < _TOLERANCE_FRAMES * step_s:
             break
-    alike = max(1.0, 2 * _CORRELATION_S / step_s)
+    alike = frames_alike(step_s, _CORRELATION_S)
     return TimeOffsets(rig.time_offsets_s, _sigma_s(information / alike), rig)
 
 
@@ -89,7 +89,7 @@ class RunningOffsets:
         information, gradient = offset_information(
             positions_m[None], velocities_mps[None], undistorted_px[None], weights[None], rig, self._config
         )
-        keep, alike = np.exp(-step_s / _MEMORY_S), max(1.0, 2 * _CORRELATION_S / step_s)
+        keep, alike = np.exp(-step_s / _MEMORY_S), frames_alike(step_s, _CORRELATION_S)
         self._information = keep * self._information + information / alike
         self._moment = keep * self._moment + (information @ rig.time_offsets_s - gradient) / alike
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.config import MotionConfig
 from fgpose.skeleton import Skeleton
@@ -13,6 +13,23 @@ from fgpose.trajectory import Status
 def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
     """Median time from frame to frame, seconds; inf with one frame."""
     return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+
+
+def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
+    """Of the usual step; NaN with one frame."""
+    return 1 / usual_step_s(time_s) if len(time_s) > 1 else np.nan
+
+
+def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
+    """Frames spread evenly over a long recording; all of a short one."""
+    return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))
+
+
+def frames_alike(
+    step_s: float | Float[np.ndarray, " frame"], correlation_s: float
+) -> float | Float[np.ndarray, " frame"]:
+    """How many frames count as one measurement where errors stay alike for so long; at least one."""
+    return np.maximum(1.0, 2 * correlation_s / step_s)
 
 
 def active_joints(

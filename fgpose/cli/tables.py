@@ -15,6 +15,7 @@ from fgpose.metrics import jitter_mps3
 from fgpose.pipeline import Result, Source
 from fgpose.rig_refinement import RigRefinement
 from fgpose.time_offsets import TimeOffsets
+from fgpose.tracks import frames_per_second
 from fgpose.trajectory import Status, Trajectory
 
 _MEANING = {
@@ -99,11 +100,6 @@ def calibration_table(source: Source, refinement: RigRefinement | None, offsets:
     for name, (values, digits) in rows.items():
         table.add_row(name, *(f"{value:.{digits}f}" for value in values))
     return table
-
-
-def frames_per_second(time_s: np.ndarray) -> float:
-    """Of the usual interval; NaN for a single frame."""
-    return float(1 / np.median(np.diff(time_s))) if len(time_s) > 1 else np.nan
 
 
 def latency_table(update_ms: np.ndarray) -> Table:

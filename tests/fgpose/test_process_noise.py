@@ -9,7 +9,7 @@ from fgpose.camera import CameraRig
 from fgpose.config import Config, MotionConfig, OnlineConfig
 from fgpose.estimator import Estimator
 from fgpose.metrics import mpjpe_m
-from fgpose.process_noise import LEAST_DENSITY, RunningDensity, acceleration_density, initial_density, is_adaptive
+from fgpose.process_noise import LEAST_DENSITY, RunningDensity, initial_density, is_adaptive, process_density
 from fgpose.skeleton import Skeleton
 from fgpose.smoother import smooth
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
@@ -29,7 +29,7 @@ def swinging(amplitude_m: float, hertz: float, time_s: np.ndarray) -> np.ndarray
 def test_density_is_twice_the_time_constant_times_the_mean_square_acceleration():
     time_s = np.arange(200) / FPS
     # 2.5 Hz: the window of 0.4 s is one period. Root mean square acceleration A w^2 / sqrt(2) along one axis of three.
-    density = acceleration_density(swinging(0.1, 2.5, time_s), time_s, CONFIG)
+    density = process_density(swinging(0.1, 2.5, time_s), time_s, CONFIG)
     expected = 2 * CONFIG.acceleration_time_s * (0.1 * (2 * np.pi * 2.5) ** 2) ** 2 / 2 / 3
     # differences over two frames at 20 frames a period see the acceleration 3 % too small
     np.testing.assert_allclose(density[20:-20, 0], expected, rtol=0.07)
@@ -39,8 +39,8 @@ def test_density_does_not_depend_on_the_rate_or_its_regularity():
     rng = np.random.default_rng(0)
     slow_s = np.arange(200) / FPS
     uneven_s = np.sort(rng.uniform(0, 4.0, 1500))
-    even = acceleration_density(swinging(0.1, 1.5, slow_s), slow_s, CONFIG)
-    uneven = acceleration_density(swinging(0.1, 1.5, uneven_s), uneven_s, CONFIG)
+    even = process_density(swinging(0.1, 1.5, slow_s), slow_s, CONFIG)
+    uneven = process_density(swinging(0.1, 1.5, uneven_s), uneven_s, CONFIG)
     # what the differences of 50 Hz miss, and one period does not fit the window
     middle = (uneven_s > 0.5) & (uneven_s < 3.5)
     np.testing.assert_allclose(uneven[middle, 0], np.interp(uneven_s[middle], slow_s, even[:, 0]), rtol=0.06)
@@ -50,7 +50,7 @@ def test_a_pause_is_quiet_and_a_blow_is_not():
     time_s = np.arange(150) / FPS
     positions_m = swinging(0.2, 4.0, time_s)
     positions_m[:75] = 0.0
-    density = acceleration_density(positions_m, time_s, CONFIG)[:, 0]
+    density = process_density(positions_m, time_s, CONFIG)[:, 0]
     assert (density[:60] == LEAST_DENSITY).all()
     assert (density[90:] > 30 * LEAST_DENSITY).all()
 
@@ -58,9 +58,9 @@ def test_a_pause_is_quiet_and_a_blow_is_not():
 def test_joints_that_take_no_part_and_short_recordings_have_a_density():
     time_s = np.arange(6) / FPS
     nobody = np.full((6, 2, 3), np.nan)
-    assert (acceleration_density(nobody, time_s, CONFIG) == LEAST_DENSITY).all()
+    assert (process_density(nobody, time_s, CONFIG) == LEAST_DENSITY).all()
     for n_frames in (1, 2):
-        short = acceleration_density(nobody[:n_frames], time_s[:n_frames], CONFIG)
+        short = process_density(nobody[:n_frames], time_s[:n_frames], CONFIG)
         assert (short == CONFIG.acceleration_density).all()
 
 

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
 import pytest
+from turned_cameras import turned
 
 import fgpose
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
-
-
-def turned(rig: fgpose.CameraRig, camera: int, degrees: float) -> fgpose.CameraRig:
-    """The rig with one camera turned about its vertical axis."""
-    turn = np.eye(4)
-    turn[:3, :3] = cv2.Rodrigues(np.deg2rad([0.0, degrees, 0.0]))[0]
-    cameras = list(rig.cameras)
-    cameras[camera] = replace(cameras[camera], world_T_camera=cameras[camera].world_T_camera @ turn)
-    return fgpose.CameraRig(tuple(cameras))
 
 
 def direction_error_deg(rig: fgpose.CameraRig, truth: fgpose.CameraRig, camera: int) -> float:

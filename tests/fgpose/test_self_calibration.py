@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from turned_cameras import turned
 
 import fgpose
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
-from tests.fgpose.test_rig_refinement import direction_error_deg, turned
+from tests.fgpose.test_rig_refinement import direction_error_deg
 
 LATE, BUMPED = 1, 2
 OFFSETS_S = np.array([0.0, 0.06, 0.0, 0.0])

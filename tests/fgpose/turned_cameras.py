@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from fgpose.camera import CameraRig
@@ -11,10 +12,8 @@ from fgpose.camera import CameraRig
 
 def turned(rig: CameraRig, camera: int, degrees: float) -> CameraRig:
     """The rig with one camera turned about its own vertical axis."""
-    angle = np.radians(degrees)
-    turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
-    pose = rig.cameras[camera].world_T_camera.copy()
-    pose[:3, :3] = pose[:3, :3] @ turn
+    turn = np.eye(4)
+    turn[:3, :3] = cv2.Rodrigues(np.deg2rad([0.0, degrees, 0.0]))[0]
     cameras = list(rig.cameras)
-    cameras[camera] = replace(cameras[camera], world_T_camera=pose)
+    cameras[camera] = replace(cameras[camera], world_T_camera=cameras[camera].world_T_camera @ turn)
     return CameraRig(tuple(cameras))
