@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from fgpose.metrics import mpjpe_m
 from jaxtyping import Float
 from metric import Metric
 from scenario import scene
@@ -18,7 +19,6 @@ from timing import timed
 
 import fgpose
 from fgpose.benchmark.peer import Peer, PeerSettings, running_peer
-from fgpose.metrics import mpjpe_m
 from fgpose.synthetic import Scene
 
 _PEER = Path(__file__).parents[1] / ".venv" / "bench" / "bin" / "python"

@@ -11,7 +11,7 @@ from metric import Metric
 from scenario import demo_sources
 from timing import Timing, timed
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.monocular.blazepose import BlazePose
 from fgpose.monocular.detection import detect
 from fgpose.monocular.models import pull

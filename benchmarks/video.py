@@ -11,16 +11,16 @@ from occluders import load_cutouts, occluded
 from scenario import demo_sources
 
 import fgpose
+from fgpose.assessment.metrics import jitter_mps3
+from fgpose.calibration.rig_refinement import moved_with_cameras
 from fgpose.config import FusionConfig
-from fgpose.metrics import jitter_mps3
+from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.flips import mend_flips
 from fgpose.monocular.networks import open_network
-from fgpose.rig_refinement import moved_with_cameras
 from fgpose.synthetic import Occlusion
-from fgpose.triangulation import triangulate, triangulate_robust
 
 _SEED = 42
 _FPS = 60.0

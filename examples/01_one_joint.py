@@ -11,8 +11,8 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
+from fgpose.geometry.triangulation import triangulate
 from fgpose.synthetic import ring_rig
-from fgpose.triangulation import triangulate
 from fgpose_factors import Kernel, noise_model, projection_factor
 
 SIGMA_PX = 3.0

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 import fgpose
-from fgpose.metrics import jitter_mps3
+from fgpose.assessment.metrics import jitter_mps3
 
 
 def bone_spread_mm(trajectory: fgpose.Trajectory) -> float:

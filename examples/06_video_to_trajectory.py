@@ -15,7 +15,7 @@ import numpy as np
 import tyro
 
 import fgpose
-from fgpose.metrics import jitter_mps3
+from fgpose.assessment.metrics import jitter_mps3
 from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.detection import detect

@@ -14,7 +14,7 @@ import numpy as np
 import tyro
 
 import fgpose
-from fgpose.metrics import mpjpe_m
+from fgpose.assessment.metrics import mpjpe_m
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 
 FPS = 50.0

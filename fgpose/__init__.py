@@ -5,23 +5,23 @@ observations = fgpose.load_observations("pose/", rig, skeleton="body_25b", fps=6
 trajectory = fgpose.smooth(observations, rig)
 """
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.assessment.evaluation import Evaluation, evaluate
+from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
+from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
+from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config, load_config
-from fgpose.estimator import Estimator
-from fgpose.evaluation import Evaluation, evaluate
-from fgpose.fusion import Fusion, fuse
+from fgpose.estimation.estimator import Estimator
+from fgpose.estimation.fusion import Fusion, fuse
+from fgpose.estimation.refinement import refine
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations, save_observations
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.observations import Observations
-from fgpose.refinement import refine
-from fgpose.rig_refinement import RigRefinement, refine_rig
-from fgpose.self_calibration import SelfCalibration, self_calibrate
 from fgpose.skeleton import Skeleton
-from fgpose.smoother import smooth
-from fgpose.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
 
 __all__ = [

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
@@ -235,15 +234,15 @@ class Observations:
         default = self.camera_names == _default_names(self.n_cameras)
         return default and self.n_cameras == len(rig_names) and not set(self.camera_names) & set(rig_names)
 
-    def check_rig(self, rig: CameraRig) -> None:
+    def check_cameras(self, rig_names: tuple[str, ...]) -> None:
         """Raise ValueError unless the rig has exactly these cameras in this order; unnamed ones go by their order."""
-        if self.camera_names == rig.names or self._is_unnamed(rig.names):
+        if self.camera_names == rig_names or self._is_unnamed(rig_names):
             return
-        missing = [name for name in self.camera_names if name not in rig.names]
-        unused = [name for name in rig.names if name not in self.camera_names]
+        missing = [name for name in self.camera_names if name not in rig_names]
+        unused = [name for name in rig_names if name not in self.camera_names]
         if missing:
             raise ValueError(
-                f"the calibration lacks camera {', '.join(missing)} of the keypoints; it has {', '.join(rig.names)}"
+                f"the calibration lacks camera {', '.join(missing)} of the keypoints; it has {', '.join(rig_names)}"
             )
         if unused:
             raise ValueError(
@@ -251,7 +250,7 @@ class Observations:
             )
         raise ValueError(
             f"the cameras of the keypoints ({', '.join(self.camera_names)}) and of the calibration "
-            f"({', '.join(rig.names)}) come in a different order; use rig.subset(observations.camera_names)"
+            f"({', '.join(rig_names)}) come in a different order; use rig.subset(observations.camera_names)"
         )
 
 

@@ -12,22 +12,22 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.camera import CameraRig
 from fgpose.config import Config
-from fgpose.estimator import Estimator
-from fgpose.evidence import Evidence, gather
-from fgpose.fusion import fuse
+from fgpose.estimation.estimator import Estimator
+from fgpose.estimation.evidence import Evidence, gather
+from fgpose.estimation.fusion import fuse
+from fgpose.estimation.refinement import refine
+from fgpose.estimation.residuals import whitened_residuals
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.atomic import check_writable
 from fgpose.io.calibration import load_rig
 from fgpose.io.keypoints import load_observations
 from fgpose.io.trajectories import check_output, save_trajectory
 from fgpose.observations import Observations
-from fgpose.refinement import refine
-from fgpose.residuals import whitened_residuals
 from fgpose.skeleton import Skeleton
-from fgpose.smoother import smooth
-from fgpose.tracks import joint_status
-from fgpose.trajectory import Estimate, Status, Trajectory, reprojection_residual_px
+from fgpose.trajectory import Estimate, Status, Trajectory, joint_status
 from fgpose.viewer import Recording, open_recording
 from fgpose.viewer.recording import UpAxis
 

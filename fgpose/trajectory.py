@@ -9,9 +9,7 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.camera import CameraRig
 from fgpose.config import Config
-from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
 
@@ -24,6 +22,12 @@ class Status(IntEnum):
     """Fewer than two cameras see it in this frame: bones and motion carry it over from other joints and frames."""
     OBSERVED = 2
     """At least two cameras see it in this frame."""
+
+
+def joint_status(active: Bool[np.ndarray, "*frames joint"], observed: Bool[np.ndarray, "*frames joint"]) -> np.ndarray:
+    """Status of every joint and frame, of the same shape."""
+    status = np.where(active & observed, Status.OBSERVED, Status.PREDICTED)
+    return np.where(active, status, Status.UNOBSERVABLE).astype(np.int8)
 
 
 @dataclass(frozen=True)
@@ -124,10 +128,3 @@ class Estimate:
         for array in (self.positions_m, self.status, self.covariance_m2, self.residual_px):
             if array is not None:
                 array.setflags(write=False)
-
-
-def reprojection_residual_px(
-    observations: Observations, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
-) -> Float[np.ndarray, "frame camera joint"]:
-    """Distance in undistorted pixels between each detection and the projection of the estimate."""
-    return np.linalg.norm(rig.project(positions_m) - rig.undistort(observations.points2d_px), axis=-1)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import (

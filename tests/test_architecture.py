@@ -14,45 +14,46 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SOURCES = {"fgpose": ROOT / "fgpose", "fgpose_factors": ROOT / "factors" / "fgpose_factors"}
 
-# From the bottom up. A module imports its own layer and those below it, never one above.
-LAYERS = (
-    {"skeleton", "camera", "observations", "config", "trajectory"},
+# The house, from the top floor down. A module imports its own room and the floors below, never one above or beside it.
+FLOORS = (
+    {"cli"},
+    {"benchmark", "live"},
+    {"pipeline"},
+    {"tracking"},
+    {"calibration"},
+    {"estimation"},
+    {"monocular", "viewer", "synthetic"},
+    {"assessment"},
+    {"io"},
+    {"geometry"},
+    {"trajectory", "observations", "skeleton", "config", "sampling"},
+)
+# The same within the largest room.
+ESTIMATION_FLOORS = (
+    {"smoother", "estimator", "refinement", "residuals"},
+    {"solvers"},
+    {"segment"},
+    {"frame_factors", "evidence"},
     {
-        "triangulation",
-        "fusion",
-        "keys",
-        "tracks",
+        "bone_lengths",
+        "clock_offsets",
         "delays",
-        "evidence",
-        "weights",
+        "fusion",
+        "initial_guess",
+        "keys",
+        "noise",
         "persistence",
         "process_noise",
-        "residuals",
+        "uncertainty",
+        "weights",
     },
-    {"graph"},
-    {"optimizer", "block_tridiagonal", "chain_terms", "uncertainty", "bone_lengths", "fixed_lag"},
-    {"graph_problem", "stretch"},
-    {"chain", "window"},
-    {"refinement", "smoother", "estimator", "rig_refinement", "time_offsets"},
-    {"self_calibration"},
-    {"camera_faults"},
-    {"pipeline"},
-    {"cli"},
 )
-SOLVERS = {
-    "refinement",
-    "rig_refinement",
-    "smoother",
-    "estimator",
-    "window",
-    "graph_problem",
-    "fixed_lag",
-}
+GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}
 FILES = {"fgpose.io", "fgpose.config", "fgpose.benchmark"}
 STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
 ALLOWED = {
-    "gtsam": {"fgpose_factors", *(f"fgpose.{name}" for name in ("camera", "keys", "graph", *SOLVERS))},
+    "gtsam": GTSAM,
     "rerun": {"fgpose.viewer"},
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
     "tyro": {"fgpose.cli"},
@@ -91,14 +92,28 @@ def imports_of(tree: ast.Module) -> set[str]:
 IMPORTS = {name: imports_of(tree) for name, tree in TREES.items()}
 
 
+PACKAGES = {".".join(name.split(".")[:end]) for name in TREES for end in range(1, name.count(".") + 1)}
+
+
 def within(name: str, packages: set[str]) -> bool:
     return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
-def layer(name: str) -> int | None:
-    package, _, rest = name.partition(".")
-    top = rest.partition(".")[0]
-    return next((number for number, names in enumerate(LAYERS) if package == "fgpose" and top in names), None)
+def floor(name: str, house: str, floors: tuple[set[str], ...]) -> tuple[int, str] | None:
+    """Height of the floor that a module stands on, and its room; None for what is not in this house."""
+    if not name.startswith(f"{house}."):
+        return None
+    room = name.removeprefix(f"{house}.").partition(".")[0]
+    return next(((-depth, room) for depth, rooms in enumerate(floors) if room in rooms), None)
+
+
+def climbs(name: str, imported: str, house: str, floors: tuple[set[str], ...]) -> bool:
+    """Whether an import goes to a floor above, or to another room of a floor that has rooms (not single modules)."""
+    own, other = floor(name, house, floors), floor(imported, house, floors)
+    if own is None or other is None or own[1] == other[1]:
+        return False
+    beside = own[0] == other[0] and f"{house}.{other[1]}" in PACKAGES
+    return other[0] > own[0] or beside
 
 
 def within_any(names: set[str], packages: set[str]) -> bool:
@@ -116,14 +131,21 @@ def test_a_library_is_imported_only_where_it_belongs(library: str) -> None:
     assert not [name for name in users if not within(name, ALLOWED[library])]
 
 
-def test_nothing_imports_a_layer_above_it() -> None:
-    upward = [
-        f"{name} imports {imported}"
-        for name, names in IMPORTS.items()
-        for imported in names
-        if (above := layer(imported)) is not None and (own := layer(name)) is not None and above > own
-    ]
-    assert not upward
+HOUSES = pytest.mark.parametrize(
+    ("house", "floors"), [("fgpose", FLOORS), ("fgpose.estimation", ESTIMATION_FLOORS)], ids=["house", "estimation"]
+)
+
+
+@HOUSES
+def test_arrows_only_point_down(house: str, floors: tuple[set[str], ...]) -> None:
+    arrows = [(name, imported) for name, names in IMPORTS.items() for imported in names]
+    assert not [f"{name} -> {imported}" for name, imported in arrows if climbs(name, imported, house, floors)]
+
+
+@HOUSES
+def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) -> None:
+    inside = {name for name in TREES if name.startswith(f"{house}.") and name != "fgpose.__main__"}
+    assert not [name for name in sorted(inside) if floor(name, house, floors) is None]
 
 
 def test_only_the_top_knows_the_pipeline_and_the_command_line() -> None:
@@ -160,7 +182,9 @@ def test_importing_fgpose_stays_light() -> None:
 
 def test_the_rules_see_what_they_are_about() -> None:
     # Guards against a rule that holds because nothing is found.
-    assert "gtsam" in IMPORTS["fgpose.camera"]
-    assert "fgpose.camera" in IMPORTS["fgpose.observations"]
-    assert layer("fgpose.smoother") == 6
-    assert layer("fgpose_factors.noise") is None
+    assert "gtsam" in IMPORTS["fgpose.geometry.camera"]
+    assert "fgpose.geometry.camera" in IMPORTS["fgpose.geometry.triangulation"]
+    assert climbs("fgpose.geometry.camera", "fgpose.estimation.smoother", "fgpose", FLOORS)
+    assert climbs("fgpose.viewer.scene", "fgpose.monocular.crops", "fgpose", FLOORS)
+    assert not climbs("fgpose.estimation.smoother", "fgpose.geometry.camera", "fgpose", FLOORS)
+    assert climbs("fgpose.estimation.segment", "fgpose.estimation.smoother", "fgpose.estimation", ESTIMATION_FLOORS)

@@ -10,7 +10,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.benchmark.looks import BLUE, GREY, PALE, SELF_CALIBRATED, VERMILLION, Look, make_plain, new_figure, shown
+from fgpose.benchmark.plot_style import (
+    BLUE,
+    GREY,
+    PALE,
+    SELF_CALIBRATED,
+    VERMILLION,
+    Look,
+    make_plain,
+    new_figure,
+    shown,
+)
 from fgpose.benchmark.scores import COVERAGE_LEVELS
 from fgpose.benchmark.summary import FEWEST_RECORDINGS, Interval, Summaries, variants_of
 from fgpose.io.atomic import replacing

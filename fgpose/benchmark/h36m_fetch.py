@@ -17,7 +17,7 @@ from fgpose.benchmark.human36m import (
     image_size_px,
     load_label_rigs,
 )
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig
 
 if TYPE_CHECKING:

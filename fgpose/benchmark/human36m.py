@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.benchmark.numpy_pickle import read_dictionary
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 
 FPS = 50.0

@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.camera import CameraRig
-from fgpose.tracks import fill_gaps
-from fgpose.triangulation import triangulate
+from fgpose.estimation.initial_guess import fill_gaps
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate
 
 _REFINE_ITERATIONS = 10
 _HUBER_PX = 2.0

@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.assessment.metrics import mean_known
 from fgpose.benchmark.linear import low_pass, triangulate_ransac
 from fgpose.benchmark.peer_methods import peer_methods
 from fgpose.benchmark.recording import Method, Recording, Result
-from fgpose.camera import CameraRig
+from fgpose.calibration.self_calibration import self_calibrate
+from fgpose.calibration.time_offsets import estimate_time_offsets
 from fgpose.config import Config, MotionConfig, OnlineConfig, ProjectionConfig, SolverConfig
-from fgpose.estimator import Estimator
-from fgpose.fusion import fuse
-from fgpose.metrics import mean_known
+from fgpose.estimation.estimator import Estimator
+from fgpose.estimation.fusion import fuse
+from fgpose.estimation.refinement import refine
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.observations import Observations
-from fgpose.refinement import refine
-from fgpose.self_calibration import self_calibrate
-from fgpose.smoother import smooth
-from fgpose.time_offsets import estimate_time_offsets
-from fgpose.triangulation import triangulate, triangulate_robust
 
 # The best for each on the tuning clips, clean and occluded, of 10 to 60 px. (Iskakov et al. publish 30 for RANSAC: on
 # clean recordings as good, 59 instead of 53 mm on occluded ones.)

@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 
 # With the default number of threads the same run, of as many iterations, took 10 or 34 ms a frame on a shared machine;

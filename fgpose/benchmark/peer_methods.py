@@ -7,9 +7,9 @@ from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
+from fgpose.assessment.metrics import mpjpe_m
 from fgpose.benchmark.peer import Peer, PeerSettings, running_peer
 from fgpose.benchmark.recording import Method, Recording, Result
-from fgpose.metrics import mpjpe_m
 
 DEFAULT = PeerSettings()
 # Out of 43: the best on the tuning clips (150 frames of each; mean error in mm, clean / occluded / occluded_2_cameras /

@@ -11,11 +11,11 @@ import numpy as np
 from fgpose.benchmark.human36m import FPS, SKELETON, PoseSequence, SequenceKey
 from fgpose.benchmark.predictions import Prediction
 from fgpose.config import Config
-from fgpose.fusion import fuse
+from fgpose.estimation.fusion import fuse
+from fgpose.estimation.refinement import refine
+from fgpose.estimation.smoother import smooth
 from fgpose.io.keypoints import load_observations, save_observations
 from fgpose.observations import Observations
-from fgpose.refinement import refine
-from fgpose.smoother import smooth
 
 Estimation = Literal["smooth", "refine", "fuse"]
 # Single precision keeps an hour of frame times to a hundredth of a frame.

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.assessment.metrics import joint_errors_m, mean_known, share_missing
 from fgpose.benchmark.human36m import N_JOINTS, SKELETON, PoseSequence, SequenceKey
 from fgpose.benchmark.predictions import Prediction, Predictions
 from fgpose.io.skeletons import load_skeleton
-from fgpose.metrics import joint_errors_m, mean_known, share_missing
 
 STEP = 64
 DAMAGED: frozenset[SequenceKey] = frozenset({("S9", "Greeting-2"), ("S9", "SittingDown-2"), ("S9", "Waiting-1")})

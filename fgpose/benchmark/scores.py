@@ -11,9 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.benchmark.recording import Method, Recording, Result
-from fgpose.io.atomic import replacing
-from fgpose.metrics import (
+from fgpose.assessment.metrics import (
     acceleration_error_mps2,
     bone_length_spread_m,
     joint_errors_m,
@@ -22,6 +20,8 @@ from fgpose.metrics import (
     nees,
     share_missing,
 )
+from fgpose.benchmark.recording import Method, Recording, Result
+from fgpose.io.atomic import replacing
 
 COVERAGE_LEVELS = (0.5, 0.9, 0.99)
 _CORRECT_M = 0.15
@@ -62,7 +62,7 @@ class Score:
 
 
 def score(recording: Recording, result: Result, method: Method) -> Score:
-    """How good a method's result is, by the definitions of fgpose.metrics.
+    """How good a method's result is, by the definitions of fgpose.assessment.metrics.
 
     Raises:
         ValueError: the result has other frames or joints than the recording.

@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.assessment.metrics import mean_known
 from fgpose.benchmark.scores import Score
-from fgpose.metrics import mean_known
 
 GROUPS = ("per-frame", "linear", "peer", "file", "ours", "oracle")
 """The order in which they are shown; unknown ones follow."""

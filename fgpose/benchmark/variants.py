@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.benchmark.recording import Recording
-from fgpose.camera import Camera, CameraRig
+from fgpose.calibration.rig_refinement import moved_with_cameras
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.rig_refinement import moved_with_cameras
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, ring_rig, simulate
 
 VERSION = 1

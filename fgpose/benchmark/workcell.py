@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.evaluation import Evaluation, evaluate
+from fgpose.assessment.evaluation import Evaluation, evaluate
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 

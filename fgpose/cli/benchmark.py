@@ -66,7 +66,7 @@ class Open:
     """Write the errors of this run, give or take 5 %, for --check. Without aniposelib."""
 
     def run(self) -> None:
-        from fgpose.benchmark.looks import check_matplotlib
+        from fgpose.benchmark.plot_style import check_matplotlib
         from fgpose.benchmark.scores import save_scores
         from fgpose.io.atomic import check_writable
 

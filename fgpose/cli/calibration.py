@@ -9,10 +9,10 @@ from fgpose.cli.options import new_console
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.calibration.rig_refinement import RigRefinement
+    from fgpose.calibration.time_offsets import TimeOffsets
     from fgpose.config import Config
     from fgpose.pipeline import Outputs, Source
-    from fgpose.rig_refinement import RigRefinement
-    from fgpose.time_offsets import TimeOffsets
 
 
 def calibrated(
@@ -39,10 +39,10 @@ def calibrated(
 def _calibrate(
     source: Source, config: Config, *, poses: bool, clocks: bool
 ) -> tuple[Source, RigRefinement | None, TimeOffsets | None]:
+    from fgpose.calibration.rig_refinement import refine_rig
+    from fgpose.calibration.self_calibration import self_calibrate
+    from fgpose.calibration.time_offsets import estimate_time_offsets
     from fgpose.pipeline import Source
-    from fgpose.rig_refinement import refine_rig
-    from fgpose.self_calibration import self_calibrate
-    from fgpose.time_offsets import estimate_time_offsets
 
     recording = source.observations, source.rig, config
     if poses and clocks:

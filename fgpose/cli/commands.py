@@ -101,7 +101,7 @@ class Track(EstimatorOptions):
     def _run_live(self, source: Source, outputs: Outputs) -> None:
         from fgpose.cli.live import live_recording, wait_for_viewers
         from fgpose.cli.tables import print_result
-        from fgpose.evidence import gather
+        from fgpose.estimation.evidence import gather
         from fgpose.pipeline import run_track, save_trajectories
 
         weights = gather(source.observations, source.rig, self.parameters).weights
@@ -134,9 +134,9 @@ class Info(RecordingOptions):
     """List stretches in which fewer than two cameras see a joint for longer than this, seconds."""
 
     def run(self) -> None:
-        from fgpose.camera_faults import camera_faults
+        from fgpose.assessment.recording_info import recording_info
+        from fgpose.calibration.camera_faults import camera_faults
         from fgpose.cli.info_tables import print_info
-        from fgpose.info import recording_info
 
         source = self.load()
         with new_console(stderr=True).status("comparing the cameras"):
@@ -164,8 +164,8 @@ class Evaluate:
     """Added to the reference's times, for a reference with a clock of its own, seconds."""
 
     def run(self) -> None:
+        from fgpose.assessment.evaluation import evaluate
         from fgpose.cli.tables import print_evaluation
-        from fgpose.evaluation import evaluate
         from fgpose.io.trajectories import load_trajectory
 
         estimate, reference = load_trajectory(self.estimate), load_trajectory(self.reference)

@@ -8,9 +8,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from fgpose.camera_faults import CameraFault
+from fgpose.assessment.recording_info import CameraInfo, RecordingInfo
+from fgpose.calibration.camera_faults import CameraFault
 from fgpose.cli.tables import new_table
-from fgpose.info import CameraInfo, RecordingInfo
 
 _MAX_GAPS = 10
 _FEW_SEEN = 0.5

@@ -10,12 +10,12 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from fgpose.evaluation import Evaluation
-from fgpose.metrics import jitter_mps3
+from fgpose.assessment.evaluation import Evaluation
+from fgpose.assessment.metrics import jitter_mps3
+from fgpose.calibration.rig_refinement import RigRefinement
+from fgpose.calibration.time_offsets import TimeOffsets
 from fgpose.pipeline import Result, Source
-from fgpose.rig_refinement import RigRefinement
-from fgpose.time_offsets import TimeOffsets
-from fgpose.tracks import frames_per_second
+from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
 
 _MEANING = {

@@ -17,7 +17,7 @@ from tyro.conf import Positional, arg
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
-    from fgpose.camera import CameraRig
+    from fgpose.geometry.camera import CameraRig
     from fgpose.trajectory import Trajectory
 
 _RRD_START = b"RRF"
@@ -83,7 +83,7 @@ class View:
 
 def onlooker(trajectory: Trajectory) -> CameraRig:
     """A camera that looks at the person from the side, where no calibration is given: the viewer needs one."""
-    from fgpose.camera import Camera, CameraRig
+    from fgpose.geometry.camera import Camera, CameraRig
 
     known = trajectory.positions_m[np.isfinite(trajectory.positions_m).all(axis=-1)]
     target_m = np.median(known, axis=0) if len(known) else np.zeros(3)

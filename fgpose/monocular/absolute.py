@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.skeleton import Skeleton
 
 # Depth of a joint relative to the body, SD in metres, measured with BlazePose (heavy) on 400 views of one man, the

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.blazepose_detector import PersonDetector

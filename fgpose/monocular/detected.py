@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.people import NOBODY, choose_person
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.frame_matching import NO_IMAGE, MatchedFrames, match_frames

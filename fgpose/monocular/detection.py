@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.io.atomic import check_writable
 from fgpose.monocular.clips import Clip, Picture
 from fgpose.monocular.detected import Detected

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.io.arrays import read_arrays
 from fgpose.io.atomic import replacing
 from fgpose.monocular.clips import Clip

@@ -15,10 +15,10 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.triangulation import triangulate, triangulate_robust
 
 # Limbs of views that agree miss each other by 10 to 40 mm, calibration errors included; left and right are 200 to 400
 # mm apart. A detection that misses by this or more makes a state less probable by the factor e, however far off it is.
@@ -63,7 +63,7 @@ def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
     """
-    observations.check_rig(rig)
+    observations.check_cameras(rig.names)
     probability = flip_probability(observations, rig)
     flipped = np.zeros(probability.shape, dtype=bool)
     # Of a large rig few cameras are tried at once; what is mended then helps to find the rest.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Float32
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.monocular.network import Image, People

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.monocular.absolute import AbsolutePose
 from fgpose.skeleton import Skeleton
 

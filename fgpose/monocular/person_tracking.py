@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.optimize import linear_sum_assignment
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.io.people import NOBODY
 from fgpose.skeleton import Skeleton
-from fgpose.triangulation import triangulate, triangulate_robust
 
 # A candidate belongs to a person whose midline is as near as this, and as much farther as people walk meanwhile: the
 # midlines of two people side by side are about half a metre apart.

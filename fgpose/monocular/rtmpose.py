@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.sessions import identity

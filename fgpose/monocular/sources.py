@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 

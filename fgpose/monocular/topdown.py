@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.sessions import Shape
 

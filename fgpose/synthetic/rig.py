@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 
 
 def ring_rig(

@@ -11,7 +11,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import palette, paths
 from fgpose.viewer.recording import UpAxis

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory

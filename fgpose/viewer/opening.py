@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import NullRecording, Recording, UpAxis

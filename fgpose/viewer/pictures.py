@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import UInt8
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float, UInt8
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import replacing
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -231,7 +231,7 @@ class RerunRecording(Recording):
 
     def _check_observations(self, observations: Observations, weights: np.ndarray | None) -> None:
         self._check_skeleton("the observations", observations.skeleton)
-        observations.check_rig(self._rig)
+        observations.check_cameras(self._rig.names)
         if weights is not None and weights.shape != observations.seen.shape:
             raise ValueError(f"weights must be {observations.seen.shape} as the points are, got {weights.shape}")
 

@@ -8,7 +8,7 @@ import numpy as np
 import rerun as rr
 from jaxtyping import Float
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import palette, paths
 from fgpose.viewer.palette import Colour

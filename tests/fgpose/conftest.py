@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.network import Image, People
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import ring_rig

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fgpose.camera import CameraRig
 from fgpose.cli import app, commands, live, main, view
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory, save_trajectory
-from fgpose.smoother import smooth
 from fgpose.synthetic import Scene
-from fgpose.trajectory import reprojection_residual_px
 
 COMMANDS = ("demo", "run", "detect", "smooth", "track", "refine", "info", "evaluate", "view", "models", "benchmark")
 

@@ -8,14 +8,14 @@ import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config, MotionConfig
-from fgpose.evidence import gather
+from fgpose.estimation.evidence import gather
+from fgpose.estimation.residuals import whitened_residuals
+from fgpose.estimation.smoother import smooth
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory
 from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, run_smooth, run_track, write_outputs
-from fgpose.residuals import whitened_residuals
-from fgpose.smoother import smooth
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import Recording
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import (
     NO_NOISE,
@@ -145,7 +145,7 @@ def test_without_noise_detections_are_the_projected_truth(skeleton: Skeleton, ri
     np.testing.assert_allclose(scene.observations.points3d_m, np.repeat(truth_m[:, None], 4, axis=1), atol=1e-12)
     assert (scene.observations.confidence == 1).all()
     assert not scene.occluded.any()
-    scene.observations.check_rig(rig)
+    scene.observations.check_cameras(rig.names)
     np.testing.assert_allclose(np.diff(scene.observations.frame_time_s), 1 / FPS)
 
 

@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
-from fgpose.trajectory import Convergence, Estimate, Status, Trajectory, reprojection_residual_px
+from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
 
 FRAMES = 4
 

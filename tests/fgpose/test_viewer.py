@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.trajectory import Estimate, Status, Trajectory, reprojection_residual_px
+from fgpose.trajectory import Estimate, Status, Trajectory
 from fgpose.viewer import NullRecording, Recording, open_recording
 
 pytest.importorskip("rerun")

@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 
 
 def turned(rig: CameraRig, camera: int, degrees: float) -> CameraRig:

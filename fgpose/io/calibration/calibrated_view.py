@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.camera import Camera, CameraRig, LensModel
+from fgpose.geometry.camera import Camera, CameraRig, LensModel
 
 Unit = Literal["auto", "m", "mm"]
 

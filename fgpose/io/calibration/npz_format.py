@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import read_arrays
 from fgpose.io.atomic import replacing
 from fgpose.io.calibration.calibrated_view import CalibratedView

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
 

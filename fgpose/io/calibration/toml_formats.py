@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.atomic import replacing
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, numbers, rotation_matrix
 from fgpose.io.camera_names import natural_key

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
 from fgpose.io.keypoints import camera_files, image_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import read_arrays
 from fgpose.io.atomic import replacing
 from fgpose.io.camera_names import match_cameras

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from fgpose.benchmark.human36m import CAMERAS, PoseSequence
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.synthetic import ring_rig, walking
 

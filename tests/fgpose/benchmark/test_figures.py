@@ -19,7 +19,7 @@ from fgpose.benchmark.figures import (
     error_of_joints,
     write_figures,
 )
-from fgpose.benchmark.looks import SELF_CALIBRATED, shown
+from fgpose.benchmark.plot_style import SELF_CALIBRATED, shown
 from fgpose.benchmark.scores import Score
 from fgpose.benchmark.summary import Summaries, summarise
 

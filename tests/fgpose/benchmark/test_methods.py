@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fgpose.assessment.metrics import mpjpe_m
 from fgpose.benchmark.methods import LINEAR, ORACLE, OURS, PER_FRAME, find_methods, methods
 from fgpose.benchmark.recording import Method, Recording, Result
 from fgpose.benchmark.variants import find_variant, record
 from fgpose.config import Config, OnlineConfig
-from fgpose.estimator import Estimator
-from fgpose.metrics import mpjpe_m
+from fgpose.estimation.estimator import Estimator
 from fgpose.synthetic import NO_NOISE
 
 CLIP = "cmu_02_05"

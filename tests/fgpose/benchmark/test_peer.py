@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fgpose.assessment.metrics import mpjpe_m
 from fgpose.benchmark import peer_methods as lines
 from fgpose.benchmark.peer import PeerSettings, find_peer, running_peer
 from fgpose.benchmark.peer_methods import BEST, DEFAULT, peer_methods
 from fgpose.benchmark.variants import find_variant, record
-from fgpose.metrics import mpjpe_m
 from fgpose.synthetic import NO_NOISE
 
 REAL = find_peer()

@@ -10,7 +10,7 @@ import pytest
 import tomli_w
 from scipy.spatial.transform import Rotation
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig, save_rig
 
 DATA = Path(__file__).parents[2] / "data"

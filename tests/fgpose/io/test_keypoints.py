@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.keypoints import load_observations, save_observations
 from fgpose.io.skeletons import load_skeleton

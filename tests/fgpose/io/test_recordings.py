@@ -5,8 +5,8 @@ from importlib import resources
 import numpy as np
 import pytest
 
+from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.io.recordings import load_recording, recordings
-from fgpose.triangulation import triangulate_robust
 
 
 @pytest.mark.parametrize(("name", "n_joints"), [("balance_openpose", 25), ("balance_blazepose", 33)])

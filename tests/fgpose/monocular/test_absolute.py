@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.camera import Camera, CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene

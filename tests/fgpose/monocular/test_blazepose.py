@@ -12,7 +12,7 @@ import pytest
 import tiny_blazepose as tiny
 from tiny_blazepose import LEAN_RAD, SCORE, detected_region, joints_px, scene
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.monocular.blazepose import BlazePose
 from fgpose.monocular.network import Network, People, Tracker
 

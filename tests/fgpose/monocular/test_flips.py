@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.monocular.flips import flip_probability, mend_flips
 from fgpose.observations import Observations
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walking

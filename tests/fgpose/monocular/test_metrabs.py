@@ -9,7 +9,7 @@ import pytest
 import topdown_networks as tiny
 from topdown_networks import FLOAT, FLOAT16, Boxes, Graph
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.monocular.metrabs import CONFIDENCE, MeTRAbs, agreement, augmentations
 from fgpose.monocular.network import Network
 from fgpose.skeleton import Skeleton

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.camera import CameraRig
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.people import NOBODY
 from fgpose.monocular.person_tracking import track_people
 from fgpose.skeleton import Skeleton

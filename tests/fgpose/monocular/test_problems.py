@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import tiny_blazepose as tiny
 
-from fgpose.camera import Camera, CameraRig
 from fgpose.cli import main
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.monocular.blazepose import BlazePose
 from fgpose.monocular.detection import detect

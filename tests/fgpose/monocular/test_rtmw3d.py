@@ -8,7 +8,7 @@ import pytest
 import topdown_networks as tiny
 from topdown_networks import JOINT_COLOURS, Boxes
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.network import Network
 from fgpose.monocular.rtmw3d import RTMW3D, root_depth

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 from fgpose.monocular.clips import open_clip
 from fgpose.monocular.frame_matching import NO_IMAGE, match_frames
 from fgpose.monocular.sources import fitted_camera, open_sources

@@ -14,7 +14,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-from fgpose.camera import Camera
+from fgpose.geometry.camera import Camera
 
 FLOAT, FLOAT16, INT64 = TensorProto.FLOAT, TensorProto.FLOAT16, TensorProto.INT64
 # The colours of joints: 26 that differ by 100 in a channel. Those of people and of anything else lie between them.

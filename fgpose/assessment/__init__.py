@@ -1,0 +1,1 @@
+"""How good a recording or a result is."""

@@ -1,0 +1,191 @@
+"""One trajectory measured against another: joints matched by name, frames by time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.assessment.metrics import (
+    acceleration_error_mps2,
+    coverage,
+    jitter_mps3,
+    joint_errors_m,
+    mean_known,
+    nees,
+    pa_mpjpe_m,
+    pck,
+    share_missing,
+)
+from fgpose.trajectory import Trajectory
+
+PCK_THRESHOLD_M = 0.15
+COVERAGE_PROBABILITY = 0.95
+
+
+@dataclass(frozen=True)
+class JointScore:
+    """Errors of one joint over the matched frames."""
+
+    joint: str
+    mpjpe_absolute_mm: float
+    mpjpe_relative_mm: float
+    pck: float
+    share_missing: float
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """How far an estimate is from a reference, over the joints and frames that both have (fgpose.assessment.metrics).
+
+    NaN: cannot be computed, as relative errors without a root or jitter of fewer than four frames.
+    """
+
+    mpjpe_absolute_mm: float
+    mpjpe_relative_mm: float
+    """Relative to the root: that of the estimate's skeleton, else of the reference's, else the two hips."""
+    pa_mpjpe_mm: float
+    pck: float
+    """Share of the absolute errors of at most 150 mm."""
+    acceleration_error_mps2: float
+    jitter_estimate_mps3: float
+    jitter_reference_mps3: float
+    """Both over the matched frames, so that they compare."""
+    n_joints: int
+    n_frames: int
+    """Joints and frames in common; what only one side has is not counted anywhere."""
+    share_missing: float
+    """Share of the common joints and frames that is NaN on either side and therefore in no mean."""
+    joints: tuple[JointScore, ...]
+    nees: float | None = None
+    """Mean normalised error squared, 3 where the covariance is right. None: the estimate has no covariance."""
+    coverage_95: float | None = None
+    """Share of the errors inside the estimate's own 95 % ellipsoids."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Match:
+    """Indices of the same joints and the same frames in two trajectories."""
+
+    joints: tuple[str, ...]
+    estimate: tuple[np.ndarray, np.ndarray]
+    reference: tuple[np.ndarray, np.ndarray]
+
+
+def align_by_name(
+    estimate: Trajectory, reference: Trajectory, reference_offset_s: float = 0.0
+) -> tuple[Float[np.ndarray, "frame joint 3"], Float[np.ndarray, "frame joint 3"], tuple[str, ...]]:
+    """Positions of both in their common frames and joints, metres, and the names of these joints.
+
+    Joints are the same when their names are, in the order of the estimate. Frames are the same when each is the
+    other's nearest in time and they are no farther apart than half the shorter of the two frame intervals; nothing is
+    interpolated.
+
+    Args:
+        reference_offset_s: added to the reference's times, for a reference with a clock of its own.
+
+    Raises:
+        ValueError: no joint or no frame is in common; the message shows both sides.
+    """
+    match = _match(estimate, reference, reference_offset_s)
+    positions_m = estimate.positions_m[np.ix_(*match.estimate)], reference.positions_m[np.ix_(*match.reference)]
+    return *positions_m, match.joints
+
+
+def evaluate(estimate: Trajectory, reference: Trajectory, reference_offset_s: float = 0.0) -> Evaluation:
+    """Measure an estimate against a reference. Joints and frames are matched as in align_by_name.
+
+    Raises:
+        ValueError: no joint or no frame is in common.
+    """
+    match = _match(estimate, reference, reference_offset_s)
+    estimate_m, reference_m, joints = align_by_name(estimate, reference, reference_offset_s)
+    time_s = estimate.time_s[match.estimate[0]]
+    absolute_m = joint_errors_m(estimate_m, reference_m)
+    root = _root(estimate, reference, joints)
+    relative_m = joint_errors_m(estimate_m, reference_m, root) if root else np.full_like(absolute_m, np.nan)
+    uncertainty = {}
+    if estimate.covariance_m2 is not None:
+        covariance_m2 = estimate.covariance_m2[np.ix_(*match.estimate)]
+        errors_m = estimate_m - reference_m
+        uncertainty = {
+            "nees": float(mean_known(nees(errors_m, covariance_m2))),
+            "coverage_95": coverage(errors_m, covariance_m2, COVERAGE_PROBABILITY),
+        }
+    return Evaluation(
+        mpjpe_absolute_mm=1000 * float(mean_known(absolute_m)),
+        mpjpe_relative_mm=1000 * float(mean_known(relative_m)),
+        pa_mpjpe_mm=1000 * pa_mpjpe_m(estimate_m, reference_m),
+        pck=pck(absolute_m, PCK_THRESHOLD_M),
+        acceleration_error_mps2=acceleration_error_mps2(estimate_m, reference_m, time_s),
+        jitter_estimate_mps3=jitter_mps3(estimate_m, time_s),
+        jitter_reference_mps3=jitter_mps3(reference_m, time_s),
+        n_joints=len(joints),
+        n_frames=len(time_s),
+        share_missing=share_missing(absolute_m),
+        joints=_joint_scores(joints, absolute_m, relative_m),
+        **uncertainty,
+    )
+
+
+def _joint_scores(
+    joints: tuple[str, ...], absolute_m: Float[np.ndarray, "frame joint"], relative_m: Float[np.ndarray, "frame joint"]
+) -> tuple[JointScore, ...]:
+    return tuple(
+        JointScore(
+            joint=joint,
+            mpjpe_absolute_mm=1000 * float(mean_known(absolute)),
+            mpjpe_relative_mm=1000 * float(mean_known(relative)),
+            pck=pck(absolute, PCK_THRESHOLD_M),
+            share_missing=share_missing(absolute),
+        )
+        for joint, absolute, relative in zip(joints, absolute_m.T, relative_m.T, strict=True)
+    )
+
+
+def _root(estimate: Trajectory, reference: Trajectory, joints: tuple[str, ...]) -> tuple[int, ...] | None:
+    candidates = [[each.skeleton.joints[joint] for joint in each.skeleton.root] for each in (estimate, reference)]
+    for root in (*candidates, ["left_hip", "right_hip"]):
+        if set(root) <= set(joints):
+            return tuple(joints.index(joint) for joint in root)
+    return None
+
+
+def _match(estimate: Trajectory, reference: Trajectory, reference_offset_s: float) -> _Match:
+    names = tuple(joint for joint in estimate.skeleton.joints if joint in reference.skeleton.joints)
+    if not names:
+        raise ValueError(
+            f"no joint in common: the estimate has {', '.join(estimate.skeleton.joints)}; "
+            f"the reference has {', '.join(reference.skeleton.joints)}"
+        )
+    frames = _same_times(estimate.time_s, reference.time_s + reference_offset_s)
+    joints = (np.array([each.skeleton.index(name) for name in names], dtype=int) for each in (estimate, reference))
+    return _Match(names, *zip(frames, joints, strict=True))
+
+
+def _same_times(
+    estimate_s: Float[np.ndarray, " frame"], reference_s: Float[np.ndarray, " reference"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the pairs of frames that are each other's nearest and near enough."""
+    if len(estimate_s) == 0 or len(reference_s) == 0:
+        raise ValueError("no frame in common: one of the two has none")
+    nearest = _nearest(estimate_s, reference_s)
+    mutual = _nearest(reference_s, estimate_s)[nearest] == np.arange(len(estimate_s))
+    intervals_s = [np.median(np.diff(time_s)) for time_s in (estimate_s, reference_s) if len(time_s) > 1]
+    tolerance_s = 0.5 * min(intervals_s, default=0.0)
+    kept = np.flatnonzero(mutual & (np.abs(estimate_s - reference_s[nearest]) <= tolerance_s))
+    if kept.size == 0:
+        raise ValueError(
+            f"no frame in common: the estimate lasts from {estimate_s[0]:.6g} to {estimate_s[-1]:.6g} s, "
+            f"the reference from {reference_s[0]:.6g} to {reference_s[-1]:.6g} s"
+        )
+    return kept, nearest[kept]
+
+
+def _nearest(times_s: Float[np.ndarray, " frame"], others_s: Float[np.ndarray, " other"]) -> np.ndarray:
+    """Index of the nearest of the others, which increase, for each time."""
+    right = np.searchsorted(others_s, times_s).clip(1, max(len(others_s) - 1, 1))
+    right = np.minimum(right, len(others_s) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(np.abs(others_s[right] - times_s) < np.abs(others_s[left] - times_s), right, left)

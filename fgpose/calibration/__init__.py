@@ -1,0 +1,1 @@
+"""Where the cameras are and how late, from the recording itself."""

@@ -1,0 +1,126 @@
+"""Which cameras seem to be late, or to have been moved since they were calibrated: a quick self-calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
+from fgpose.config import Config
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.sampling import usual_step_s
+from fgpose.skeleton import Skeleton
+
+# Enough to tell; more would only take longer.
+_MAX_DURATION_S = 20.0
+_MAX_FRAMES = 300
+_RATE_HZ = 25.0
+_MAX_ITERATIONS = 15
+_SIGNIFICANT_SIGMAS = 3.0
+_NOTICEABLE_FRAMES = 0.2
+
+
+@dataclass(frozen=True)
+class CameraFault:
+    """What is wrong with one camera as far as a part of the recording tells."""
+
+    name: str
+    offset_s: float
+    """How much later than its time stamps and the calibration say it takes its images, relative to the camera whose
+    clock is nearest to those of all others."""
+    offset_sigma_s: float
+    """Standard deviation; zero for that camera."""
+    offset_frames: float
+    """The offset in frames of the recording."""
+    rotation_deg: float
+    """By how much it would have to be turned and moved to agree with the others."""
+    translation_m: float
+    late: bool
+    """Whether the offset is more than chance, and enough to matter."""
+    moved: bool
+    """Whether it would have to be moved further than the calibration can be wrong."""
+
+
+def camera_faults(observations: Observations, rig: CameraRig, config: Config | None = None) -> tuple[CameraFault, ...]:
+    """Self-calibration (self_calibrate) on the limbs in at most 20 s from the middle of the recording.
+
+    Returns:
+        One for each camera; none with fewer than three cameras, a single frame, or no joint seen by two that agree.
+
+    Raises:
+        ValueError: the cameras of the observations and of the rig differ.
+    """
+    config = config or Config()
+    config = replace(config, solver=replace(config.solver, max_iterations=_MAX_ITERATIONS))
+    observations.check_cameras(rig.names)
+    if rig.n_cameras < 3 or observations.n_frames < 2:
+        return ()
+    step_s = usual_step_s(observations.frame_time_s)
+    try:
+        calibration = self_calibrate(_limbs_only(_thinned(observations, step_s)), rig, config)
+    except ValueError:  # nothing to learn from: that joints are not seen is said elsewhere
+        return ()
+    return _faults(calibration, rig, config, step_s)
+
+
+def _faults(calibration: SelfCalibration, rig: CameraRig, config: Config, step_s: float) -> tuple[CameraFault, ...]:
+    offsets = calibration.time_offsets
+    offsets_s, sigma_s = _relative_to_nearest(offsets.offsets_s - rig.time_offsets_s, offsets.sigma_s)
+    rotation_deg, translation_m = calibration.refinement.rotation_deg, calibration.refinement.translation_m
+    late = np.abs(offsets_s) > np.maximum(_SIGNIFICANT_SIGMAS * sigma_s, _NOTICEABLE_FRAMES * step_s)
+    moved = (rotation_deg > _SIGNIFICANT_SIGMAS * config.calibration.rotation_sigma_deg) | (
+        translation_m > _SIGNIFICANT_SIGMAS * config.calibration.translation_sigma_m
+    )
+    numbers = offsets_s, sigma_s, offsets_s / step_s, rotation_deg, translation_m, late, moved
+    return tuple(CameraFault(name, *row) for name, *row in zip(rig.names, *(n.tolist() for n in numbers), strict=True))
+
+
+def _relative_to_nearest(
+    offsets_s: Float[np.ndarray, " camera"], sigma_s: Float[np.ndarray, " camera"]
+) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
+    """Offsets against the camera that is nearest to all: were the first one late, all others would seem early."""
+    nearest = int(np.argmin(np.abs(offsets_s[:, None] - offsets_s).sum(axis=1)))
+    both_s = np.hypot(sigma_s, sigma_s[nearest])
+    both_s[nearest] = 0.0
+    return offsets_s - offsets_s[nearest], both_s
+
+
+def _thinned(observations: Observations, step_s: float) -> Observations:
+    """The middle of the recording, at about 25 frames a second."""
+    stride = max(1, round(1 / (_RATE_HZ * step_s)))
+    n_frames = min(observations.n_frames, int(_MAX_DURATION_S / step_s), _MAX_FRAMES * stride)
+    first = (observations.n_frames - n_frames) // 2
+    return observations.frames(slice(first, first + max(n_frames, 1), stride))
+
+
+def _limbs_only(observations: Observations) -> Observations:
+    """The joints of arms and legs, for which a recording of 33 joints takes a fifth of the time."""
+    skeleton = observations.skeleton
+    bones = tuple(bone for pair in skeleton.limb_pairs for bone in pair)
+    if not bones:
+        return replace(observations, points3d_m=None, covariance3d_m2=None)
+    kept = sorted({joint for bone in bones for joint in bone})
+    number = {joint: n for n, joint in enumerate(kept)}
+
+    def renumbered(pairs: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+        return tuple((number[a], number[b]) for a, b in pairs if a in number and b in number)
+
+    limbs = Skeleton(
+        name=skeleton.name,
+        joints=tuple(skeleton.joints[joint] for joint in kept),
+        bones=renumbered(bones),
+        root=(0,),
+        left_right=renumbered(skeleton.left_right),
+        limbs=renumbered(skeleton.limbs),
+    )
+    return replace(
+        observations,
+        skeleton=limbs,
+        points2d_px=observations.points2d_px[:, :, kept],
+        confidence=observations.confidence[:, :, kept],
+        points3d_m=None,
+        covariance3d_m2=None,
+    )

@@ -1,0 +1,1 @@
+"""One person, from observations to a trajectory."""

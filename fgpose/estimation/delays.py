@@ -1,0 +1,66 @@
+"""Cameras that are not synchronous: each image is compared with where the joints were when it was taken.
+
+Of the ways to do this the delay is undone on the measurement: a detection is moved by as much as the image of the
+estimated motion moves between the camera's time and that of the frame. The factors stay as they are, native and robust;
+the motion between the times is the estimate itself, curved as it may be, so that delays of several frames do no harm;
+and the estimate changes so little from one round to the next that two rounds are enough.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+
+_ROUNDING_S = 1e-9
+"""The mean of equal times differs from them by rounding."""
+
+
+def delays_s(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
+    """How much later than the time of its frame each image was taken: what the cameras' own clocks say, and the time
+    offsets of the rig."""
+    frame_time_s = observations.frame_time_s[:, None]
+    time_s = observations.time_s if observations.time_s.ndim == 2 else frame_time_s
+    late_s = np.nan_to_num(time_s - frame_time_s) + rig.time_offsets_s
+    return np.where(np.abs(late_s) > _ROUNDING_S, late_s, 0.0)
+
+
+def on_time_px(
+    observations: Observations, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    """The detections, undistorted, where they would be if all cameras were synchronous and this were the motion."""
+    delay_s = delays_s(observations, rig)
+    moved_px = image_motion_px(positions_m, observations.frame_time_s, delay_s, rig)
+    return rig.undistort(observations.points2d_px) - moved_px
+
+
+def image_motion_px(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    time_s: Float[np.ndarray, " frame"],
+    delay_s: Float[np.ndarray, "frame camera"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    """How far the image of each joint moves from the time of its frame to that of each camera's image, undistorted
+    pixels; zero where that is not known."""
+    if not delay_s.any():
+        return np.zeros((*delay_s.shape, positions_m.shape[1], 2))
+    at_camera_m = np.stack([_at(time_s + delay_s[:, c], positions_m, time_s) for c in range(rig.n_cameras)], axis=1)
+    return np.nan_to_num(rig.project_each(at_camera_m) - rig.project(positions_m))
+
+
+def _at(
+    at_s: Float[np.ndarray, " frame"], positions_m: Float[np.ndarray, "frame joint 3"], time_s: np.ndarray
+) -> Float[np.ndarray, "frame joint 3"]:
+    """The motion at other times: a spline through the known positions, straight beyond its ends."""
+    from scipy.interpolate import CubicSpline
+
+    moved_m = np.full(positions_m.shape, np.nan)
+    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    for joint in np.flatnonzero(known.sum(axis=0) > 1).tolist():
+        known_s = time_s[known[:, joint]]
+        motion = CubicSpline(known_s, positions_m[known[:, joint], joint])
+        within_s = np.clip(at_s, known_s[0], known_s[-1])
+        moved_m[:, joint] = motion(within_s) + (at_s - within_s)[:, None] * motion(within_s, 1)
+    return moved_m

@@ -1,0 +1,129 @@
+"""From observations to what the solvers need: undistorted points, their weights, and a first guess of every joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.config import Config, DepthConfig
+from fgpose.estimation.delays import delays_s
+from fgpose.estimation.fusion import fuse_undistorted
+from fgpose.estimation.weights import detection_weights
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.observations import Observations
+
+_FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
+# Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. The median does not mind a few
+# wild triangulations.
+_MAX_BODY_M = 30.0
+_FEW_VIEWS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The observations of some frames, made ready for the factor graph."""
+
+    time_s: Float[np.ndarray, " frame"]
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    weights: Float[np.ndarray, "frame camera joint"]
+    """Weight in (0, 1] of each detection; see fgpose.estimation.weights."""
+    n_views: Int[np.ndarray, "frame joint"]
+    """How many cameras detected the joint."""
+    guess_m: Float[np.ndarray, "frame joint 3"]
+    """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
+    anchored: Bool[np.ndarray, "frame joint"]
+    """Whether the guess is the fused per-view 3D and nothing else tells how far away the joint is."""
+    views_m: Float[np.ndarray, "frame view joint 3"]
+    """Where each view alone sees the joints whose depth is used; no views when that is not wanted or not known."""
+    rays: Float[np.ndarray, "frame view joint 3"]
+    """Unit vectors from each camera to views_m."""
+    depth_sigma_m: Float[np.ndarray, "frame view joint"]
+    """Standard deviation of views_m along the ray; NaN where it is not used."""
+    delay_s: Float[np.ndarray, "frame camera"]
+    """How much later than its frame each image was taken."""
+
+    @property
+    def observed(self) -> Bool[np.ndarray, "frame joint"]:
+        """Whether at least two cameras detected the joint: one ray alone does not determine a position."""
+        return self.n_views >= 2
+
+    @property
+    def total_weight(self) -> Float[np.ndarray, "frame joint"]:
+        """Weights of the detections of a joint, summed over the cameras."""
+        return np.where(np.isnan(self.undistorted_px).any(axis=-1), 0.0, self.weights).sum(axis=1)
+
+    @property
+    def seen(self) -> Bool[np.ndarray, "frame joint"]:
+        """Whether any camera detected the joint."""
+        return self.n_views >= 1
+
+    def frames(self, frames: slice | np.ndarray) -> Evidence:
+        """Some of the frames."""
+        return Evidence(**{name: array[frames] for name, array in vars(self).items()})
+
+
+def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+    """The evidence of all frames. Raises ValueError when the cameras of observations and rig differ."""
+    observations.check_cameras(rig.names)
+    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
+    parts = [_gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config) for start in starts]
+    evidence = Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    _refuse_millimetres(evidence.guess_m)
+    return evidence
+
+
+def _refuse_millimetres(positions_m: Float[np.ndarray, "frame joint 3"]) -> None:
+    """Raise ValueError when the body is as large as a village: the rig's lengths are millimetres, not metres."""
+    known = positions_m[np.asarray(np.isfinite(positions_m).any(axis=(1, 2)))]
+    if not len(known):
+        return
+    centre_m = np.nanmedian(known, axis=1, keepdims=True)
+    size_m = float(np.nanmedian(np.linalg.norm(known - centre_m, axis=-1)))
+    if size_m > _MAX_BODY_M:
+        raise ValueError(
+            f"the joints are {size_m:.0f} m apart: the calibration looks like millimetres; divide its lengths by 1000"
+        )
+
+
+def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+    undistorted_px = rig.undistort(observations.points2d_px)
+    triangulated_m = triangulate_robust(
+        undistorted_px, observations.confidence, rig, config.fusion.inlier_px
+    ).positions_m
+    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
+    guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
+    views_m, rays, depth_sigma_m = _depths(observations, rig, config.depth)
+    has_depth = np.isfinite(depth_sigma_m).any(axis=1)
+    return Evidence(
+        time_s=observations.frame_time_s,
+        undistorted_px=undistorted_px,
+        weights=detection_weights(fusion, observations.confidence, config.projection),
+        n_views=observations.seen.sum(axis=1),
+        guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
+        anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1) & ~has_depth,
+        views_m=views_m,
+        rays=rays,
+        depth_sigma_m=depth_sigma_m,
+        delay_s=delays_s(observations, rig),
+    )
+
+
+def _depths(
+    observations: Observations, rig: CameraRig, config: DepthConfig
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Evidence.views_m, rays and depth_sigma_m."""
+    views_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
+    if config.use == "never" or views_m is None or covariance_m2 is None:
+        nothing = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
+        nowhere = nothing[..., None].repeat(3, axis=-1)
+        return nowhere, nowhere, nothing
+    rays_m = views_m - np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays = rays_m / np.linalg.norm(rays_m, axis=-1, keepdims=True)
+    variance_m2 = np.einsum("tcji,tcjik,tcjk->tcj", rays, covariance_m2, rays)
+    if config.use == "few_views":
+        few = observations.seen.sum(axis=1, keepdims=True) <= _FEW_VIEWS
+        variance_m2 = np.where(few, variance_m2, np.nan)
+    return views_m, rays, config.sigma_scale * np.sqrt(variance_m2)

@@ -1,0 +1,1 @@
+"""Solvers of the factor graph: GTSAM or numpy in batch, iSAM2 over a sliding window online."""

@@ -1,0 +1,54 @@
+"""How much each detection counts in the estimator: the views' agreement (eq. 2), made fit for a temporal estimator."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import ProjectionConfig
+from fgpose.estimation.fusion import Fusion
+
+
+def detection_weights(
+    fusion: Fusion, confidence: Float[np.ndarray, "frame camera joint"], config: ProjectionConfig
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Weight of every detection, from min_weight to 1: its information relative to a good detection.
+
+    Eq. 2 weighs the 3D candidate of a view by the reciprocal of its reprojection error. As information of the 2D
+    detection that is over-confident (a view that happens to agree gets a weight without bound) and partly circular (a
+    view's own detection judges its own candidate). Hence three changes: the error of detection k is that of the
+    candidates of the *other* views projected into view k; of these the smallest, for one view that confirms a
+    detection outweighs others that are wrong in depth; and the reciprocal is bounded, a(s) = 1 / (1 + e / s^2), which
+    is eq. 2 for large errors.
+
+    It is used twice. A detection is good if the detector says so or another view confirms it closely, 1 - (1 - c) (1 -
+    a(confirming_px)) with the detector's confidence c: a network that is unsure of a joint that it sees well would
+    otherwise cost information. And it is doubted when nothing another view sees is near: times a(agreement_px). Of two
+    views that contradict each other neither is confirmed, so the agreement counts from three views on.
+    """
+    if config.weighting == "uniform":
+        return np.ones_like(confidence)
+    weights = confidence
+    if config.weighting == "fusion":
+        error_px2 = _error_of_other_views_px2(fusion)
+        several = np.asarray(confidence > 0).sum(axis=1, keepdims=True) > 2
+        compared = several & np.isfinite(error_px2)
+        confirmed = np.where(compared, _agreement(error_px2, config.confirming_px), 0.0)
+        near = np.where(compared, _agreement(error_px2, config.agreement_px), 1.0)
+        weights = (1.0 - (1.0 - confidence) * (1.0 - confirmed)) * near
+    return np.clip(weights, config.min_weight, 1.0)
+
+
+def _agreement(error_px2: Float[np.ndarray, "*views"], scale_px: float) -> Float[np.ndarray, "*views"]:
+    """From 1 down; 1/2 where the error is the scale."""
+    return 1.0 / (1.0 + error_px2 / scale_px**2)
+
+
+def _error_of_other_views_px2(fusion: Fusion) -> Float[np.ndarray, "frame camera joint"]:
+    """Smallest squared reprojection error that another view's candidate has in each view; NaN without another view."""
+    by_view = fusion.reprojection_by_view_px2.copy()
+    views = np.arange(by_view.shape[1])
+    by_view[:, views, views] = np.nan
+    by_view = np.where(np.isfinite(by_view), by_view, np.inf)
+    smallest = by_view.min(axis=1)
+    return np.where(np.isfinite(smallest), smallest, np.nan)

@@ -1,0 +1,138 @@
+"""Triangulation of joints from several views: the initial guess where there is no per-view 3D, and a baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.geometry.camera import CameraRig
+
+# Below this angle between all rays the depth of a point is not determined: 1 degree at 4 m and 5 px / 1145 px of
+# detection error leaves a metre of depth error.
+_MIN_PARALLAX_RAD = np.deg2rad(1.0)
+_MAX_PAIRS = 66  # all pairs of 12 views; of larger rigs an even selection of pairs
+
+
+@dataclass(frozen=True, eq=False)
+class Triangulation:
+    """Points triangulated from the views that agree."""
+
+    positions_m: Float[np.ndarray, "*points 3"]
+    """World frame; NaN where fewer than two views agree or their rays are nearly parallel."""
+    inliers: Bool[np.ndarray, "*points camera"]
+    """The views whose detection lies within the threshold of the projected point."""
+
+
+def triangulate(
+    points2d_px: Float[np.ndarray, "*points camera 2"],
+    weights: Float[np.ndarray, "*points camera"],
+    projection_matrices: Float[np.ndarray, "*#points camera 3 4"],
+) -> Float[np.ndarray, "*points 3"]:
+    """Weighted linear triangulation (DLT), twice: the second pass divides each view's equations by its depth, which
+    makes them pixels (Hartley and Sturm 1997, "iterative linear").
+
+    Args:
+        points2d_px: undistorted pixels; NaN = missing.
+        weights: information of each view relative to the others; 0 = leave out.
+        projection_matrices: K [R|t] of each camera, the same for all points or not.
+
+    Returns:
+        World points in metres, NaN where fewer than two views have a point or all rays are parallel.
+    """
+    known = np.isfinite(points2d_px).all(axis=-1) & (weights > 0)
+    rows = points2d_px[..., None] * projection_matrices[..., None, 2, :] - projection_matrices[..., :2, :]
+    rows = np.where(known[..., None, None], rows, 0.0)
+    information = np.where(known, weights, 0.0)
+    enough = known.sum(axis=-1) >= 2
+    focal_px2 = np.sum(projection_matrices[..., 0, :3] ** 2, axis=-1)
+    positions_m = _solve(rows, information / focal_px2, enough)
+    forward, offset_m = projection_matrices[..., 2, :3], projection_matrices[..., 2, 3]
+    depths_m = np.sum(forward * positions_m[..., None, :], axis=-1) + offset_m
+    usable = enough & np.isfinite(positions_m).all(axis=-1)
+    depths_m = np.where(np.abs(depths_m) > 1e-3, depths_m, 1e-3)
+    return _solve(rows, np.where(usable[..., None], information / depths_m**2, 0.0), usable)
+
+
+def _solve(
+    rows: Float[np.ndarray, "*points camera 2 4"], information: Float[np.ndarray, "*points camera"], usable: np.ndarray
+) -> Float[np.ndarray, "*points 3"]:
+    """Least squares of rows @ (X, 1) = 0 with one weight per view, by the normal equations in closed form."""
+    flat = rows.reshape(*rows.shape[:-3], -1, 4)
+    weighted = flat * np.repeat(information, 2, axis=-1)[..., None]
+    normal = np.swapaxes(weighted, -1, -2) @ flat
+    a, b, c, d, e, f = (normal[..., i, j] for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    aa, bb, cc, dd, ee, ff = d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * aa + b * bb + c * cc
+    # Relative to the scale of the matrix: rays that are parallel to 1e-6 give about 1e-12.
+    usable = usable & (determinant > 1e-12 * (a + d + f) ** 3)
+    adjugate = np.stack([np.stack([aa, bb, cc], -1), np.stack([bb, dd, ee], -1), np.stack([cc, ee, ff], -1)], -2)
+    solution = -(adjugate @ normal[..., :3, 3:])[..., 0]
+    return np.divide(solution, determinant[..., None], out=np.full(solution.shape, np.nan), where=usable[..., None])
+
+
+def triangulate_robust(
+    undistorted_px: Float[np.ndarray, "*frames camera joint 2"],
+    confidence: Float[np.ndarray, "*frames camera joint"],
+    rig: CameraRig,
+    inlier_px: float = 20.0,
+) -> Triangulation:
+    """Confidence-weighted DLT over the best subset of views; holds when a minority of views is grossly wrong.
+
+    Every pair of views proposes a point; the proposal with the largest sum of confidences within the threshold wins
+    (MSAC: nearer counts more), and its inliers are triangulated together.
+
+    Returns:
+        Triangulation with shapes (*frames, joint, 3) and (*frames, joint, camera).
+    """
+    points_px = np.moveaxis(undistorted_px, -3, -2)
+    weights = np.moveaxis(confidence, -2, -1)
+    pairs = _pairs(rig.n_cameras)
+    if not len(pairs):
+        shape = points_px.shape[:-2]
+        return Triangulation(np.full((*shape, 3), np.nan), np.zeros((*shape, rig.n_cameras), dtype=bool))
+    proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
+    scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px)
+    best = np.argmax(scores, axis=-1)
+    inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
+    positions_m = triangulate(points_px, np.where(inliers, weights, 0.0), rig.projection_matrices)
+    determined = inliers.sum(axis=-1) >= 2
+    determined &= _parallax_rad(positions_m, inliers, rig) >= _MIN_PARALLAX_RAD
+    return Triangulation(np.where(determined[..., None], positions_m, np.nan), inliers & determined[..., None])
+
+
+def _pairs(n_cameras: int) -> Int[np.ndarray, "pair 2"]:
+    pairs = list(combinations(range(n_cameras), 2))
+    return np.array(pairs[:: max(1, len(pairs) // _MAX_PAIRS)], dtype=int).reshape(-1, 2)
+
+
+def _score(
+    proposals_m: Float[np.ndarray, "*points pair 3"],
+    points_px: Float[np.ndarray, "*points camera 2"],
+    weights: Float[np.ndarray, "*points camera"],
+    rig: CameraRig,
+    inlier_px: float,
+) -> tuple[Float[np.ndarray, "*points pair"], Bool[np.ndarray, "*points pair camera"]]:
+    """MSAC score and inlier views of the point that each pair of views proposes."""
+    projected = np.einsum("cij,...j->...ci", rig.projection_matrices[..., :3], proposals_m)
+    projected = projected + rig.projection_matrices[..., 3]
+    in_front = projected[..., 2:] > 0
+    blank = np.full((*projected.shape[:-1], 2), np.nan)
+    pixels = np.divide(projected[..., :2], projected[..., 2:], out=blank, where=in_front)
+    error = np.sum((pixels - points_px[..., None, :, :]) ** 2, axis=-1) / inlier_px**2
+    inliers = (error < 1.0) & (weights > 0)[..., None, :]
+    score = np.sum(np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0), axis=-1)
+    return score, inliers
+
+
+def _parallax_rad(positions_m: np.ndarray, used: np.ndarray, rig: CameraRig) -> np.ndarray:
+    """Largest angle between the rays of the used views; 0 where there are fewer than two."""
+    centres_m = np.stack([camera.position_m for camera in rig.cameras])
+    rays = positions_m[..., None, :] - centres_m
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+    cosine = np.abs(np.einsum("...ai,...bi->...ab", rays, rays))
+    both = used[..., :, None] & used[..., None, :]
+    smallest = np.min(np.where(both & np.isfinite(cosine), cosine, 1.0), axis=(-2, -1))
+    return np.arccos(np.clip(smallest, 0.0, 1.0))

@@ -1,0 +1,21 @@
+"""How a recording is sampled in time: its usual step and rate, and frames spread over it."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
+    """Median time from frame to frame, seconds; inf with one frame."""
+    return float(np.median(np.diff(time_s))) if len(time_s) > 1 else np.inf
+
+
+def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
+    """Of the usual step; NaN with one frame."""
+    return 1 / usual_step_s(time_s) if len(time_s) > 1 else np.nan
+
+
+def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
+    """Frames spread evenly over a long recording; all of a short one."""
+    return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from fgpose.assessment.metrics import mpjpe_m
+from fgpose.config import Config, MotionConfig, OnlineConfig
+from fgpose.estimation.estimator import Estimator
+from fgpose.estimation.process_noise import LEAST_DENSITY, RunningDensity, initial_density, is_adaptive, process_density
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
+from tests.conftest import MOCAP
+
+CONFIG = MotionConfig(acceleration_time_s=0.06, nearby_s=0.2)
+FPS = 50.0
+
+
+def swinging(amplitude_m: float, hertz: float, time_s: np.ndarray) -> np.ndarray:
+    """One joint that swings along x."""
+    positions_m = np.zeros((len(time_s), 1, 3))
+    positions_m[:, 0, 0] = amplitude_m * np.sin(2 * np.pi * hertz * time_s)
+    return positions_m
+
+
+def test_density_is_twice_the_time_constant_times_the_mean_square_acceleration():
+    time_s = np.arange(200) / FPS
+    # 2.5 Hz: the window of 0.4 s is one period. Root mean square acceleration A w^2 / sqrt(2) along one axis of three.
+    density = process_density(swinging(0.1, 2.5, time_s), time_s, CONFIG)
+    expected = 2 * CONFIG.acceleration_time_s * (0.1 * (2 * np.pi * 2.5) ** 2) ** 2 / 2 / 3
+    # differences over two frames at 20 frames a period see the acceleration 3 % too small
+    np.testing.assert_allclose(density[20:-20, 0], expected, rtol=0.07)
+
+
+def test_density_does_not_depend_on_the_rate_or_its_regularity():
+    rng = np.random.default_rng(0)
+    slow_s = np.arange(200) / FPS
+    uneven_s = np.sort(rng.uniform(0, 4.0, 1500))
+    even = process_density(swinging(0.1, 1.5, slow_s), slow_s, CONFIG)
+    uneven = process_density(swinging(0.1, 1.5, uneven_s), uneven_s, CONFIG)
+    # what the differences of 50 Hz miss, and one period does not fit the window
+    middle = (uneven_s > 0.5) & (uneven_s < 3.5)
+    np.testing.assert_allclose(uneven[middle, 0], np.interp(uneven_s[middle], slow_s, even[:, 0]), rtol=0.06)
+
+
+def test_a_pause_is_quiet_and_a_blow_is_not():
+    time_s = np.arange(150) / FPS
+    positions_m = swinging(0.2, 4.0, time_s)
+    positions_m[:75] = 0.0
+    density = process_density(positions_m, time_s, CONFIG)[:, 0]
+    assert (density[:60] == LEAST_DENSITY).all()
+    assert (density[90:] > 30 * LEAST_DENSITY).all()
+
+
+def test_joints_that_take_no_part_and_short_recordings_have_a_density():
+    time_s = np.arange(6) / FPS
+    nobody = np.full((6, 2, 3), np.nan)
+    assert (process_density(nobody, time_s, CONFIG) == LEAST_DENSITY).all()
+    for n_frames in (1, 2):
+        short = process_density(nobody[:n_frames], time_s[:n_frames], CONFIG)
+        assert (short == CONFIG.acceleration_density).all()
+
+
+def test_running_density_starts_as_configured_and_ends_where_the_motion_is():
+    running = RunningDensity(2, CONFIG)
+    np.testing.assert_allclose(running.density(), CONFIG.acceleration_density)
+    for frame in range(100):  # ten times the memory of 0.2 s
+        running.add(frame / FPS, np.array([[10.0 * frame / FPS, 0.0, 0.0], [np.nan, np.nan, np.nan]]))
+    expected = 2 * CONFIG.acceleration_time_s * 10.0**2 / 3
+    assert running.density()[0] == pytest.approx(expected, rel=1e-3)
+    assert running.density()[1] == pytest.approx(CONFIG.acceleration_density)
+
+
+@pytest.mark.parametrize(("model", "density"), [("constant_velocity", 4.0), ("random_walk", 1.0), ("none", 4.0)])
+def test_only_accelerations_are_learned(model, density):
+    config = MotionConfig(model=model)
+    assert is_adaptive(config) == (model == "constant_velocity")
+    assert initial_density(config) == density
+
+
+@pytest.fixture(scope="module")
+def fast_and_slow(skeleton: Skeleton, rig: CameraRig) -> Scene:
+    """Two seconds of standing, then walking played three times as fast."""
+    truth_m, _ = motion_from_npz(MOCAP / "cmu_02_01_short.npz")
+    motion_m = np.concatenate([np.repeat(truth_m[:1], 100, axis=0), truth_m[::3]])
+    return simulate(motion_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=0)
+
+
+def errors_mm(scene: Scene, positions_m: np.ndarray) -> tuple[float, float]:
+    """Of the slow part and of the fast one; the jump between the two is neither."""
+    slow, fast = slice(25, 85), slice(115, len(positions_m))
+    return 1e3 * mpjpe_m(positions_m[slow], scene.truth_m[slow]), 1e3 * mpjpe_m(positions_m[fast], scene.truth_m[fast])
+
+
+def test_batch_smooths_rest_more_and_fast_motion_less(fast_and_slow):
+    fixed = Config(motion=MotionConfig(adaptive=False))
+    slow_mm, fast_mm = errors_mm(fast_and_slow, smooth(fast_and_slow.observations, fast_and_slow.rig).positions_m)
+    slow_fixed_mm, fast_fixed_mm = errors_mm(
+        fast_and_slow, smooth(fast_and_slow.observations, fast_and_slow.rig, fixed).positions_m
+    )
+    assert slow_mm < slow_fixed_mm
+    assert fast_mm < fast_fixed_mm
+
+
+def test_online_does_too(fast_and_slow):
+    def lagged_m(config: Config) -> np.ndarray:
+        estimator = Estimator(fast_and_slow.rig, fast_and_slow.observations.skeleton, config)
+        positions_m = np.full_like(fast_and_slow.truth_m, np.nan)
+        for frame in fast_and_slow.observations:
+            lagged = estimator.update(frame).smoothed
+            if lagged is not None:
+                positions_m[lagged.frame] = lagged.positions_m
+        return positions_m[:-15]  # the last are never one lag old
+
+    config = Config(online=OnlineConfig(lag_s=0.2, covariance=False))
+    slow_mm, fast_mm = errors_mm(fast_and_slow, lagged_m(config))
+    fixed = dataclasses.replace(config, motion=MotionConfig(adaptive=False))
+    slow_fixed_mm, fast_fixed_mm = errors_mm(fast_and_slow, lagged_m(fixed))
+    assert slow_mm < slow_fixed_mm
+    assert fast_mm < fast_fixed_mm

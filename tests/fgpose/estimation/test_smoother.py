@@ -1,0 +1,277 @@
+"""Batch smoothing: accuracy, windows, covariance, and recordings with little in them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.assessment.metrics import jitter_mps3
+from fgpose.config import config_from_dict
+from fgpose.io.skeletons import load_skeleton
+from fgpose.synthetic import (
+    NO_NOISE,
+    NO_OCCLUSION,
+    DetectionNoise,
+    Occlusion,
+    Scene,
+    motion_from_npz,
+    simulate,
+    walking,
+)
+from tests.conftest import MOCAP
+
+
+@pytest.fixture(scope="module")
+def long_scene(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
+    """Eight seconds of real motion, noisy, nothing occluded."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
+    return simulate(truth_m[:400], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=1)
+
+
+def mean_error_m(trajectory: fgpose.Trajectory, scene: Scene) -> float:
+    return float(np.nanmean(np.linalg.norm(trajectory.positions_m - scene.truth_m, axis=-1)))
+
+
+def test_without_noise_the_truth_is_recovered(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    truth_m = walking(60, 50.0, skeleton)
+    scene = simulate(truth_m, skeleton, rig, 50.0, NO_NOISE, NO_OCCLUSION, seed=0)
+    trajectory = fgpose.smooth(scene.observations, rig, config_from_dict({"projection": {"sigma_px": 0.5}}))
+    # What is left is smoothing of exact points with 0.5 px (2 mm here) of assumed noise.
+    assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1e-3
+    assert trajectory.convergence is not None
+    assert trajectory.convergence.converged
+
+
+def test_each_ingredient_helps_under_occlusion(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
+    full = mean_error_m(fgpose.smooth(mocap_scene.observations, rig), mocap_scene)
+    alone = mean_error_m(fgpose.refine(mocap_scene.observations, rig), mocap_scene)
+    assert full < 0.6 * alone
+    for without in ({"motion": {"model": "none"}}, {"symmetry": {"form": "none"}}, {"projection": {"kernel": "none"}}):
+        trajectory = fgpose.smooth(mocap_scene.observations, rig, config_from_dict(without))
+        assert full < mean_error_m(trajectory, mocap_scene), without
+
+
+def test_the_fusion_weights_are_no_worse_than_the_others(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """The default weighting against the options, where it matters: three of four views occluded, and nothing else
+    that tells which detections are invented."""
+
+    def error_m(weighting: str, persistent_px: float) -> float:
+        projection = {"weighting": weighting, "persistent_px": persistent_px}
+        trajectory = fgpose.smooth(mocap_scene.observations, rig, config_from_dict({"projection": projection}))
+        return mean_error_m(trajectory, mocap_scene)
+
+    alone_m = error_m("fusion", 1e6)
+    assert alone_m < error_m("uniform", 1e6)
+    assert alone_m < 1.05 * error_m("confidence", 1e6)  # 5 %: within what one three-second scene can tell
+    # What was found to be invented no longer needs the weights: over 12 such scenes they then gain 1.6 %, here nothing.
+    assert error_m("fusion", 12.0) < 1.01 * error_m("uniform", 12.0)
+
+
+def test_the_depth_of_each_view_helps_where_two_cameras_are_occluded(
+    rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
+    pair = rig.subset(rig.names[:2])
+    scene = simulate(truth_m[:200], skeleton, pair, fps, DetectionNoise(), Occlusion(n_views=2), seed=1)
+    error_m = {
+        use: mean_error_m(fgpose.smooth(scene.observations, pair, config_from_dict({"depth": {"use": use}})), scene)
+        for use in ("few_views", "never", "always")
+    }
+    assert error_m["few_views"] < error_m["never"]
+    # with two cameras no joint has more than two views
+    assert error_m["few_views"] == error_m["always"]
+
+
+def test_estimated_bone_lengths(long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    lengths_m = fgpose.smooth(long_scene.observations, rig).bone_lengths_m
+    assert lengths_m is not None
+    true_m = np.zeros(skeleton.n_lengths)
+    true_m[list(skeleton.length_of_bone)] = skeleton.bone_lengths(long_scene.truth_m)[0]
+    # Detection errors that last for the whole scene bias a length by millimetres; 12 mm is 4 % of a forearm.
+    assert np.max(np.abs(lengths_m - true_m)) < 0.012
+
+
+def test_windows_leave_no_seam(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """Joined from windows of 2.5 s or solved in one piece: the same within 0.5 mm for half of all joints, 3 mm for
+    every one. Half a millimetre of it are the bone lengths, which the windows take from frames that are solved before
+    the motion is known; the rest is that the motion from which the process noise is learned is known to 5 mm."""
+    whole = fgpose.smooth(long_scene.observations, rig)
+    steps = []
+    joined = fgpose.smooth(
+        long_scene.observations,
+        rig,
+        config_from_dict({"solver": {"window_s": 2.5, "overlap_s": 1.0}}),
+        progress=lambda done, total: steps.append((done, total)),
+    )
+    assert [done for done, _ in steps] == sorted({done for done, _ in steps})
+    assert len(steps) == 3
+    assert steps[-1] == (400, 400)
+    apart_m = np.linalg.norm(joined.positions_m - whole.positions_m, axis=-1)
+    assert np.median(apart_m) < 0.5e-3
+    assert np.max(apart_m) < 3e-3
+
+
+def test_covariance_in_windows_is_that_of_one_piece(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    observations = long_scene.observations.frames(slice(0, 150))
+    settings = {"covariance": True, "overlap_s": 0.5}
+    whole = fgpose.smooth(observations, rig, config_from_dict({"solver": settings}))
+    joined = fgpose.smooth(observations, rig, config_from_dict({"solver": {**settings, "window_s": 1.0}}))
+    assert whole.covariance_m2 is not None
+    assert joined.covariance_m2 is not None
+    ratio = np.trace(joined.covariance_m2, axis1=2, axis2=3) / np.trace(whole.covariance_m2, axis1=2, axis2=3)
+    # Held lengths instead of estimated ones make a window slightly more certain.
+    np.testing.assert_allclose(ratio, 1.0, atol=0.15)
+
+
+def test_a_joint_seen_again_later_is_bridged(
+    long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    wrist = skeleton.index("left_wrist")
+    points2d_px, points3d_m = long_scene.observations.points2d_px.copy(), long_scene.observations.points3d_m
+    assert points3d_m is not None
+    points3d_m = points3d_m.copy()
+    points2d_px[60:75, :, wrist] = np.nan
+    points3d_m[60:75, :, wrist] = np.nan
+    observations = replace(long_scene.observations, points2d_px=points2d_px, points3d_m=points3d_m)
+    config = config_from_dict({"solver": {"covariance": True}})
+    trajectory = fgpose.smooth(observations.frames(slice(0, 140)), rig, config)
+    assert (trajectory.status[60:75, wrist] == fgpose.Status.PREDICTED).all()
+    assert (trajectory.status[:60, wrist] == fgpose.Status.OBSERVED).all()
+    error_m = np.linalg.norm(trajectory.positions_m[60:75, wrist] - long_scene.truth_m[60:75, wrist], axis=-1)
+    assert np.max(error_m) < 0.15  # an arm at punching speed, 0.3 s unseen
+    assert trajectory.covariance_m2 is not None
+    sigma_m = np.sqrt(np.trace(trajectory.covariance_m2[:, wrist], axis1=1, axis2=2) / 3)
+    assert sigma_m[67] > 3 * np.median(sigma_m[:50])
+
+
+def test_a_joint_never_seen_is_unobservable(
+    long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    head = skeleton.index("head")
+    points2d_px = long_scene.observations.points2d_px[:30].copy()
+    points2d_px[:, :, head] = np.nan
+    observations = fgpose.Observations(
+        skeleton, long_scene.observations.time_s[:30], points2d_px, camera_names=rig.names
+    )
+    trajectory = fgpose.smooth(observations, rig, config_from_dict({"solver": {"covariance": True}}))
+    assert np.isnan(trajectory.positions_m[:, head]).all()
+    assert (trajectory.status[:, head] == fgpose.Status.UNOBSERVABLE).all()
+    others = np.arange(skeleton.n_joints) != head
+    assert np.isfinite(trajectory.positions_m[:, others]).all()
+    assert trajectory.covariance_m2 is not None
+    assert np.isfinite(trajectory.covariance_m2[:, others]).all()
+    assert trajectory.bone_lengths_m is not None
+    assert np.isnan(trajectory.bone_lengths_m).sum() == 1
+
+
+def test_nothing_seen_at_all(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    observations = fgpose.Observations(skeleton, np.arange(5) / 50, np.full((5, 4, 17, 2), np.nan))
+    trajectory = fgpose.smooth(observations, rig, config_from_dict({"solver": {"covariance": True}}))
+    assert np.isnan(trajectory.positions_m).all()
+    assert (trajectory.status == fgpose.Status.UNOBSERVABLE).all()
+    assert np.isnan(fgpose.refine(observations, rig).positions_m).all()
+
+
+def test_one_frame(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    trajectory = fgpose.smooth(long_scene.observations.frames(slice(0, 1)), rig)
+    error_m = np.linalg.norm(trajectory.positions_m - long_scene.truth_m[:1], axis=-1)
+    assert np.median(error_m) < 0.04  # one frame of 5 px noise, robust: about twice that of the smoothed sequence
+
+
+def test_one_camera_gives_the_fused_depth_or_nothing(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """One ray does not determine a joint: with per-view 3D the result is a prediction, without it is nothing."""
+    name = rig.names[0]
+    one = long_scene.observations.frames(slice(0, 20)).subset([name])
+    with_3d = fgpose.smooth(one, rig.subset([name]))
+    assert (with_3d.status == fgpose.Status.PREDICTED).all()
+    assert np.median(np.linalg.norm(with_3d.positions_m - long_scene.truth_m[:20], axis=-1)) < 0.3  # depth SD 0.15 m
+    without = fgpose.smooth(replace(one, points3d_m=None), rig.subset([name]))
+    assert (without.status == fgpose.Status.UNOBSERVABLE).all()
+
+
+def test_two_cameras(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    names = list(rig.names[:2])
+    trajectory = fgpose.smooth(long_scene.observations.frames(slice(0, 80)).subset(names), rig.subset(names))
+    assert np.median(np.linalg.norm(trajectory.positions_m - long_scene.truth_m[:80], axis=-1)) < 0.04
+
+
+def test_detections_of_a_camera_that_looks_away(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """The person is behind one camera, whose detector sees somebody all the same: it neither pulls nor crashes."""
+    backward = np.diag([-1.0, 1.0, -1.0, 1.0])
+    away = replace(rig.cameras[0], world_T_camera=rig.cameras[0].world_T_camera @ backward)
+    wrong = fgpose.CameraRig((away, *rig.cameras[1:]))
+    observations = replace(long_scene.observations.frames(slice(0, 40)), points3d_m=None)
+    trajectory = fgpose.smooth(observations, wrong)
+    assert trajectory.residual_px is not None
+    assert np.isnan(trajectory.residual_px[:, 0]).all()
+    assert np.median(np.linalg.norm(trajectory.positions_m - long_scene.truth_m[:40], axis=-1)) < 0.03
+
+
+def test_a_calibration_in_millimetres(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    cameras = []
+    for camera in rig.cameras:
+        pose = camera.world_T_camera.copy()
+        pose[:3, 3] *= 1000
+        cameras.append(replace(camera, world_T_camera=pose))
+    observations = replace(long_scene.observations.frames(slice(0, 20)), points3d_m=None)
+    with pytest.raises(ValueError, match="looks like millimetres"):
+        fgpose.smooth(observations, fgpose.CameraRig(tuple(cameras)))
+
+
+def test_a_person_who_comes_late(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """Nobody in the first window: the bone lengths of the second are the result's."""
+    points2d_px = long_scene.observations.points2d_px[:150].copy()
+    points2d_px[:90] = np.nan
+    observations = replace(long_scene.observations.frames(slice(0, 150)), points2d_px=points2d_px, points3d_m=None)
+    config = config_from_dict({"solver": {"window_s": 1.0, "overlap_s": 0.2}, "motion": {"max_unseen_s": 0.1}})
+    trajectory = fgpose.smooth(observations, rig, config)
+    assert trajectory.bone_lengths_m is not None
+    assert np.isfinite(trajectory.bone_lengths_m).all()
+    assert (trajectory.status[:80] == fgpose.Status.UNOBSERVABLE).all()
+    assert np.median(np.linalg.norm(trajectory.positions_m[95:] - long_scene.truth_m[95:150], axis=-1)) < 0.03
+
+
+def test_cameras_must_match(long_scene: Scene, rig: fgpose.CameraRig) -> None:
+    with pytest.raises(ValueError, match=f"lacks camera {rig.names[3]}"):
+        fgpose.smooth(long_scene.observations, rig.subset(rig.names[:3]))
+    with pytest.raises(ValueError, match=f"camera {rig.names[3]} of the calibration has no keypoints"):
+        fgpose.smooth(long_scene.observations.subset(list(rig.names[:3])), rig)
+
+
+@pytest.mark.parametrize("name", fgpose.recordings())
+def test_real_recordings_against_each_frame_alone(name: str) -> None:
+    """On real detections: lower jitter than per-frame refinement, and no higher median reprojection error."""
+    rig, observations = fgpose.load_recording(name)
+    smoothed, refined = fgpose.smooth(observations, rig), fgpose.refine(observations, rig)
+    assert smoothed.residual_px is not None
+    assert refined.residual_px is not None
+    assert np.nanmedian(smoothed.residual_px) <= np.nanmedian(refined.residual_px)
+    smoothed_jitter = jitter_mps3(smoothed.positions_m, smoothed.time_s)
+    assert smoothed_jitter < 0.2 * jitter_mps3(refined.positions_m, refined.time_s)
+
+
+@pytest.mark.parametrize("name", fgpose.recordings())
+def test_real_recordings_without_any_one_camera(name: str) -> None:
+    """With the calibration refined (one camera of this rig is 25 px off), hiding any camera moves the joints little."""
+    rig, observations = fgpose.load_recording(name)
+    rig = fgpose.refine_rig(observations, rig).rig
+    whole = fgpose.smooth(observations, rig)
+    for hidden in rig.names:
+        names = [other for other in rig.names if other != hidden]
+        part = fgpose.smooth(observations.subset(names), rig.subset(names))
+        moved_m = np.linalg.norm(part.positions_m - whole.positions_m, axis=-1)
+        assert np.nanmedian(moved_m) < 0.015, hidden
+
+
+def test_a_recording_of_other_skeletons(rig: fgpose.CameraRig) -> None:
+    """A skeleton without a pelvis, seen without noise."""
+    skeleton = load_skeleton("coco_17")
+    rng = np.random.default_rng(0)
+    truth_m = rng.normal([0.0, 0.0, 1.0], 0.3, (1, 17, 3)) + np.linspace(0, 0.2, 20)[:, None, None] * [1.0, 0.5, 0.0]
+    observations = fgpose.Observations(skeleton, np.arange(20) / 50, rig.project(truth_m), camera_names=rig.names)
+    config = config_from_dict({"symmetry": {"form": "none"}})  # these random joints have no symmetric body
+    trajectory = fgpose.smooth(observations, rig, config)
+    assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1e-3
