@@ -185,10 +185,10 @@ class SolverConfig:
     backend: Literal["chain", "gtsam"] = "chain"
     """What linearises the factors and solves for the step. chain: numpy and LAPACK, frame after frame. gtsam: GTSAM, on
     a graph of the same factors; about three times slower, and the same result."""
-    max_iterations: int = 50
+    max_iterations: int = 100
     """Upper bound of iterations per window."""
-    step_tolerance_m: float = 1e-4
-    """Converged when an iteration moves the joints by less than this on average, metres. Raising it stops earlier."""
+    step_tolerance_m: float = 5e-4
+    """Converged when an iteration moves no joint by more than this, metres. Raising it stops earlier."""
     window_s: float = 15.0
     """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
     overlap_s: float = 0.75

@@ -1,9 +1,9 @@
-"""A segment of a recording that is solved as one: what both forms of the optimisation problem are made from."""
+"""Frames of a recording that are solved as one: what both forms of the optimisation problem are made from."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence
-from fgpose.estimation.initial_guess import kept_joints
+from fgpose.estimation.initial_guess import active_joints, fill_gaps, kept_joints, median_lengths
+from fgpose.estimation.process_noise import initial_density
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
@@ -34,6 +35,35 @@ class Segment:
     process_density: Float[np.ndarray, "frame joint"]
     """Power spectral density of the noise of the motion factors that lead to each frame, m^2/s^3 with constant
     velocity, m^2/s with random walk."""
+
+    @staticmethod
+    def of_recording(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, config: Config) -> Segment:
+        """A whole recording, with what its first guess tells."""
+        active = active_joints(evidence.guess_m, evidence.time_s, config.motion)
+        guess_m = fill_gaps(evidence.guess_m, evidence.time_s)
+        return Segment(
+            rig=rig,
+            skeleton=skeleton,
+            config=config,
+            evidence=replace(evidence, guess_m=guess_m),
+            active=active,
+            lengths_m=median_lengths(skeleton, guess_m),
+            length_sigma_m=config.prior.length_sigma_m,
+            process_density=np.full(active.shape, initial_density(config.motion)),
+        )
+
+    @property
+    def n_frames(self) -> int:
+        return len(self.active)
+
+    def frames(self, frames: slice | np.ndarray) -> Segment:
+        """Some of the frames."""
+        return replace(
+            self,
+            evidence=self.evidence.frames(frames),
+            active=self.active[frames],
+            process_density=self.process_density[frames],
+        )
 
     @property
     def with_velocity(self) -> bool:

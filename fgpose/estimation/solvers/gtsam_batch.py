@@ -13,6 +13,7 @@ from fgpose.estimation.frame_factors import FrameTime
 from fgpose.estimation.keys import length_key, position_key, velocity_key
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.gtsam_problem import GraphProblem
+from fgpose.estimation.solvers.normal_equations import DAMPING_TIME_S
 from fgpose_factors import BoneLengths
 
 
@@ -21,7 +22,7 @@ class GtsamBatch(GraphProblem):
 
     def __init__(self, segment: Segment) -> None:
         super().__init__(gtsam.NonlinearFactorGraph(), segment.config.solver.step_tolerance_m)
-        self._stretch = segment
+        self._segment = segment
         self._rows = np.full(segment.active.shape, -1)
         self._rows[segment.active] = np.arange(segment.active.sum())
         for factor in self._factors():
@@ -32,7 +33,7 @@ class GtsamBatch(GraphProblem):
         self._add_bones()
 
     def _factors(self) -> Iterator[gtsam.NonlinearFactor]:
-        segment = self._stretch
+        segment = self._segment
         rig, skeleton, data, config = segment.rig, segment.skeleton, segment.evidence, segment.config
         kept = segment.kept
         before = FrameTime(-1, float(data.time_s[0]))
@@ -69,7 +70,7 @@ class GtsamBatch(GraphProblem):
             before = after
 
     def _add_bones(self) -> None:
-        segment = self._stretch
+        segment = self._segment
         bones = [
             (frame, start, end, length)
             for start, end, length in segment.bones_with_length()
@@ -91,7 +92,7 @@ class GtsamBatch(GraphProblem):
 
     def initial(self) -> gtsam.Values:
         """The first guess as Values; velocities start at zero, the solution does not depend on them."""
-        values, segment = gtsam.Values(), self._stretch
+        values, segment = gtsam.Values(), self._segment
         zero = np.zeros(3)
         for frame, joint in np.argwhere(segment.active).tolist():
             values.insert(position_key(joint, frame), segment.evidence.guess_m[frame, joint])
@@ -104,7 +105,7 @@ class GtsamBatch(GraphProblem):
     def _active_positions(self, values: gtsam.Values) -> Float[np.ndarray, "variable 3"]:
         # Keys sort by symbol: velocities come before positions.
         points = gtsam.utilities.extractPoint3(values)
-        return points[len(points) - int(self._stretch.active.sum()) :]
+        return points[len(points) - int(self._segment.active.sum()) :]
 
     def _bone_arguments(self, values: gtsam.Values) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         points = self._active_positions(values)
@@ -121,14 +122,20 @@ class GtsamBatch(GraphProblem):
             self.bones.linearize_into(linear, *self._bone_arguments(state))
         return linear
 
-    def moves_m(self, step: gtsam.VectorValues) -> Float[np.ndarray, "variable 3"]:
-        vector = step.vector()
-        return vector[len(vector) - 3 * int(self._stretch.active.sum()) :].reshape(-1, 3)
+    @property
+    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
+        """As NormalEquations has it. Keys sort by symbol: lengths, velocities, positions."""
+        n_lengths, n_points = int(np.isfinite(self._lengths_m).sum()), 3 * int(self._segment.active.sum())
+        counts = n_lengths, n_points * self._segment.with_velocity, n_points
+        return np.repeat([float(len(self._segment.active)), DAMPING_TIME_S**2, 1.0], counts)
+
+    def moves_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "variable 3"]:
+        return step[len(step) - 3 * int(self._segment.active.sum()) :].reshape(-1, 3)
 
     def positions_m(self, state: gtsam.Values) -> Float[np.ndarray, "frame joint 3"]:
         """Positions of the active joints; NaN elsewhere."""
-        positions_m = np.full((*self._stretch.active.shape, 3), np.nan)
-        positions_m[self._stretch.active] = self._active_positions(state)
+        positions_m = np.full((*self._segment.active.shape, 3), np.nan)
+        positions_m[self._segment.active] = self._active_positions(state)
         return positions_m
 
     def lengths_m(self, state: gtsam.Values) -> Float[np.ndarray, " length"]:

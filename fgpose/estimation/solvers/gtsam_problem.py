@@ -18,13 +18,14 @@ class GraphProblem:
 
     Args:
         factors: must not change afterwards: the elimination ordering of the first linear system is kept.
-        step_tolerance_m: see is_small.
+        step_tolerance_m: see levenberg_marquardt.Problem.
     """
 
     def __init__(self, factors: gtsam.NonlinearFactorGraph, step_tolerance_m: float) -> None:
         self.graph = factors
         self.step_tolerance_m = step_tolerance_m
         self._ordering: gtsam.Ordering | None = None
+        self._linearized: tuple[gtsam.Values, gtsam.GaussianFactorGraph] | None = None
 
     def error(self, state: gtsam.Values) -> float:
         return self.graph.error(state)
@@ -33,46 +34,69 @@ class GraphProblem:
         """All factors, linearised."""
         return self.graph.linearize(state)
 
-    def linearize(self, state: gtsam.Values) -> LinearizedGraph:
-        linear = self.gaussian(state)
-        self._ordering = self._ordering or gtsam.Ordering.ColamdGaussianFactorGraph(linear)
-        return LinearizedGraph(linear, self._ordering, state)
+    @property
+    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
+        """All unknowns here are positions."""
+        return np.ones(3 * len(list(self.graph.keyVector())))
 
-    def moved(self, state: gtsam.Values, step: gtsam.VectorValues, fraction: float) -> gtsam.Values:
-        return state.retract(step.scale(fraction))
+    def gradient(self, state: gtsam.Values) -> Float[np.ndarray, " unknown"]:
+        return self._linear(state).gradientAtZero().vector()
 
-    def is_small(self, step: gtsam.VectorValues) -> bool:
-        """Whether the joints move by less than the tolerance on average."""
-        moves_m = self.moves_m(step)
-        return not moves_m.size or bool(np.linalg.norm(moves_m, axis=1).mean() < self.step_tolerance_m)
+    def factorized(self, state: gtsam.Values, damping: float) -> FactorizedGraph | None:
+        linear = self._linear(state)
+        ordering = self._ordering = self._ordering or gtsam.Ordering.ColamdGaussianFactorGraph(linear)
+        try:
+            damped = _damped(linear, damping * self.damping_scale, state)
+            return FactorizedGraph(damped.eliminateSequential(ordering), state)
+        except RuntimeError:  # gtsam.IndeterminantLinearSystemException
+            return None
 
-    def moves_m(self, step: gtsam.VectorValues) -> Float[np.ndarray, "point 3"]:
+    def moved(self, state: gtsam.Values, step: Float[np.ndarray, " unknown"]) -> gtsam.Values:
+        return state.retract(_by_key(step, state))
+
+    def largest_move_m(self, step: Float[np.ndarray, " unknown"]) -> float:
+        return float(np.linalg.norm(self.moves_m(step), axis=1).max(initial=0.0))
+
+    def moves_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "point 3"]:
         """What a step moves in space; here, all of it."""
-        return step.vector().reshape(-1, 3)
+        return step.reshape(-1, 3)
+
+    def _linear(self, state: gtsam.Values) -> gtsam.GaussianFactorGraph:
+        """All factors, linearised: once for the gradient and the factorisation of a state."""
+        if self._linearized is None or self._linearized[0] is not state:
+            self._linearized = state, self.gaussian(state)
+        return self._linearized[1]
 
 
 @dataclass(frozen=True)
-class LinearizedGraph:
-    """The linear system of a graph around its values."""
+class FactorizedGraph:
+    """The eliminated linear system of a graph, R^T R."""
 
-    linear: gtsam.GaussianFactorGraph
-    ordering: gtsam.Ordering
+    bayes_net: gtsam.GaussianBayesNet
     values: gtsam.Values
 
-    def solve(self, damping: float) -> gtsam.VectorValues | None:
-        system = self._damped(damping) if damping else self.linear
-        try:
-            step = system.optimize(self.ordering)
-        except RuntimeError:  # gtsam.IndeterminantLinearSystemException
-            return None
-        return step if np.isfinite(step.norm()) else None
+    def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        forward = self.bayes_net.backSubstituteTranspose(_by_key(right_hand_side, self.values))
+        return self.bayes_net.backSubstitute(forward).vector()
 
-    def foreseen_decrease(self, step: gtsam.VectorValues, fraction: float) -> float:
-        return self.linear.error(gtsam.VectorValues.Zero(step)) - self.linear.error(step.scale(fraction))
 
-    def _damped(self, damping: float) -> gtsam.GaussianFactorGraph:
-        system = self.linear.clone()
-        models = {dim: gtsam.noiseModel.Isotropic.Precision(dim, damping) for dim in (1, 3)}
-        for key, dim in self.values.dims().items():
-            system.add(gtsam.JacobianFactor(key, np.eye(dim), np.zeros(dim), models[dim]))
-        return system
+def _by_key(vector: Float[np.ndarray, " unknown"], values: gtsam.Values) -> gtsam.VectorValues:
+    """A vector in the order of the keys, as GTSAM's own type."""
+    of_keys, start = gtsam.VectorValues(), 0
+    for key, dim in sorted(values.dims().items()):
+        of_keys.insert(key, vector[start : start + dim])
+        start += dim
+    return of_keys
+
+
+def _damped(
+    linear: gtsam.GaussianFactorGraph, precision: Float[np.ndarray, " unknown"], values: gtsam.Values
+) -> gtsam.GaussianFactorGraph:
+    if not precision.any():
+        return linear
+    system, start = linear.clone(), 0
+    for key, dim in sorted(values.dims().items()):
+        root = np.diag(np.sqrt(precision[start : start + dim]))
+        system.add(gtsam.JacobianFactor(key, root, np.zeros(dim), gtsam.noiseModel.Unit.Create(dim)))
+        start += dim
+    return system

@@ -32,9 +32,8 @@ from fgpose.estimation.solvers.terms import (
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors import depth_covariance_m2
 
-# The steps that an information matrix leads to are right only near the state that it belongs to, but the gradient is
-# always that of the state itself: so near, they lead to the same place in hardly more iterations.
-_NEAR_M = 4e-3
+# Damping that holds a position like a prior of 1 m holds a velocity like one of 10 m/s.
+DAMPING_TIME_S = 0.1
 
 
 class NormalEquations:
@@ -45,7 +44,7 @@ class NormalEquations:
     """
 
     def __init__(self, segment: Segment) -> None:
-        self._stretch = segment
+        self._segment = segment
         self._active = segment.active[:, segment.joints]
         motion = _motion(segment)
         self._terms: list[Term] = [
@@ -61,12 +60,10 @@ class NormalEquations:
         n_frames, n_kinds, n_slots = len(segment.active), 1 + segment.with_velocity, len(segment.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
         self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
-        self._factorized: BlockTridiagonal | None = None
-        self._factorized_at = self.initial()
 
     def initial(self) -> BatchState:
         """The first guess; velocities start at zero, the solution does not depend on them."""
-        segment = self._stretch
+        segment = self._segment
         joints = np.zeros(self._frames.shape[:4])
         joints[:, 0][self._active] = segment.evidence.guess_m[:, segment.joints][self._active]
         return BatchState(joints, np.nan_to_num(segment.lengths_m))
@@ -74,51 +71,69 @@ class NormalEquations:
     def error(self, state: BatchState) -> float:
         return sum(term.error(state) for term in self._terms)
 
-    def linearize(self, state: BatchState) -> _Linearized:
-        return _Linearized(self, state)
+    @property
+    def step_tolerance_m(self) -> float:
+        return self._segment.config.solver.step_tolerance_m
 
-    def gradient(self, state: BatchState) -> BatchState:
+    @property
+    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
+        return self._damping_scale
+
+    @cached_property
+    def _damping_scale(self) -> Float[np.ndarray, " unknown"]:
+        """1 of positions, squared seconds of velocities; a length moves joints in every frame."""
+        joints = np.ones(self._frames.shape[:4])
+        joints[:, 1:] = DAMPING_TIME_S**2
+        return np.append(joints, np.full(self._segment.skeleton.n_lengths, float(len(joints))))
+
+    def gradient(self, state: BatchState) -> Float[np.ndarray, " unknown"]:
         gradient = BatchState(np.zeros_like(state.joints), np.zeros_like(state.lengths_m))
         for term in self._terms:
             term.add_gradient(gradient, state)
-        return gradient
+        return np.append(gradient.joints, gradient.lengths_m)
 
-    def factorized(self, state: BatchState, damping: float) -> BlockTridiagonal:
-        """The factorised information matrix around a state, damped. That of a nearby state serves again.
+    def factorized(self, state: BatchState, damping: float) -> _Factorized | None:
+        """The information matrix with the curvature of stretched bones and damping; None if not positive definite.
 
-        Raises:
-            numpy.linalg.LinAlgError: it is not positive definite.
+        That of the state before is overwritten.
         """
-        if damping or self._factorized is None or self._mean_move_m(_difference(state, self._factorized_at)) > _NEAR_M:
-            self._factorized = None  # its memory is used again
-            factorized = self._factorize(state, damping)
-            if damping:
-                return factorized
-            self._factorized, self._factorized_at = factorized, state
-        return self._factorized
+        information = self._information(state)
+        for term in self._terms:
+            if isinstance(term, SharedLengths):
+                term.add_tension(information, state)
+        joints, lengths = self._split(damping * self.damping_scale)
+        np.einsum("tkjakja->tkja", self._frames)[:] += joints
+        np.einsum("ll->l", information.corner)[:] += lengths
+        try:
+            return _Factorized(self, self._factorize(information))
+        except np.linalg.LinAlgError:
+            return None
 
-    def _factorize(self, state: BatchState, damping: float = 0.0) -> BlockTridiagonal:
+    def _information(self, state: BatchState) -> Information:
         information = Information(self._frames, len(state.lengths_m))
         for term in self._terms:
             term.add_information(information, state)
+        return information
+
+    def _factorize(self, information: Information) -> BlockTridiagonal:
         size = int(np.prod(self._frames.shape[1:4]))
         diagonal = self._frames.reshape(-1, size, size)
-        np.einsum("tii->ti", diagonal)[:] += damping
-        np.einsum("ll->l", information.corner)[:] += damping
-        return BlockTridiagonal(
-            diagonal, self._coupling, information.border.reshape(len(diagonal), size, -1), information.corner
-        )
+        border = information.border.reshape(len(diagonal), size, -1)
+        return BlockTridiagonal(diagonal, self._coupling, border, information.corner)
 
-    def moved(self, state: BatchState, step: BatchState, fraction: float) -> BatchState:
-        return BatchState(state.joints + fraction * step.joints, state.lengths_m + fraction * step.lengths_m)
+    def _split(self, vector: Float[np.ndarray, " unknown"]) -> tuple[np.ndarray, np.ndarray]:
+        """Its parts of joints (frame kind joint 3) and of lengths."""
+        shape = self._frames.shape[:4]
+        size = int(np.prod(shape))
+        return vector[:size].reshape(shape), vector[size:]
 
-    def is_small(self, step: BatchState) -> bool:
-        """Whether the joints move by less than the tolerance on average."""
-        return self._mean_move_m(step) < self._stretch.config.solver.step_tolerance_m
+    def moved(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> BatchState:
+        joints, lengths_m = self._split(step)
+        return BatchState(state.joints + joints, state.lengths_m + lengths_m)
 
-    def _mean_move_m(self, step: BatchState) -> float:
-        moves_m = np.linalg.norm(step.joints[:, 0][self._active], axis=-1)
-        return float(moves_m.mean()) if moves_m.size else 0.0
+    def largest_move_m(self, step: Float[np.ndarray, " unknown"]) -> float:
+        moves_m = np.linalg.norm(self._split(step)[0][:, 0][self._active], axis=-1)
+        return float(moves_m.max(initial=0.0))
 
     def positions_m(self, state: BatchState) -> Float[np.ndarray, "frame joint 3"]:
         """Positions of the active joints; NaN elsewhere."""
@@ -126,7 +141,7 @@ class NormalEquations:
 
     def lengths_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none takes part."""
-        segment = self._stretch
+        segment = self._segment
         used = [length for *_, length in segment.bones_with_length()]
         lengths_m = np.full(state.lengths_m.shape, np.nan)
         lengths_m[used] = state.lengths_m[used]
@@ -139,10 +154,9 @@ class NormalEquations:
             ValueError: a joint is not held by any term.
         """
         state = self.initial()
-        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._stretch.joints])
-        self._factorized = None
+        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
         try:
-            blocks = self._factorize(state).inverse_blocks()
+            blocks = self._factorize(self._information(state)).inverse_blocks()
         except np.linalg.LinAlgError as error:
             raise ValueError(f"a joint is not held by any factor: {error}") from None
         return self._of_all_joints(np.einsum("tjajb->tjab", blocks.reshape(self._frames.shape)[:, 0, :, :, 0]))
@@ -152,54 +166,34 @@ class NormalEquations:
     ) -> Float[np.ndarray, "frame joint 3 3"]:
         """Information of the detections of each frame alone on every active joint, 1/m^2; NaN elsewhere."""
         state = self.initial()
-        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._stretch.joints])
+        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
         of_slots = sum(term.information(state) for term in self._terms if isinstance(term, Projections))
         return self._of_all_joints(np.asarray(of_slots))
 
     def _detections(self) -> tuple[Float[np.ndarray, "frame camera slot 2"], Float[np.ndarray, "frame camera slot"]]:
         """Where they are, NaN for joints that take no part, and their weights."""
-        evidence, joints = self._stretch.evidence, self._stretch.joints
+        evidence, joints = self._segment.evidence, self._segment.joints
         used = self._active[:, None, :, None]
         return np.where(used, evidence.undistorted_px[:, :, joints], np.nan), evidence.weights[:, :, joints]
 
     def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:
-        segment = self._stretch
+        segment = self._segment
         of_joints = np.full((*segment.active.shape, *of_slots.shape[2:]), np.nan)
         of_joints[:, segment.joints] = of_slots
         of_joints[~segment.active] = np.nan
         return of_joints
 
 
-def _difference(state: BatchState, other: BatchState) -> BatchState:
-    return BatchState(state.joints - other.joints, state.lengths_m - other.lengths_m)
-
-
 @dataclass(frozen=True, eq=False)
-class _Linearized:
-    """Gauss-Newton's system around a state."""
+class _Factorized:
+    """Normal equations that can be solved."""
 
-    chain: NormalEquations
-    state: BatchState
+    problem: NormalEquations
+    matrix: BlockTridiagonal
 
-    @cached_property
-    def _gradient(self) -> BatchState:
-        return self.chain.gradient(self.state)
-
-    def foreseen_decrease(self, step: BatchState, fraction: float) -> float:
-        """Without damping H s = -g, so that g s + s H s / 2 is half of g s."""
-        slope = np.vdot(self._gradient.joints, step.joints) + np.vdot(self._gradient.lengths_m, step.lengths_m)
-        return -float(slope) * fraction * (1 - fraction / 2)
-
-    def solve(self, damping: float) -> BatchState | None:
-        gradient = self._gradient
-        try:
-            factorized = self.chain.factorized(self.state, damping)
-        except np.linalg.LinAlgError:
-            return None
-        joints, lengths_m = factorized.solve(gradient.joints.reshape(len(gradient.joints), -1), gradient.lengths_m)
-        if not np.isfinite(joints).all() or not np.isfinite(lengths_m).all():
-            return None
-        return BatchState(-joints.reshape(gradient.joints.shape), -lengths_m)
+    def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        joints, lengths = self.problem._split(right_hand_side)
+        return np.append(*self.matrix.solve(joints.reshape(len(joints), -1), lengths))
 
 
 def projections(

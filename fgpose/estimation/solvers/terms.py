@@ -194,6 +194,24 @@ class SharedLengths:
             information.border[:, 0, end, :, length] -= push[:, bone]
             information.corner[length, length] += np.sum(self._weight[:, bone] ** 2)
 
+    def add_tension(self, information: Information, state: BatchState) -> None:
+        """The curvature that Gauss-Newton leaves out, across every bone that is longer than its length.
+
+        A taut bone resists being swung (the geometric stiffness of mechanics). Without it steps go too far there and
+        swing to and fro. That of a bone that is too short is negative and stays out.
+        """
+        positions_m = state.joints[:, 0]
+        distance_m, direction = bone_length_and_direction(positions_m[:, self.start], positions_m[:, self.end])
+        excess_m = np.maximum(distance_m - state.lengths_m[self.length], 0.0)
+        stiffness = self._weight**2 * np.divide(excess_m, distance_m, out=np.zeros_like(excess_m), where=excess_m > 0)
+        along = direction[..., :, None] * direction[..., None, :]
+        across = stiffness[..., None, None] * (np.eye(3) - along)
+        for bone, (start, end) in enumerate(zip(self.start.tolist(), self.end.tolist(), strict=True)):
+            information.positions[:, start, :, start] += across[:, bone]
+            information.positions[:, end, :, end] += across[:, bone]
+            information.positions[:, start, :, end] -= across[:, bone]
+            information.positions[:, end, :, start] -= across[:, bone]
+
     @property
     def _weight(self) -> Float[np.ndarray, "frame bone"]:
         return self.present / self.sigma_m
