@@ -13,13 +13,15 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.config import DepthConfig, FusionConfig, Kernel, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
+from fgpose.config import DepthConfig, FusionConfig, MotionConfig, PriorConfig, ProjectionConfig, SymmetryConfig
 from fgpose.estimation.keys import length_key, position_key, velocity_key
 from fgpose.estimation.noise import correlated_frames
 from fgpose.estimation.process_noise import least_density
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_factors import (
+    Kernel,
+    State,
     constant_velocity_factor,
     depth_factor,
     fading_velocity_factor,
@@ -108,8 +110,8 @@ def motion_factors(
             yield random_walk_factor(start, end, step_s, float(density[joint]))
         else:
             yield constant_velocity_factor(
-                (start, velocity_key(joint, before.frame), before.time_s),
-                (end, velocity_key(joint, after.frame), before.time_s + step_s),
+                State(start, velocity_key(joint, before.frame), before.time_s),
+                State(end, velocity_key(joint, after.frame), before.time_s + step_s),
                 float(density[joint]),
             )
 

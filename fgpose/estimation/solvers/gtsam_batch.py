@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import gtsam
 import numpy as np
@@ -13,7 +14,50 @@ from fgpose.estimation.frame_factors import FrameTime
 from fgpose.estimation.keys import length_key, position_key, velocity_key
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.gtsam_problem import GraphProblem
-from fgpose_factors import BoneLengths
+from fgpose_factors import bone_length_and_direction
+
+
+@dataclass(frozen=True)
+class BoneLengths:
+    """Many shared-length factors, linearised at once.
+
+    The same factor as shared_bone_length_factor, for a batch solver that linearises from Python: one numpy expression
+    instead of one callback per bone and frame.
+    """
+
+    start_keys: Sequence[int]
+    end_keys: Sequence[int]
+    length_keys: Sequence[int]
+    sigma_m: float
+    """Standard deviation of each residual, metres."""
+
+    def residuals_m(self, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray) -> np.ndarray:
+        """(N,) residuals of all factors."""
+        return np.linalg.norm(ends_m - starts_m, axis=1) - lengths_m
+
+    def error(self, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray) -> float:
+        """Half the sum of the squared whitened residuals, as NonlinearFactorGraph.error counts it."""
+        return 0.5 * float(np.sum((self.residuals_m(starts_m, ends_m, lengths_m) / self.sigma_m) ** 2))
+
+    def linearize_into(
+        self, linear: gtsam.GaussianFactorGraph, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray
+    ) -> None:
+        """Append every factor, linearised at these (N, 3), (N, 3) and (N,) values."""
+        distances_m, directions = bone_length_and_direction(starts_m, ends_m)
+        right_hand_sides = (lengths_m - distances_m)[:, None]
+        minus_one = -np.ones((1, 1))
+        noise = gtsam.noiseModel.Isotropic.Sigma(1, self.sigma_m)
+        rows = zip(
+            self.start_keys,
+            -directions[:, None],
+            self.end_keys,
+            directions[:, None],
+            self.length_keys,
+            right_hand_sides,
+            strict=True,
+        )
+        for start, to_start, end, to_end, length, right_hand_side in rows:
+            linear.add(gtsam.JacobianFactor(start, to_start, end, to_end, length, minus_one, right_hand_side, noise))
 
 
 class GtsamBatch(GraphProblem):
