@@ -67,7 +67,7 @@ class LinearizedGraph:
             return None
         return step if np.isfinite(step.norm()) else None
 
-    def foreseen_decrease(self, step: gtsam.VectorValues, fraction: float) -> float:
+    def predicted_decrease(self, step: gtsam.VectorValues, damping: float, fraction: float) -> float:
         return self.linear.error(gtsam.VectorValues.Zero(step)) - self.linear.error(step.scale(fraction))
 
     def _damped(self, damping: float) -> gtsam.GaussianFactorGraph:

@@ -15,7 +15,7 @@ _MIN_RELATIVE_DECREASE = 1e-7
 # Where bones bend the cost, a whole step goes too far though its direction is good. A fraction of it costs no
 # factorisation, and goes on where damping would stop: along what is poorly determined.
 _FRACTIONS = (0.5, 0.25)
-# That the direction is good shows in the error: it falls by at least so much of what the linear system foresees.
+# That the direction is good shows in the error: it falls by at least so much of what the linear system predicts.
 _SUFFICIENT = 0.25
 _ROUNDING = 1e-12
 
@@ -31,8 +31,9 @@ class Linearized(Protocol[Step]):
         """Step with the damping added to the diagonal; None when the system is indeterminate."""
         ...
 
-    def foreseen_decrease(self, step: Step, fraction: float) -> float:
-        """By how much a fraction of the step lowers the quadratic error."""
+    def predicted_decrease(self, step: Step, damping: float, fraction: float) -> float:
+        """By how much a fraction of the step, which was solved with this damping, lowers the quadratic error. The
+        damping itself costs nothing."""
         ...
 
 
@@ -105,7 +106,7 @@ def _descend(problem: Problem[State, Step], state: State, error: float, damping:
             for fraction in _FRACTIONS:
                 moved = problem.moved(state, step, fraction)
                 moved_error = problem.error(moved)
-                if error - moved_error >= _SUFFICIENT * linearized.foreseen_decrease(step, fraction):
+                if error - moved_error >= _SUFFICIENT * linearized.predicted_decrease(step, damping, fraction):
                     return _Descent(moved, step, moved_error, damping, max(damping, _DAMPING_START))
         damping = max(damping * _DAMPING_FACTOR, _DAMPING_START)
     return None
