@@ -32,8 +32,9 @@ FLOORS = (
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
     {"solvers"},
+    {"factors"},
     {"segment"},
-    {"frame_factors", "evidence"},
+    {"evidence"},
     {
         "bone_lengths",
         "clock_offsets",

@@ -68,10 +68,6 @@ def fading_velocity_factor(
 ) -> gtsam.NonlinearFactor:
     """Draws the velocity of a joint that nobody sees towards that of a reference joint, or to zero. Native.
 
-    A pseudo-measurement "velocity difference = 0" with spectral density r turns white-noise acceleration of density q
-    into a velocity that fades with time constant sqrt(r / q) (the stationary Kalman-Bucy gain), hence r = q fade^2 and
-    a variance of r / step for one measurement a step. The stationary velocity variance is then q fade.
-
     Args:
         velocity: key of the velocity, m/s.
         reference: key of the velocity that it fades to; None for standing still.
@@ -79,10 +75,27 @@ def fading_velocity_factor(
         acceleration_density: of the motion factors beside it, m^2/s^3.
         fade_s: time constant, seconds.
     """
-    noise = noise_model(3, float(fade_s * np.sqrt(acceleration_density / step_s)))
+    noise = noise_model(3, float(fading_velocity_sigma_mps(step_s, acceleration_density, fade_s)))
     if reference is None:
         return gtsam.PriorFactorPoint3(velocity, np.zeros(3), noise)
     return gtsam.BetweenFactorPoint3(reference, velocity, np.zeros(3), noise)
+
+
+def fading_velocity_sigma_mps(
+    step_s: float | Float[np.ndarray, "*factors"],
+    acceleration_density: float | Float[np.ndarray, "*factors"],
+    fade_s: float,
+) -> float | Float[np.ndarray, "*factors"]:
+    """Standard deviation of the pseudo-measurement "velocity difference = 0", m/s.
+
+    With spectral density r it turns white-noise acceleration of density q into a velocity that fades with time constant
+    sqrt(r / q) (the stationary Kalman-Bucy gain), hence r = q fade^2 and a variance of r / step for one measurement a
+    step. The stationary velocity variance is then q fade.
+
+    Args:
+        step_s, acceleration_density, fade_s: as in fading_velocity_factor.
+    """
+    return fade_s * np.sqrt(acceleration_density / step_s)
 
 
 def interpolate_position(before: Motion, after: Motion, time_s: float) -> Float[np.ndarray, "*points 3"]:
