@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-Kernel = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey"]
+from fgpose_factors.kernels import Kernel
 
 
 @dataclass(frozen=True)

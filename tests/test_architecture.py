@@ -32,8 +32,9 @@ FLOORS = (
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
     {"solvers"},
+    {"factors"},
     {"segment"},
-    {"frame_factors", "evidence"},
+    {"evidence"},
     {
         "bone_lengths",
         "clock_offsets",
@@ -46,6 +47,7 @@ ESTIMATION_FLOORS = (
         "process_noise",
         "uncertainty",
         "weights",
+        "windows",
     },
 )
 GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import gtsam
 import numpy as np
+from jaxtyping import Float
 
 from fgpose_factors.custom import custom_factor
 
+_Points = Float[np.ndarray, "*bones 3"]
+_Residuals = Float[np.ndarray, "*bones 1"]
+_ByPoint = Float[np.ndarray, "*bones 1 3"]
+_ByLength = Float[np.ndarray, "*bones 1 1"]
 
-def bone_length_and_direction(start_m: np.ndarray, end_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance of two points and its gradient by the end point: the unit direction, zero for a bone of length zero.
 
-    Args:
-        start_m, end_m: (..., 3) each, metres.
-
-    Returns:
-        Distances (...) in metres and directions (..., 3).
-    """
+def bone_length_and_direction(start_m: _Points, end_m: _Points) -> tuple[Float[np.ndarray, "*bones"], _Points]:
+    """Distance of two points in metres and its gradient by the end point: the unit direction, zero at distance zero."""
     difference = end_m - start_m
     length = np.sqrt(np.einsum("...i,...i->...", difference, difference))[..., None]
     # At length zero the distance has a kink and any direction is a subgradient. Zero lets other factors decide.
@@ -28,35 +24,30 @@ def bone_length_and_direction(start_m: np.ndarray, end_m: np.ndarray) -> tuple[n
 
 
 def symmetric_length_residual(
-    left_start_m: np.ndarray, left_end_m: np.ndarray, right_start_m: np.ndarray, right_end_m: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """|left| - |right| of one frame (eq. 4 of the paper), metres.
+    left_start_m: _Points, left_end_m: _Points, right_start_m: _Points, right_end_m: _Points
+) -> tuple[_Residuals, tuple[_ByPoint, _ByPoint, _ByPoint, _ByPoint]]:
+    """|left| - |right| of one frame (eq. 4 of the paper), metres, and its Jacobians by the four points.
 
-    Args:
-        left_start_m, left_end_m, right_start_m, right_end_m: (3,) each, in one frame of reference.
-
-    Returns:
-        Residual (1,) and four Jacobians (1, 3).
+    The points of a pair of bones are in one frame of reference.
     """
     left_m, left = bone_length_and_direction(left_start_m, left_end_m)
     right_m, right = bone_length_and_direction(right_start_m, right_end_m)
-    return np.array([left_m - right_m]), (-left[None], left[None], right[None], -right[None])
+    left, right = left[..., None, :], right[..., None, :]
+    return (left_m - right_m)[..., None], (-left, left, right, -right)
 
 
 def shared_length_residual(
-    start_m: np.ndarray, end_m: np.ndarray, length_m: float | np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-    """|end - start| - length, metres.
+    start_m: _Points, end_m: _Points, length_m: float | Float[np.ndarray, "*#bones"]
+) -> tuple[_Residuals, tuple[_ByPoint, _ByPoint, _ByLength]]:
+    """|end - start| - length, metres, and its Jacobians by the two points and the length.
 
     Args:
-        start_m, end_m: (3,) each.
+        start_m, end_m: in one frame of reference.
         length_m: the unknown length that mirrored bones share at all times.
-
-    Returns:
-        Residual (1,) and Jacobians (1, 3), (1, 3), (1, 1).
     """
     distance_m, direction = bone_length_and_direction(start_m, end_m)
-    return np.array([distance_m - length_m]), (-direction[None], direction[None], -np.ones((1, 1)))
+    residual_m, direction = (distance_m - length_m)[..., None], direction[..., None, :]
+    return residual_m, (-direction, direction, np.full((*residual_m.shape, 1), -1.0))
 
 
 def symmetric_bone_length_factor(
@@ -71,46 +62,3 @@ def shared_bone_length_factor(bone: tuple[int, int], length: int, noise: gtsam.n
     """Custom factor on two Point3 and one double: the bone has the shared length. Noise: dimension 1, metres."""
     point, scalar = gtsam.Values.atPoint3, gtsam.Values.atDouble
     return custom_factor((*bone, length), noise, shared_length_residual, (point, point, scalar))
-
-
-@dataclass(frozen=True)
-class BoneLengths:
-    """Many shared-length factors, linearised at once.
-
-    The same factor as shared_bone_length_factor, for a batch solver that linearises from Python: one numpy expression
-    instead of one callback per bone and frame.
-    """
-
-    start_keys: Sequence[int]
-    end_keys: Sequence[int]
-    length_keys: Sequence[int]
-    sigma_m: float
-    """Standard deviation of each residual, metres."""
-
-    def residuals_m(self, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray) -> np.ndarray:
-        """(N,) residuals of all factors."""
-        return np.linalg.norm(ends_m - starts_m, axis=1) - lengths_m
-
-    def error(self, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray) -> float:
-        """Half the sum of the squared whitened residuals, as NonlinearFactorGraph.error counts it."""
-        return 0.5 * float(np.sum((self.residuals_m(starts_m, ends_m, lengths_m) / self.sigma_m) ** 2))
-
-    def linearize_into(
-        self, linear: gtsam.GaussianFactorGraph, starts_m: np.ndarray, ends_m: np.ndarray, lengths_m: np.ndarray
-    ) -> None:
-        """Append every factor, linearised at these (N, 3), (N, 3) and (N,) values."""
-        distances_m, directions = bone_length_and_direction(starts_m, ends_m)
-        right_hand_sides = (lengths_m - distances_m)[:, None]
-        minus_one = -np.ones((1, 1))
-        noise = gtsam.noiseModel.Isotropic.Sigma(1, self.sigma_m)
-        rows = zip(
-            self.start_keys,
-            -directions[:, None],
-            self.end_keys,
-            directions[:, None],
-            self.length_keys,
-            right_hand_sides,
-            strict=True,
-        )
-        for start, to_start, end, to_end, length, right_hand_side in rows:
-            linear.add(gtsam.JacobianFactor(start, to_start, end, to_end, length, minus_one, right_hand_side, noise))

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
+from jaxtyping import Float
 
-from fgpose_factors.noise import Kernel, robust
+from fgpose_factors.kernels import Kernel
+from fgpose_factors.noise import robust
 
 # Where the ray runs is known better from the pixel, whose own factor says so: wide enough to add nothing to it.
 LATERAL_SIGMA_M = 1.0
 
 
-def depth_covariance_m2(direction: np.ndarray, sigma_m: np.ndarray) -> np.ndarray:
-    """Covariance that is narrow along the ray only.
+def depth_covariance_m2(
+    direction: Float[np.ndarray, "*rays 3"], sigma_m: Float[np.ndarray, "*rays"]
+) -> Float[np.ndarray, "*rays 3 3"]:
+    """Covariance that is narrow along the ray only, m^2, in the frame of the directions.
 
     Args:
-        direction: (..., 3) unit vectors.
-        sigma_m: (...) standard deviation along them, metres.
-
-    Returns:
-        (..., 3, 3) in m^2, in the frame of the directions.
+        direction: unit vectors.
+        sigma_m: standard deviation along them, metres.
     """
     along = direction[..., :, None] * direction[..., None, :]
     return sigma_m[..., None, None] ** 2 * along + LATERAL_SIGMA_M**2 * (np.eye(3) - along)
@@ -27,8 +28,8 @@ def depth_covariance_m2(direction: np.ndarray, sigma_m: np.ndarray) -> np.ndarra
 
 def depth_factor(
     key: int,
-    point_m: np.ndarray,
-    direction: np.ndarray,
+    point_m: Float[np.ndarray, 3],
+    direction: Float[np.ndarray, 3],
     sigma_m: float,
     kernel: Kernel = "none",
     kernel_scale: float = 1.0,
@@ -37,11 +38,16 @@ def depth_factor(
 
     Args:
         key: of the point, world frame.
-        point_m: (3,) where the view alone sees it.
-        direction: (3,) unit vector of the ray.
+        point_m: where the view alone sees it.
+        direction: unit vector of the ray.
         sigma_m: standard deviation along the ray, metres.
         kernel, kernel_scale: as in noise_model.
+
+    Raises:
+        ValueError: sigma or scale is not positive, or the kernel is unknown.
     """
-    covariance_m2 = depth_covariance_m2(np.asarray(direction), np.asarray(sigma_m))
+    if not sigma_m > 0:
+        raise ValueError(f"sigma must be positive, got {sigma_m}")
+    covariance_m2 = depth_covariance_m2(direction, np.asarray(sigma_m))
     gaussian = gtsam.noiseModel.Gaussian.Covariance(covariance_m2)
     return gtsam.PriorFactorPoint3(key, point_m, robust(gaussian, kernel, kernel_scale))

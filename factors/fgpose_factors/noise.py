@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import gtsam
-import numpy as np
 
-Kernel = Literal["none", "huber", "cauchy", "geman_mcclure", "tukey"]
+from fgpose_factors.kernels import Kernel, unknown_kernel
 
 _M_ESTIMATORS = {
     "huber": gtsam.noiseModel.mEstimator.Huber,
@@ -29,57 +26,25 @@ def noise_model(dim: int, sigma: float, kernel: Kernel = "none", kernel_scale: f
     Raises:
         ValueError: sigma or scale is not positive, or the kernel is unknown.
     """
-    if not sigma > 0 or not kernel_scale > 0:
-        raise ValueError(f"sigma and kernel_scale must be positive, got {sigma} and {kernel_scale}")
+    if not sigma > 0:
+        raise ValueError(f"sigma must be positive, got {sigma}")
     return robust(gtsam.noiseModel.Isotropic.Sigma(dim, sigma), kernel, kernel_scale)
 
 
 def robust(gaussian: gtsam.noiseModel.Gaussian, kernel: Kernel, kernel_scale: float) -> gtsam.noiseModel.Base:
-    """Gaussian noise with a robust kernel, or itself for the kernel "none". Raises ValueError for an unknown kernel."""
+    """Any Gaussian noise with a robust kernel; for the kernel "none" the Gaussian noise itself.
+
+    Args:
+        gaussian: noise of any covariance.
+        kernel, kernel_scale: as in noise_model.
+
+    Raises:
+        ValueError: the scale is not positive, or the kernel is unknown.
+    """
+    if not kernel_scale > 0:
+        raise ValueError(f"kernel_scale must be positive, got {kernel_scale}")
     if kernel == "none":
         return gaussian
     if kernel not in _M_ESTIMATORS:
-        raise ValueError(f"unknown kernel {kernel!r}; known: none, {', '.join(_M_ESTIMATORS)}")
+        raise unknown_kernel(kernel)
     return gtsam.noiseModel.Robust.Create(_M_ESTIMATORS[kernel].Create(kernel_scale), gaussian)
-
-
-def robust_loss(squared: np.ndarray, kernel: Kernel, kernel_scale: float) -> np.ndarray:
-    """Loss of squared whitened residuals, as GTSAM counts it in the error of a graph: half the square without a kernel.
-
-    Args:
-        squared: squared norms of whitened residuals, of any shape.
-        kernel, kernel_scale: as in noise_model.
-    """
-    scale = kernel_scale**2
-    match kernel:
-        case "none":
-            return 0.5 * squared
-        case "huber":
-            return np.where(squared <= scale, 0.5 * squared, kernel_scale * (np.sqrt(squared) - 0.5 * kernel_scale))
-        case "cauchy":
-            return 0.5 * scale * np.log1p(squared / scale)
-        case "geman_mcclure":
-            return 0.5 * scale * squared / (scale + squared)
-        case "tukey":
-            return scale / 6 * (1 - (1 - np.minimum(squared / scale, 1.0)) ** 3)
-
-
-def robust_weight(squared: np.ndarray, kernel: Kernel, kernel_scale: float) -> np.ndarray:
-    """Weight by which a kernel multiplies the information of a residual when it is linearised.
-
-    Args:
-        squared: squared norms of whitened residuals, of any shape.
-        kernel, kernel_scale: as in noise_model.
-    """
-    scale = kernel_scale**2
-    match kernel:
-        case "none":
-            return np.ones_like(squared)
-        case "huber":
-            return kernel_scale / np.sqrt(np.maximum(squared, scale))
-        case "cauchy":
-            return scale / (scale + squared)
-        case "geman_mcclure":
-            return (scale / (scale + squared)) ** 2
-        case "tukey":
-            return (1 - np.minimum(squared / scale, 1.0)) ** 2

@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
+from jaxtyping import Float
 
 
 def projection_residual(
-    point_m: np.ndarray, camera_T_world: np.ndarray, K: np.ndarray, measured_px: np.ndarray
-) -> tuple[np.ndarray, tuple[np.ndarray]]:
+    point_m: Float[np.ndarray, "*points 3"],
+    camera_T_world: Float[np.ndarray, "4 4"],
+    K: Float[np.ndarray, "3 3"],
+    measured_px: Float[np.ndarray, "*points 2"],
+) -> tuple[Float[np.ndarray, "*points 2"], tuple[Float[np.ndarray, "*points 2 3"]]]:
     """Projected minus measured pixel.
 
     Args:
-        point_m: (..., 3) world point.
-        camera_T_world: (4, 4) world to camera.
-        K: (3, 3) intrinsics without skew.
-        measured_px: (..., 2) undistorted pixel.
+        point_m: world points.
+        camera_T_world: world to camera.
+        K: intrinsics without skew.
+        measured_px: undistorted pixels.
 
     Returns:
-        Residual (..., 2) in pixels and its Jacobian (..., 2, 3) by the point. NaN at or behind the camera.
+        Residual in pixels and its Jacobian by the point. NaN at or behind the camera.
     """
     R, focal_px = camera_T_world[:3, :3], np.diag(K)[:2]
     in_camera = point_m @ R.T + camera_T_world[:3, 3]
@@ -30,7 +34,7 @@ def projection_residual(
 
 
 def projection_factor(
-    key: int, measured_px: np.ndarray, noise: gtsam.noiseModel.Base, camera: gtsam.PinholeCameraCal3_S2
+    key: int, measured_px: Float[np.ndarray, 2], noise: gtsam.noiseModel.Base, camera: gtsam.PinholeCameraCal3_S2
 ) -> gtsam.TriangulationFactorCal3_S2:
     """GTSAM's native factor on one Point3: projected minus measured, in undistorted pixels.
 

@@ -2,26 +2,45 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import gtsam
 import numpy as np
+from jaxtyping import Float
 
 from fgpose_factors.noise import noise_model
 
 
-def constant_velocity_factor(
-    before: tuple[int, int, float], after: tuple[int, int, float], acceleration_density: float
-) -> gtsam.WnoaMotionFactorPoint3:
+class State(NamedTuple):
+    """A position and a velocity that are variables of the graph, and their time."""
+
+    position: int
+    """Key of a Point3, m."""
+    velocity: int
+    """Key of a Point3, m/s."""
+    time_s: float
+
+
+class Motion(NamedTuple):
+    """The values of a state, of one point or of many."""
+
+    position_m: Float[np.ndarray, "*points 3"]
+    velocity_mps: Float[np.ndarray, "*points 3"]
+    time_s: float
+
+
+def constant_velocity_factor(before: State, after: State, acceleration_density: float) -> gtsam.WnoaMotionFactorPoint3:
     """White noise on acceleration (WNOA) between two states, exact for any time step; native.
 
     Args:
-        before, after: position key, velocity key and time in seconds of each state; after is later.
+        before, after: the states; after is later.
         acceleration_density: power spectral density, m^2/s^3.
 
     Raises:
         ValueError: time does not increase.
     """
-    if not after[2] > before[2]:
-        raise ValueError(f"time must increase from one state to the next: {before[2]} s, then {after[2]} s")
+    if not after.time_s > before.time_s:
+        raise ValueError(f"time must increase from one state to the next: {before.time_s} s, then {after.time_s} s")
     density = np.full(3, acceleration_density)
     return gtsam.WnoaMotionFactorPoint3(gtsam.StateData(*before), gtsam.StateData(*after), density)
 
@@ -49,10 +68,6 @@ def fading_velocity_factor(
 ) -> gtsam.NonlinearFactor:
     """Draws the velocity of a joint that nobody sees towards that of a reference joint, or to zero. Native.
 
-    A pseudo-measurement "velocity difference = 0" with spectral density r turns white-noise acceleration of density q
-    into a velocity that fades with time constant sqrt(r / q) (the stationary Kalman-Bucy gain), hence r = q fade^2 and
-    a variance of r / step for one measurement a step. The stationary velocity variance is then q fade.
-
     Args:
         velocity: key of the velocity, m/s.
         reference: key of the velocity that it fades to; None for standing still.
@@ -60,49 +75,60 @@ def fading_velocity_factor(
         acceleration_density: of the motion factors beside it, m^2/s^3.
         fade_s: time constant, seconds.
     """
-    noise = noise_model(3, float(fade_s * np.sqrt(acceleration_density / step_s)))
+    noise = noise_model(3, float(fading_velocity_sigma_mps(step_s, acceleration_density, fade_s)))
     if reference is None:
         return gtsam.PriorFactorPoint3(velocity, np.zeros(3), noise)
     return gtsam.BetweenFactorPoint3(reference, velocity, np.zeros(3), noise)
 
 
-def interpolate_position(
-    before: tuple[np.ndarray, np.ndarray, float], after: tuple[np.ndarray, np.ndarray, float], time_s: float
-) -> np.ndarray:
-    """Position between two constant-velocity states: the posterior mean, which is the cubic Hermite polynomial.
+def fading_velocity_sigma_mps(
+    step_s: float | Float[np.ndarray, "*factors"],
+    acceleration_density: float | Float[np.ndarray, "*factors"],
+    fade_s: float,
+) -> float | Float[np.ndarray, "*factors"]:
+    """Standard deviation of the pseudo-measurement "velocity difference = 0", m/s.
+
+    With spectral density r it turns white-noise acceleration of density q into a velocity that fades with time constant
+    sqrt(r / q) (the stationary Kalman-Bucy gain), hence r = q fade^2 and a variance of r / step for one measurement a
+    step. The stationary velocity variance is then q fade.
 
     Args:
-        before, after: position (..., 3) m, velocity (..., 3) m/s and time s of each state.
-        time_s: between the two times.
+        step_s, acceleration_density, fade_s: as in fading_velocity_factor.
+    """
+    return fade_s * np.sqrt(acceleration_density / step_s)
+
+
+def interpolate_position(before: Motion, after: Motion, time_s: float) -> Float[np.ndarray, "*points 3"]:
+    """Position between two constant-velocity states, m: the posterior mean, which is the cubic Hermite polynomial.
+
+    Args:
+        before, after: the values of the two states.
+        time_s: between their times.
 
     Raises:
         ValueError: the time lies outside the two states.
     """
-    if not before[2] <= time_s <= after[2] or not before[2] < after[2]:
-        raise ValueError(f"{time_s} s does not lie between {before[2]} s and {after[2]} s")
-    step_s = after[2] - before[2]
-    u = (time_s - before[2]) / step_s
+    if not before.time_s <= time_s <= after.time_s or not before.time_s < after.time_s:
+        raise ValueError(f"{time_s} s does not lie between {before.time_s} s and {after.time_s} s")
+    step_s = after.time_s - before.time_s
+    u = (time_s - before.time_s) / step_s
     return (
-        (1 + 2 * u) * (1 - u) ** 2 * before[0]
-        + u * (1 - u) ** 2 * step_s * before[1]
-        + u**2 * (3 - 2 * u) * after[0]
-        - u**2 * (1 - u) * step_s * after[1]
+        (1 + 2 * u) * (1 - u) ** 2 * before.position_m
+        + u * (1 - u) ** 2 * step_s * before.velocity_mps
+        + u**2 * (3 - 2 * u) * after.position_m
+        - u**2 * (1 - u) * step_s * after.velocity_mps
     )
 
 
 def interpolated_factor(
-    factor: gtsam.NoiseModelFactor,
-    before: tuple[int, int, float],
-    after: tuple[int, int, float],
-    at: tuple[int, int, float],
-    acceleration_density: float,
+    factor: gtsam.NoiseModelFactor, before: State, after: State, at: State, acceleration_density: float
 ) -> gtsam.WnoaInterpFactorPoint3:
     """Puts a factor at a time between two constant-velocity states, for a camera with its own clock. Native.
 
     Args:
-        factor: on the position key ``at[0]``, with Gaussian noise.
-        before, after: position key, velocity key and time of the two states.
-        at: position key, velocity key and time of the interpolated state, which is no variable of the graph.
+        factor: on the key ``at.position``, with Gaussian noise.
+        before, after: the two states.
+        at: the interpolated state, which is no variable of the graph.
         acceleration_density: of the motion factor between the states, m^2/s^3. The uncertainty of the interpolation
             is added to the factor's noise.
 
@@ -112,7 +138,7 @@ def interpolated_factor(
     """
     if isinstance(factor.noiseModel(), gtsam.noiseModel.Robust):
         raise ValueError("an interpolated factor takes Gaussian noise only: GTSAM drops a robust model and crashes")
-    if not before[2] <= at[2] <= after[2]:
-        raise ValueError(f"{at[2]} s does not lie between {before[2]} s and {after[2]} s")
+    if not before.time_s <= at.time_s <= after.time_s:
+        raise ValueError(f"{at.time_s} s does not lie between {before.time_s} s and {after.time_s} s")
     states = {gtsam.StateData(*before), gtsam.StateData(*after)}
     return gtsam.WnoaInterpFactorPoint3(factor, states, {gtsam.StateData(*at)}, np.full(3, acceleration_density))

@@ -6,12 +6,13 @@ from collections.abc import Callable, Sequence
 
 import gtsam
 import numpy as np
+from jaxtyping import Float
 
 
 def numerical_jacobians(
-    residual: Callable[..., np.ndarray], arguments: Sequence[np.ndarray], step: float = 1e-6
-) -> list[np.ndarray]:
-    """Jacobian of a residual (d,) by each argument (n,), by central differences."""
+    residual: Callable[..., Float[np.ndarray, " residual"]], arguments: Sequence[np.ndarray], step: float = 1e-6
+) -> list[Float[np.ndarray, "residual _"]]:
+    """Jacobian of a residual by each of its arguments, by central differences."""
     jacobians = []
     for index, argument in enumerate(arguments):
         columns = []
@@ -27,10 +28,10 @@ def numerical_jacobians(
 
 def numerical_linearization(
     factor: gtsam.NoiseModelFactor, values: gtsam.Values, step: float = 1e-6
-) -> tuple[np.ndarray, np.ndarray]:
-    """Jacobian A (d, sum of n) and right-hand side b (d,) of a whitened factor, by central differences over retract.
+) -> tuple[Float[np.ndarray, "residual variables"], Float[np.ndarray, " residual"]]:
+    """Jacobian A (all variables side by side) and right-hand side b of a whitened factor, by central differences.
 
-    Compare with ``factor.linearize(values).jacobian()``. For a factor without a robust kernel.
+    The variables move by retract. Compare with ``factor.linearize(values).jacobian()``; for noise without a kernel.
     """
     whiten = factor.noiseModel().whiten
     columns = []

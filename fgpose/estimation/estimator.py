@@ -12,17 +12,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation import frame_factors
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.estimation.evidence import Evidence, gather
-from fgpose.estimation.frame_factors import FrameTime
+from fgpose.estimation.factors.kinds import graph_factors
+from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.persistence import RunningPersistence
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
+from fgpose.estimation.segment import FrameTime, Predecessor, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
-from fgpose.estimation.solvers.normal_equations import projections
-from fgpose.estimation.solvers.terms import BatchState
 from fgpose.estimation.uncertainty import doubt_online, with_correlated_errors, with_swing
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -198,44 +197,23 @@ class Estimator:
     def _factors(
         self, before: _State | None, state: _State, evidence: Evidence, values: gtsam.Values
     ) -> Iterator[gtsam.NonlinearFactor]:
-        config, frame = self.config, state.at.frame
-        yield from frame_factors.projection_factors(
-            self.rig, frame, evidence.undistorted_px[0], evidence.weights[0], state.active, config.projection
+        segment = Segment(
+            self.rig,
+            self.skeleton,
+            self.config,
+            evidence,
+            state.active[None],
+            self._lengths.median_m(),
+            self._lengths.sigma_m(),
+            self._density.density()[None],
+            lengths_known=True,
+            initial_m=state.positions_m[None],
+            before=None if before is None else Predecessor(before.at.time_s, before.active),
+            first_frame=state.at.frame,
         )
-        yield from frame_factors.anchor_factors(frame, evidence.anchored[0], evidence.guess_m[0], config.fusion)
-        yield from frame_factors.depth_factors(
-            frame,
-            np.inf if before is None else state.at.time_s - before.at.time_s,
-            state.active,
-            evidence.views_m[0],
-            evidence.rays[0],
-            evidence.depth_sigma_m[0],
-            config.depth,
-        )
-        if config.symmetry.form == "frame":
-            for factor in frame_factors.symmetry_factors(self.skeleton, frame, state.active, config.symmetry):
-                yield freeze(factor, values)
-        elif config.symmetry.form == "shared_length":
-            sigmas_m = np.hypot(config.symmetry.sigma_m, self._lengths.sigma_m())
-            yield from frame_factors.known_length_factors(
-                self.skeleton, frame, state.active, self._lengths.median_m(), sigmas_m
-            )
-        entering = state.active
-        if before is not None and config.motion.model != "none":
-            kept = state.active & before.active
-            entering = state.active & ~before.active
-            density, step_s = self._density.density(), state.at.time_s - before.at.time_s
-            yield from frame_factors.motion_factors(
-                before.at, state.at, np.flatnonzero(kept).tolist(), density, config.motion
-            )
-            yield from frame_factors.fading_factors(
-                self.skeleton, frame, step_s, state.active, evidence.seen[0], density, config.motion
-            )
-        with_velocity = config.motion.model == "constant_velocity"
-        joints = np.flatnonzero(entering).tolist()
-        yield from frame_factors.prior_factors(
-            frame, joints, state.positions_m, config.prior, with_velocity=with_velocity
-        )
+        for factor in graph_factors(segment):
+            # No Python callback may be left in iSAM2.
+            yield freeze(factor, values) if isinstance(factor, gtsam.CustomFactor) else factor
 
     def _read(self, state: _State) -> _State:
         """The state with the estimated values in place of the guesses."""
@@ -272,21 +250,16 @@ class Estimator:
         covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
         if joints:
             keys = [position_key(joint, state.at.frame) for joint in joints]
-            linear_m2, alone = self._smoother.covariances(keys), self._frame_information(state, evidence)
+            linear_m2 = self._smoother.covariances(keys)
+            detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
+            points_m = state.positions_m[None, joints]
+            alone = detection_information(self.rig, *detections, points_m, self.config.projection)[0]
             factor = doubt_online(self._trusted(evidence).total_weight[0, joints], evidence.total_weight[0, joints])
             covariance_m2[joints] = factor[:, None, None] * with_correlated_errors(linear_m2, alone, step_s)
         unseen_s = state.at.time_s - self._last_seen_s
         return with_swing(
             covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
         )[0]
-
-    def _frame_information(self, state: _State, evidence: Evidence) -> Float[np.ndarray, "active_joint 3 3"]:
-        """Of the detections of this frame alone."""
-        joints = state.joints
-        detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
-        at = BatchState(state.positions_m[None, None, joints], np.zeros(0))
-        terms = projections(self.rig, *detections, self.config.projection)
-        return np.sum([term.information(at)[0] for term in terms], axis=0)
 
     def _trusted(self, evidence: Evidence) -> Evidence:
         return replace(evidence, weights=evidence.weights * self._persistence.weights())

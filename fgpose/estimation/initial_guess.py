@@ -19,14 +19,6 @@ def active_joints(
     return time_to_known_s(known, time_s) <= config.max_unseen_s
 
 
-def kept_joints(active: Bool[np.ndarray, "frame joint"], config: MotionConfig) -> Bool[np.ndarray, "frame joint"]:
-    """Whether a joint is tied to itself in the frame before; where it takes part and is not, it enters the graph."""
-    kept = np.zeros_like(active)
-    if config.model != "none":
-        kept[1:] = active[1:] & active[:-1]
-    return kept
-
-
 def time_to_known_s(
     known: Bool[np.ndarray, "frame joint"], time_s: Float[np.ndarray, " frame"]
 ) -> Float[np.ndarray, "frame joint"]:

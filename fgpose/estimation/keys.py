@@ -6,6 +6,8 @@ so vectors that GTSAM returns in key order reshape to (frame, joint, 3).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import gtsam
 
 from fgpose.skeleton import MAX_JOINTS
@@ -35,3 +37,19 @@ def joint_and_frame(key: int) -> tuple[int, int]:
     """Joint and frame of a position or velocity key."""
     frame, joint = divmod(gtsam.symbolIndex(key), _JOINTS_PER_FRAME)
     return joint, frame
+
+
+@dataclass(frozen=True)
+class Keys:
+    """The keys of a run of frames, in which joints are numbered by their slots."""
+
+    joints: tuple[int, ...]
+    """By slot."""
+    first_frame: int
+
+    def position(self, row: int, slot: int) -> int:
+        """In a frame counted from the first; row -1 is the frame before it."""
+        return position_key(self.joints[slot], self.first_frame + row)
+
+    def velocity(self, row: int, slot: int) -> int:
+        return velocity_key(self.joints[slot], self.first_frame + row)

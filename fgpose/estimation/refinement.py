@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
-import gtsam
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from fgpose.config import Config, ProjectionConfig, SymmetryConfig
-from fgpose.estimation import frame_factors
+from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
+from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.fusion import fuse
-from fgpose.estimation.keys import position_key
-from fgpose.estimation.solvers.gtsam_problem import GraphProblem
-from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
+from fgpose.estimation.segment import Segment
+from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
+from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
-from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Trajectory, joint_status
 
 # Eq. 3 sums squared pixels of all views alike: no robust kernel, no weights.
@@ -42,24 +41,22 @@ def refine(
     """
     config = config or Config()
     fused_m = fuse(observations, rig, config.fusion).positions_m
-    undistorted_px = rig.undistort(observations.points2d_px)
+    segment = _segment(observations, rig, fused_m, config)
     positions_m = np.full_like(fused_m, np.nan)
     solutions = []
-    for frame in range(observations.n_frames):
-        active = np.asarray(np.isfinite(fused_m[frame]).all(axis=-1))
+    for frame, active in enumerate(segment.active):
         if active.any():
-            problem = _frame_problem(rig, observations.skeleton, undistorted_px[frame], fused_m[frame], active, config)
-            solution = _solve(problem, fused_m[frame], active, config.solver.max_iterations)
+            problem = GtsamBatch(_frame(segment, frame))
+            solution = levenberg_marquardt(problem, problem.initial(), config.solver.max_iterations)
             solutions.append(solution.convergence)
-            positions_m[frame, active] = gtsam.utilities.extractPoint3(solution.state)
+            positions_m[frame] = problem.positions_m(solution.state)[0]
         if progress:
             progress(frame + 1, observations.n_frames)
-    active = np.asarray(np.isfinite(positions_m).all(axis=-1))
     return Trajectory(
         skeleton=observations.skeleton,
         time_s=observations.frame_time_s,
         positions_m=positions_m,
-        status=joint_status(active, observations.seen.sum(axis=1) >= 2),
+        status=joint_status(segment.active, observations.seen.sum(axis=1) >= 2),
         residual_px=reprojection_residual_px(observations, rig, positions_m),
         camera_names=rig.names,
         convergence=Convergence.worst(solutions),
@@ -67,31 +64,45 @@ def refine(
     )
 
 
-def _frame_problem(
-    rig: CameraRig,
-    skeleton: Skeleton,
-    undistorted_px: Float[np.ndarray, "camera joint 2"],
-    fused_m: Float[np.ndarray, "joint 3"],
-    active: Bool[np.ndarray, " joint"],
-    config: Config,
-) -> GraphProblem:
-    weights = np.ones(undistorted_px.shape[:2])
+def _segment(
+    observations: Observations, rig: CameraRig, fused_m: Float[np.ndarray, "frame joint 3"], config: Config
+) -> Segment:
+    """Eq. 3 and eq. 4, and weak priors around the fused pose."""
+    n_frames, n_joints = fused_m.shape[:2]
+    no_depth = np.full((n_frames, 0, n_joints), np.nan)
+    evidence = Evidence(
+        time_s=observations.frame_time_s,
+        undistorted_px=rig.undistort(observations.points2d_px),
+        weights=np.ones((n_frames, rig.n_cameras, n_joints)),
+        n_views=observations.seen.sum(axis=1),
+        guess_m=fused_m,
+        anchored=np.zeros((n_frames, n_joints), dtype=bool),
+        views_m=no_depth[..., None].repeat(3, axis=-1),
+        rays=no_depth[..., None].repeat(3, axis=-1),
+        depth_sigma_m=no_depth,
+        delay_s=np.zeros((n_frames, rig.n_cameras)),
+    )
     symmetry = SymmetryConfig(form="frame", sigma_m=1e-3 / config.refinement.px_per_mm)
-    graph = gtsam.NonlinearFactorGraph()
-    for factor in frame_factors.projection_factors(rig, 0, undistorted_px, weights, active, _SQUARED_PIXELS):  # eq. 3
-        graph.add(factor)
-    for factor in frame_factors.symmetry_factors(skeleton, 0, active, symmetry):  # eq. 4
-        graph.add(factor)
-    joints = np.flatnonzero(active).tolist()
-    for factor in frame_factors.prior_factors(0, joints, fused_m, config.prior, with_velocity=False):
-        graph.add(factor)
-    return GraphProblem(graph, _STEP_TOLERANCE_M)
+    paper = replace(
+        config,
+        projection=_SQUARED_PIXELS,
+        symmetry=symmetry,
+        motion=MotionConfig(model="none"),
+        solver=replace(config.solver, step_tolerance_m=_STEP_TOLERANCE_M),
+    )
+    active = np.asarray(np.isfinite(fused_m).all(axis=-1))
+    no_lengths_m = np.full(observations.skeleton.n_lengths, np.nan)
+    no_motion = np.ones((n_frames, n_joints))
+    return Segment(
+        rig, observations.skeleton, paper, evidence, active, no_lengths_m, config.prior.length_sigma_m, no_motion
+    )
 
 
-def _solve(
-    problem: GraphProblem, fused_m: np.ndarray, active: np.ndarray, max_iterations: int
-) -> Solution[gtsam.Values]:
-    initial = gtsam.Values()
-    for joint in np.flatnonzero(active).tolist():
-        initial.insert(position_key(joint, 0), fused_m[joint])
-    return levenberg_marquardt(problem, initial, max_iterations)
+def _frame(segment: Segment, frame: int) -> Segment:
+    frames = slice(frame, frame + 1)
+    return replace(
+        segment,
+        evidence=segment.evidence.frames(frames),
+        active=segment.active[frames],
+        process_density=segment.process_density[frames],
+    )

@@ -7,9 +7,13 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.factors.bone_length import KnownLengths
+from fgpose.estimation.factors.joint_rows import JointRows
+from fgpose.estimation.factors.projection import projection_sigma_px
+from fgpose.estimation.factors.state import BatchState
+from fgpose.estimation.factors.symmetry import Symmetries
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.process_noise import process_density
-from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
 
@@ -41,43 +45,43 @@ def _projection(
 ) -> dict[str, Float[np.ndarray, "frame joint"]]:
     if trajectory.residual_px is None:
         return {}
-    weights = np.maximum(evidence.weights, config.projection.min_weight)
-    whitened = trajectory.residual_px * np.sqrt(weights) / config.projection.sigma_px
+    whitened = trajectory.residual_px / projection_sigma_px(evidence.weights, config.projection)
     return {f"projection/{name}": whitened[:, c] for c, name in enumerate(trajectory.camera_names)}
 
 
 def _symmetry(trajectory: Trajectory, config: Config) -> Float[np.ndarray, "frame joint"]:
-    skeleton, positions_m = trajectory.skeleton, trajectory.positions_m
-    of_bones_m = skeleton.bone_lengths(positions_m)
-    if config.symmetry.form == "frame":
-        bones = {frozenset(bone): index for index, bone in enumerate(skeleton.bones)}
-        terms = []
-        for left, right in skeleton.limb_pairs:
-            difference_m = of_bones_m[:, bones[frozenset(left)]] - of_bones_m[:, bones[frozenset(right)]]
-            terms.append(((*left, *right), difference_m))
-    else:
-        lengths_m = trajectory.bone_lengths_m
-        lengths_m = median_lengths(skeleton, positions_m) if lengths_m is None else lengths_m
-        errors_m = of_bones_m - lengths_m[list(skeleton.length_of_bone)]
-        terms = list(zip(skeleton.bones, errors_m.T, strict=True))
-    return _root_of_squares(skeleton, len(positions_m), terms) / config.symmetry.sigma_m
-
-
-def _root_of_squares(
-    skeleton: Skeleton, n_frames: int, terms: list[tuple[tuple[int, ...], np.ndarray]]
-) -> Float[np.ndarray, "frame joint"]:
-    """Each joint's share in terms that belong to several joints; NaN where it has none."""
-    total = np.zeros((n_frames, skeleton.n_joints))
+    """Each joint's share in rows that join several; NaN where it has none."""
+    rows = _rows(trajectory, config)
+    state = BatchState(np.nan_to_num(trajectory.positions_m)[:, None], np.zeros(0))
+    residual, _ = rows.whitened(state)
+    total = np.zeros(trajectory.status.shape)
     known = np.zeros(total.shape, dtype=bool)
-    for joints, values in terms:
-        for joint in joints:
-            total[:, joint] += np.where(np.isfinite(values), values, 0.0) ** 2
-            known[:, joint] |= np.isfinite(values)
+    for joints in rows.slots:
+        for row, joint in enumerate(joints.tolist()):
+            total[:, joint] += residual[:, row] ** 2
+            known[:, joint] |= rows.present[:, row]
     return np.where(known, np.sqrt(total), np.nan)
 
 
+def _rows(trajectory: Trajectory, config: Config) -> JointRows:
+    """The factors on bones, joints numbered as in the skeleton."""
+    skeleton, positions_m = trajectory.skeleton, trajectory.positions_m
+    active = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    if config.symmetry.form == "frame":
+        pairs = np.array([(*left, *right) for left, right in skeleton.limb_pairs], dtype=int).reshape(-1, 4)
+        return Symmetries(
+            pairs.T, np.asarray(active[:, pairs].all(axis=-1)), np.full(len(pairs), config.symmetry.sigma_m)
+        )
+    bones = np.array(skeleton.bones, dtype=int).reshape(-1, 2)
+    lengths_m = trajectory.bone_lengths_m
+    lengths_m = median_lengths(skeleton, positions_m) if lengths_m is None else lengths_m
+    of_bones_m = lengths_m[list(skeleton.length_of_bone)]
+    present = np.asarray(active[:, bones].all(axis=-1) & np.isfinite(of_bones_m))
+    return KnownLengths(bones.T, present, np.full(len(bones), config.symmetry.sigma_m), np.nan_to_num(of_bones_m))
+
+
 def _motion(trajectory: Trajectory, config: Config) -> Float[np.ndarray, "frame joint"]:
-    """The change that the model does not foresee, over its standard deviation; NaN at the ends.
+    """The change that the model does not predict, over its standard deviation; NaN at the ends.
 
     Random walk: the displacement since the frame before, variance q h. Constant velocity: the change of the mean
     velocity between two intervals h and h', variance q (h + h') / 3 (twice integrated white noise).

@@ -1,8 +1,7 @@
-"""Frames of a recording that are solved as one: what both forms of the optimisation problem are made from."""
+"""A segment of a recording that is solved as one: what the factors are made from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,30 +10,56 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence
-from fgpose.estimation.initial_guess import active_joints, fill_gaps, kept_joints, median_lengths
+from fgpose.estimation.initial_guess import active_joints, fill_gaps, median_lengths
+from fgpose.estimation.keys import Keys
 from fgpose.estimation.process_noise import initial_density
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
 
+@dataclass(frozen=True)
+class FrameTime:
+    """A frame's number and time."""
+
+    frame: int
+    time_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Predecessor:
+    """The frame before a segment. Its variables are in the graph already; factors of the first frame may join them."""
+
+    time_s: float
+    active: Bool[np.ndarray, " joint"]
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Frames, and what is known of them before they are solved."""
+    """Frames, and what is known of them before they are solved: many (batch), or the newest one (online)."""
 
     rig: CameraRig
     skeleton: Skeleton
     config: Config
     evidence: Evidence
-    """Of these frames; its first guess must be finite wherever a joint is active."""
+    """Of these frames."""
     active: Bool[np.ndarray, "frame joint"]
     """Which joints take part in which frame."""
     lengths_m: Float[np.ndarray, " length"]
     """First guess of every shared bone length; NaN where a bone has none."""
-    length_sigma_m: float
+    length_sigma_m: float | Float[np.ndarray, " length"]
     """How well it is known."""
     process_density: Float[np.ndarray, "frame joint"]
     """Power spectral density of the noise of the motion factors that lead to each frame, m^2/s^3 with constant
     velocity, m^2/s with random walk."""
+    lengths_known: bool = False
+    """Whether the lengths are taken as they are, their sigma added to that of each bone (online); otherwise they are
+    estimated."""
+    initial_m: Float[np.ndarray, "frame joint 3"] | None = None
+    """Where the joints start, and around what the weak priors lie, if that is not the first guess of the evidence."""
+    before: Predecessor | None = None
+    """The vectorised solver knows segments without predecessor only."""
+    first_frame: int = 0
+    """Number of the first frame in the graph; that of the predecessor is one less."""
 
     @staticmethod
     def of_recording(evidence: Evidence, rig: CameraRig, skeleton: Skeleton, config: Config) -> Segment:
@@ -57,7 +82,7 @@ class Segment:
         return len(self.active)
 
     def frames(self, frames: slice | np.ndarray) -> Segment:
-        """Some of the frames."""
+        """Some of the frames of a recording."""
         return replace(
             self,
             evidence=self.evidence.frames(frames),
@@ -72,21 +97,52 @@ class Segment:
 
     @cached_property
     def joints(self) -> Int[np.ndarray, " slot"]:
-        """The joints that take part in some frame."""
+        """The joints that take part in some frame. The factors number them by their slots."""
         return np.flatnonzero(self.active.any(axis=0))
 
     @cached_property
+    def slots(self) -> Int[np.ndarray, " joint"]:
+        """Slot of each joint; -1 where it takes part in no frame."""
+        slots = np.full(self.skeleton.n_joints, -1)
+        slots[self.joints] = np.arange(len(self.joints))
+        return slots
+
+    @cached_property
+    def keys(self) -> Keys:
+        return Keys(tuple(self.joints.tolist()), self.first_frame)
+
+    @property
+    def start_m(self) -> Float[np.ndarray, "frame joint 3"]:
+        """Where the joints start; finite where they are active."""
+        return self.evidence.guess_m if self.initial_m is None else self.initial_m
+
+    @cached_property
+    def step_s(self) -> Float[np.ndarray, " frame"]:
+        """Time since the frame before; inf for the first frame, unless it has a predecessor."""
+        return np.diff(self.evidence.time_s, prepend=-np.inf if self.before is None else self.before.time_s)
+
+    @cached_property
     def kept(self) -> Bool[np.ndarray, "frame joint"]:
-        """Whether a motion factor leads to this joint from the frame before."""
-        return kept_joints(self.active, self.config.motion)
+        """Whether a motion factor leads to this joint from the frame before; an active joint that is not kept enters
+        the graph."""
+        kept = np.zeros_like(self.active)
+        if self.config.motion.model != "none":
+            kept[1:] = self.active[1:] & self.active[:-1]
+            if self.before is not None:
+                kept[0] = self.active[0] & self.before.active
+        return kept
 
-    def present(self, *joints: int) -> Bool[np.ndarray, " frame"]:
-        """Whether all of these joints take part."""
-        return np.all(self.active[:, list(joints)], axis=1)
-
-    def bones_with_length(self) -> Iterator[tuple[int, int, int]]:
+    @cached_property
+    def bones(self) -> Int[np.ndarray, "3 bone"]:
         """Start, end and length of every bone that is complete in some frame and has a first guess of its length."""
-        if self.config.symmetry.form == "shared_length":
-            for (start, end), length in zip(self.skeleton.bones, self.skeleton.length_of_bone, strict=True):
-                if np.isfinite(self.lengths_m[length]) and self.present(start, end).any():
-                    yield start, end, length
+        if self.config.symmetry.form != "shared_length":
+            return np.zeros((3, 0), dtype=int)
+        start, end = np.array(self.skeleton.bones, dtype=int).reshape(-1, 2).T
+        length = np.array(self.skeleton.length_of_bone, dtype=int)
+        complete = (self.active[:, start] & self.active[:, end]).any(axis=0)
+        return np.stack([start, end, length])[:, complete & np.isfinite(self.lengths_m[length])]
+
+    @cached_property
+    def estimated_lengths(self) -> Int[np.ndarray, " estimated"]:
+        """The shared lengths that are variables."""
+        return np.zeros(0, dtype=int) if self.lengths_known else np.unique(self.bones[2])

@@ -166,11 +166,11 @@ def _informed(segment: Segment, solution: Solution) -> Segment:
         evidence,
         undistorted_px=undistorted_px,
         weights=np.maximum(evidence.weights * trust, config.projection.min_weight),
-        guess_m=np.where(np.isnan(positions_m), evidence.guess_m, positions_m),
     )
     return replace(
         segment,
         evidence=informed,
+        initial_m=np.where(np.isnan(positions_m), evidence.guess_m, positions_m),
         lengths_m=_first_known([solution.lengths_m, segment.lengths_m]),
         process_density=process_density(positions_m, time_s, config.motion),
     )

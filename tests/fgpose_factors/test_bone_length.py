@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 from fgpose_factors import (
-    BoneLengths,
     noise_model,
     shared_bone_length_factor,
     shared_length_residual,
@@ -139,42 +138,16 @@ def test_the_symmetry_factor_makes_limbs_equal_and_moves_nothing_else():
     np.testing.assert_allclose(result.atPoint3(D), [0, 0, 0.30], atol=1e-6)
 
 
-@pytest.fixture
-def many(rng) -> tuple[BoneLengths, gtsam.Values, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Twelve bones, four at a time with the same length; one bone has length zero."""
-    starts_m, ends_m = rng.normal(size=(2, 12, 3))
-    ends_m[5] = starts_m[5]
-    lengths_m = np.repeat([0.25, 0.3, 0.45], 4)
-    starts = [gtsam.symbol("x", n) for n in range(12)]
-    ends = [gtsam.symbol("y", n) for n in range(12)]
-    lengths = [gtsam.symbol("l", n // 4) for n in range(12)]
-    values = gtsam.Values()
-    for n in range(12):
-        values.insert(starts[n], starts_m[n])
-        values.insert(ends[n], ends_m[n])
-    for n in range(3):
-        values.insert(lengths[4 * n], float(lengths_m[4 * n]))
-    return BoneLengths(starts, ends, lengths, 0.02), values, (starts_m, ends_m, lengths_m)
-
-
-def test_many_bones_at_once_are_the_callback_factors(many):
-    bones, values, arrays = many
-    graph = gtsam.NonlinearFactorGraph()
-    for start, end, length in zip(bones.start_keys, bones.end_keys, bones.length_keys, strict=True):
-        graph.add(shared_bone_length_factor((start, end), length, noise_model(1, bones.sigma_m)))
-    linear = gtsam.GaussianFactorGraph()
-    bones.linearize_into(linear, *arrays)
-    ordering = gtsam.Ordering(values.keys())
-    expected = graph.linearize(values)
-    assert linear.size() == expected.size() == 12
-    for ours, theirs in zip(linear.jacobian(ordering), expected.jacobian(ordering), strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
-    assert bones.error(*arrays) == pytest.approx(graph.error(values), rel=1e-12)
-    residuals_m = [shared_length_residual(*row)[0][0] for row in zip(*arrays, strict=True)]
-    np.testing.assert_allclose(bones.residuals_m(*arrays), residuals_m, rtol=1e-12)
-
-
-def test_many_bones_refuse_keys_and_values_of_different_number(many):
-    bones, _, (starts_m, ends_m, lengths_m) = many
-    with pytest.raises(ValueError, match="shorter"):
-        bones.linearize_into(gtsam.GaussianFactorGraph(), starts_m[:-1], ends_m[:-1], lengths_m[:-1])
+def test_many_bones_at_once_are_one_after_the_other(rng):
+    points_m, lengths_m = rng.normal(size=(4, 5, 2, 3)), rng.normal(size=(5, 2))
+    points_m[1, 3, 1] = points_m[0, 3, 1]
+    for residual, arguments in (
+        (symmetric_length_residual, list(points_m)),
+        (shared_length_residual, [*points_m[:2], lengths_m]),
+    ):
+        values, jacobians = residual(*arguments)
+        for bone in np.ndindex(5, 2):
+            value, own_jacobians = residual(*(argument[bone] for argument in arguments))
+            np.testing.assert_array_equal(values[bone], value)
+            for jacobian, own in zip(jacobians, own_jacobians, strict=True):
+                np.testing.assert_array_equal(jacobian[bone], own)

@@ -8,7 +8,7 @@ import jaxtyping
 import numpy as np
 import pytest
 
-from fgpose_factors import Kernel, noise_model, robust_loss, robust_weight
+from fgpose_factors import Kernel, depth_factor, noise_model, robust, robust_loss, robust_weight
 
 KEY = gtsam.symbol("x", 0)
 
@@ -80,11 +80,22 @@ def test_a_sigma_or_scale_that_is_not_positive_is_refused(sigma, scale):
         noise_model(2, sigma, "huber", scale)
 
 
-def test_an_unknown_kernel_is_refused_and_the_known_ones_are_named(monkeypatch):
+@pytest.mark.parametrize(
+    "unknown",
+    [
+        lambda kernel: noise_model(2, 1.0, kernel),
+        lambda kernel: robust(gtsam.noiseModel.Isotropic.Sigma(2, 1.0), kernel, 1.0),
+        lambda kernel: robust_loss(np.ones(3), kernel, 1.0),
+        lambda kernel: robust_weight(np.ones(3), kernel, 1.0),
+        lambda kernel: depth_factor(KEY, np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.1, kernel),
+    ],
+    ids=["noise_model", "robust", "robust_loss", "robust_weight", "depth_factor"],
+)
+def test_an_unknown_kernel_is_refused_and_the_known_ones_are_named(monkeypatch, unknown):
     # as in production, where types are not checked at run time
     monkeypatch.setattr(jaxtyping.config, "jaxtyping_disable", True)
     with pytest.raises(ValueError, match="unknown kernel 'l1'; known: none, huber, cauchy, geman_mcclure, tukey"):
-        noise_model(2, 1.0, cast("Kernel", "l1"))
+        unknown(cast("Kernel", "l1"))
 
 
 @pytest.mark.parametrize("kernel", ["none", *WEIGHTS])

@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from fgpose_factors import (
+    Motion,
+    State,
     constant_velocity_factor,
     fading_velocity_factor,
     interpolate_position,
@@ -30,6 +32,10 @@ def v(frame: int) -> int:
     return gtsam.symbol("v", frame)
 
 
+def state(frame: int, time_s: float) -> State:
+    return State(x(frame), v(frame), time_s)
+
+
 def states(*rows: tuple[np.ndarray, np.ndarray]) -> gtsam.Values:
     values = gtsam.Values()
     for frame, (position_m, velocity_mps) in enumerate(rows):
@@ -46,21 +52,21 @@ def wnoa_covariance(step_s: float, density: float) -> np.ndarray:
 
 def test_constant_velocity_is_zero_for_constant_velocity(rng):
     position_m, velocity_mps = rng.normal(size=(2, 3))
-    factor = constant_velocity_factor((x(0), v(0), 1.0), (x(1), v(1), 1.07), DENSITY)
+    factor = constant_velocity_factor(state(0, 1.0), state(1, 1.07), DENSITY)
     values = states((position_m, velocity_mps), (position_m + 0.07 * velocity_mps, velocity_mps))
     np.testing.assert_allclose(factor.unwhitenedError(values), 0.0, atol=1e-14)
 
 
 def test_constant_velocity_residual_is_the_departure_in_metres_and_metres_per_second(rng):
     position_m, velocity_mps, off_m, off_mps = rng.normal(size=(4, 3))
-    factor = constant_velocity_factor((x(0), v(0), 0.0), (x(1), v(1), 0.1), DENSITY)
+    factor = constant_velocity_factor(state(0, 0.0), state(1, 0.1), DENSITY)
     values = states((position_m, velocity_mps), (position_m + 0.1 * velocity_mps + off_m, velocity_mps + off_mps))
     np.testing.assert_allclose(factor.unwhitenedError(values), np.concatenate([off_m, off_mps]), atol=1e-14)
 
 
 @pytest.mark.parametrize("step_s", [0.005, 1 / 30, 0.5])
 def test_constant_velocity_costs_what_white_noise_on_acceleration_says(rng, step_s):
-    factor = constant_velocity_factor((x(0), v(0), 2.0), (x(1), v(1), 2.0 + step_s), DENSITY)
+    factor = constant_velocity_factor(state(0, 2.0), state(1, 2.0 + step_s), DENSITY)
     information = np.linalg.inv(wnoa_covariance(step_s, DENSITY))
     for _ in range(10):
         position_m, velocity_mps, next_m, next_mps = rng.normal(size=(4, 3))
@@ -78,7 +84,7 @@ def test_two_steps_are_one_step_of_the_sum(rng):
     graph.add(gtsam.PriorFactorPoint3(x(0), start[0], noise_model(3, 0.01)))
     graph.add(gtsam.PriorFactorPoint3(v(0), start[1], noise_model(3, 0.1)))
     for frame in (0, 1):
-        before, after = ((x(f), v(f), times_s[f]) for f in (frame, frame + 1))
+        before, after = (state(f, times_s[f]) for f in (frame, frame + 1))
         graph.add(constant_velocity_factor(before, after, DENSITY))
     here = states(start, start, start)
     joint = gtsam.Marginals(graph, here).jointMarginalCovariance([x(2), v(2)])
@@ -92,7 +98,7 @@ def test_two_steps_are_one_step_of_the_sum(rng):
 def test_smoothness_factors_linearise_as_they_evaluate(rng):
     values = states(*[(rng.normal(size=3), rng.normal(size=3)) for _ in range(2)])
     factors = [
-        constant_velocity_factor((x(0), v(0), 0.0), (x(1), v(1), 0.04), DENSITY),
+        constant_velocity_factor(state(0, 0.0), state(1, 0.04), DENSITY),
         random_walk_factor(x(0), x(1), 0.04, 1.0),
         fading_velocity_factor(v(0), v(1), 0.04, DENSITY, 0.15),
         fading_velocity_factor(v(0), None, 0.04, DENSITY, 0.15),
@@ -119,7 +125,7 @@ def test_random_walk_is_a_between_factor_with_variance_density_times_step(rng):
 @pytest.mark.parametrize("step_s", [0.0, -0.02])
 def test_time_must_increase(step_s):
     with pytest.raises(ValueError, match="time must increase"):
-        constant_velocity_factor((x(0), v(0), 1.0), (x(1), v(1), 1.0 + step_s), DENSITY)
+        constant_velocity_factor(state(0, 1.0), state(1, 1.0 + step_s), DENSITY)
     with pytest.raises(ValueError, match="time must increase"):
         random_walk_factor(x(0), x(1), step_s, 1.0)
 
@@ -148,7 +154,7 @@ def faded_chain(step_s: float, fade_s: float, n_steps: int, reference_mps: np.nd
     graph.add(gtsam.PriorFactorPoint3(x(0), np.zeros(3), noise_model(3, 0.01)))
     graph.add(gtsam.PriorFactorPoint3(v(0), np.array([1.0, 0, 0]), noise_model(3, start_sigma_mps)))
     for frame in range(n_steps):
-        before, after = ((x(f), v(f), f * step_s) for f in (frame, frame + 1))
+        before, after = (state(f, f * step_s) for f in (frame, frame + 1))
         graph.add(constant_velocity_factor(before, after, DENSITY))
         reference = None if reference_mps is None else v(1000 + frame)
         graph.add(fading_velocity_factor(v(frame + 1), reference, step_s, DENSITY, fade_s))
@@ -198,7 +204,7 @@ def test_a_joint_unseen_for_long_stays_within_a_known_speed():
     graph.add(gtsam.PriorFactorPoint3(x(0), np.zeros(3), noise_model(3, 0.01)))
     graph.add(gtsam.PriorFactorPoint3(v(0), np.zeros(3), noise_model(3, 0.01)))
     for frame in range(n_steps):
-        before, after = ((x(f), v(f), f * step_s) for f in (frame, frame + 1))
+        before, after = (state(f, f * step_s) for f in (frame, frame + 1))
         graph.add(constant_velocity_factor(before, after, DENSITY))
         graph.add(fading_velocity_factor(v(frame + 1), None, step_s, DENSITY, fade_s))
     variance = gtsam.Marginals(graph, values).marginalCovariance(v(n_steps))[0, 0]
@@ -208,8 +214,8 @@ def test_a_joint_unseen_for_long_stays_within_a_known_speed():
 
 def test_interpolation_keeps_a_constant_velocity_and_the_ends(rng):
     position_m, velocity_mps = rng.normal(size=(2, 5, 3))
-    before = (position_m, velocity_mps, 3.0)
-    after = (position_m + 0.2 * velocity_mps, velocity_mps, 3.2)
+    before = Motion(position_m, velocity_mps, 3.0)
+    after = Motion(position_m + 0.2 * velocity_mps, velocity_mps, 3.2)
     for time_s in (3.0, 3.05, 3.1, 3.2):
         expected = position_m + (time_s - 3.0) * velocity_mps
         np.testing.assert_allclose(interpolate_position(before, after, time_s), expected, atol=1e-13)
@@ -225,27 +231,27 @@ def test_interpolation_of_any_cubic_motion_is_exact(rng):
     def velocity(time_s: float) -> np.ndarray:
         return np.polynomial.polynomial.polyval(time_s, np.polynomial.polynomial.polyder(coefficients))
 
-    before, after = ((position(t), velocity(t), t) for t in (0.4, 1.1))
+    before, after = (Motion(position(t), velocity(t), t) for t in (0.4, 1.1))
     for time_s in (0.4, 0.55, 0.9, 1.1):
         np.testing.assert_allclose(interpolate_position(before, after, time_s), position(time_s), atol=1e-13)
 
 
 @pytest.mark.parametrize("time_s", [-0.001, 0.201, float("nan")])
 def test_interpolation_refuses_a_time_outside(time_s):
-    state = (np.zeros(3), np.zeros(3))
+    at_rest = (np.zeros(3), np.zeros(3))
     with pytest.raises(ValueError, match="does not lie between"):
-        interpolate_position((*state, 0.0), (*state, 0.2), time_s)
+        interpolate_position(Motion(*at_rest, 0.0), Motion(*at_rest, 0.2), time_s)
 
 
 def interpolated_prior(time_s: float, sigma_m: float, measured_m: np.ndarray) -> gtsam.WnoaInterpFactorPoint3:
     inner = gtsam.PriorFactorPoint3(x(9), measured_m, noise_model(3, sigma_m))
-    return interpolated_factor(inner, (x(0), v(0), 0.0), (x(1), v(1), 0.05), (x(9), v(9), time_s), DENSITY)
+    return interpolated_factor(inner, state(0, 0.0), state(1, 0.05), state(9, time_s), DENSITY)
 
 
 def test_an_interpolated_factor_sees_the_interpolated_position(rng):
     for time_s in (0.013, 0.025, 0.04):
         rows = [(rng.normal(size=3), rng.normal(size=3)) for _ in range(2)]
-        expected_m = interpolate_position((*rows[0], 0.0), (*rows[1], 0.05), time_s)
+        expected_m = interpolate_position(Motion(*rows[0], 0.0), Motion(*rows[1], 0.05), time_s)
         measured_m = rng.normal(size=3)
         residual = interpolated_prior(time_s, 0.01, measured_m).unwhitenedError(states(*rows))
         np.testing.assert_allclose(residual, expected_m - measured_m, atol=1e-12)
@@ -265,10 +271,10 @@ def test_an_interpolated_factor_takes_part_in_an_optimisation():
     for frame in (0, 1):
         graph.add(gtsam.PriorFactorPoint3(x(frame), np.zeros(3), noise_model(3, 0.1)))
         graph.add(gtsam.PriorFactorPoint3(v(frame), np.zeros(3), noise_model(3, 1.0)))
-    graph.add(constant_velocity_factor((x(0), v(0), 0.0), (x(1), v(1), 0.05), DENSITY))
+    graph.add(constant_velocity_factor(state(0, 0.0), state(1, 0.05), DENSITY))
     graph.add(interpolated_prior(0.025, 1e-4, np.array([0.0, 0.0, 0.03])))
     result = gtsam.GaussNewtonOptimizer(graph, states(*[(np.zeros(3), np.zeros(3))] * 2)).optimize()
-    rows = [(result.atPoint3(x(f)), result.atPoint3(v(f)), 0.05 * f) for f in (0, 1)]
+    rows = [Motion(result.atPoint3(x(f)), result.atPoint3(v(f)), 0.05 * f) for f in (0, 1)]
     middle_m = interpolate_position(rows[0], rows[1], 0.025)
     # the priors (0.07 m together) give way to the measurement (4 mm with the bridge): 3 cm x (4 / 70)^2 = 0.1 mm
     np.testing.assert_allclose(middle_m, [0, 0, 0.03], atol=5e-4)
@@ -277,10 +283,10 @@ def test_an_interpolated_factor_takes_part_in_an_optimisation():
 
 def test_an_interpolated_factor_refuses_what_would_crash_gtsam():
     robust = gtsam.PriorFactorPoint3(x(9), np.zeros(3), noise_model(3, 0.01, "huber"))
-    ends = (x(0), v(0), 0.0), (x(1), v(1), 0.05)
+    ends = state(0, 0.0), state(1, 0.05)
     with pytest.raises(ValueError, match="Gaussian noise only"):
-        interpolated_factor(robust, *ends, (x(9), v(9), 0.02), DENSITY)
+        interpolated_factor(robust, *ends, state(9, 0.02), DENSITY)
     gaussian = gtsam.PriorFactorPoint3(x(9), np.zeros(3), noise_model(3, 0.01))
     for time_s in (-0.01, 0.06, float("nan")):
         with pytest.raises(ValueError, match="does not lie between"):
-            interpolated_factor(gaussian, *ends, (x(9), v(9), time_s), DENSITY)
+            interpolated_factor(gaussian, *ends, state(9, time_s), DENSITY)

@@ -2,135 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import gtsam
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from fgpose.estimation import frame_factors
-from fgpose.estimation.frame_factors import FrameTime
-from fgpose.estimation.keys import length_key, position_key, velocity_key
+from fgpose.estimation.factors.bone_length import SharedLengths
+from fgpose.estimation.factors.kinds import factors_of
+from fgpose.estimation.factors.state import BatchState
+from fgpose.estimation.keys import length_key
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.gtsam_problem import GraphProblem
 from fgpose.estimation.solvers.normal_equations import DAMPING_TIME_S
-from fgpose_factors import BoneLengths
 
 
 class GtsamBatch(GraphProblem):
-    """The optimisation problem of a segment of frames."""
+    """The optimisation problem of a segment of frames.
+
+    The shared bone lengths would be Python callbacks in the graph, which would take three times as long: they are
+    linearised in one expression and stand beside the graph.
+    """
 
     def __init__(self, segment: Segment) -> None:
         super().__init__(gtsam.NonlinearFactorGraph(), segment.config.solver.step_tolerance_m)
-        self._segment = segment
-        self._rows = np.full(segment.active.shape, -1)
-        self._rows[segment.active] = np.arange(segment.active.sum())
-        for factor in self._factors():
-            self.graph.add(factor)
-        self.bones: BoneLengths | None = None
-        self._bone_rows: Int[np.ndarray, "bone 3"] = np.zeros((0, 3), dtype=int)
-        self._lengths_m = np.full(segment.skeleton.n_lengths, np.nan)
-        self._add_bones()
-
-    def _factors(self) -> Iterator[gtsam.NonlinearFactor]:
-        segment = self._segment
-        rig, skeleton, data, config = segment.rig, segment.skeleton, segment.evidence, segment.config
-        kept = segment.kept
-        before = FrameTime(-1, float(data.time_s[0]))
-        for frame, time_s in enumerate(data.time_s.tolist()):
-            active = segment.active[frame]
-            after = FrameTime(frame, time_s)
-            yield from frame_factors.projection_factors(
-                rig, frame, data.undistorted_px[frame], data.weights[frame], active, config.projection
-            )
-            anchored = active & data.anchored[frame]
-            yield from frame_factors.anchor_factors(frame, anchored, data.guess_m[frame], config.fusion)
-            yield from frame_factors.depth_factors(
-                frame,
-                time_s - before.time_s if frame else np.inf,
-                active,
-                data.views_m[frame],
-                data.rays[frame],
-                data.depth_sigma_m[frame],
-                config.depth,
-            )
-            if config.symmetry.form == "frame":
-                yield from frame_factors.symmetry_factors(skeleton, frame, active, config.symmetry)
-            joints, density = np.flatnonzero(kept[frame]).tolist(), segment.process_density[frame]
-            yield from frame_factors.motion_factors(before, after, joints, density, config.motion)
-            if frame:
-                step_s = time_s - before.time_s
-                yield from frame_factors.fading_factors(
-                    skeleton, frame, step_s, active, data.seen[frame], density, config.motion
-                )
-            entering = np.flatnonzero(active & ~kept[frame]).tolist()
-            yield from frame_factors.prior_factors(
-                frame, entering, data.guess_m[frame], config.prior, with_velocity=segment.with_velocity
-            )
-            before = after
-
-    def _add_bones(self) -> None:
-        segment = self._segment
-        bones = [
-            (frame, start, end, length)
-            for start, end, length in segment.bones_with_length()
-            for frame in np.flatnonzero(segment.present(start, end)).tolist()
-        ]
-        if not bones:
-            return
-        frame, start, end, length = np.array(bones).T
-        self._bone_rows = np.stack([self._rows[frame, start], self._rows[frame, end], length], axis=1)
-        self._lengths_m[np.unique(length)] = segment.lengths_m[np.unique(length)]
-        self.bones = BoneLengths(
-            [position_key(s, f) for f, s in zip(frame.tolist(), start.tolist(), strict=True)],
-            [position_key(e, f) for f, e in zip(frame.tolist(), end.tolist(), strict=True)],
-            [length_key(number) for number in length.tolist()],
-            segment.config.symmetry.sigma_m,
-        )
-        for factor in frame_factors.length_prior_factors(self._lengths_m, segment.length_sigma_m):
-            self.graph.add(factor)
+        self._segment, self._active = segment, segment.active[:, segment.joints]
+        self._bones: list[tuple[SharedLengths, list[list[int]]]] = []
+        for factors in factors_of(segment):
+            if isinstance(factors, SharedLengths):
+                self._bones.append((factors, factors.joined_keys(segment.keys)))
+                continue
+            for factor in factors.graph_factors(segment.keys):
+                self.graph.add(factor)
 
     def initial(self) -> gtsam.Values:
         """The first guess as Values; velocities start at zero, the solution does not depend on them."""
         values, segment = gtsam.Values(), self._segment
-        zero = np.zeros(3)
-        for frame, joint in np.argwhere(segment.active).tolist():
-            values.insert(position_key(joint, frame), segment.evidence.guess_m[frame, joint])
+        zero, start_m = np.zeros(3), segment.start_m[:, segment.joints]
+        for frame, slot in np.argwhere(self._active).tolist():
+            values.insert(segment.keys.position(frame, slot), start_m[frame, slot])
             if segment.with_velocity:
-                values.insert(velocity_key(joint, frame), zero)
-        for length in np.flatnonzero(np.isfinite(self._lengths_m)).tolist():
-            values.insert(length_key(length), float(self._lengths_m[length]))
+                values.insert(segment.keys.velocity(frame, slot), zero)
+        for length in segment.estimated_lengths.tolist():
+            values.insert(length_key(length), float(segment.lengths_m[length]))
         return values
-
-    def _active_positions(self, values: gtsam.Values) -> Float[np.ndarray, "variable 3"]:
-        # Keys sort by symbol: velocities come before positions.
-        points = gtsam.utilities.extractPoint3(values)
-        return points[len(points) - int(self._segment.active.sum()) :]
-
-    def _bone_arguments(self, values: gtsam.Values) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        points = self._active_positions(values)
-        start, end, length = self._bone_rows.T
-        return points[start], points[end], self.lengths_m(values)[length]
 
     def error(self, state: gtsam.Values) -> float:
         error = super().error(state)
-        return error if self.bones is None else error + self.bones.error(*self._bone_arguments(state))
+        if not self._bones:
+            return error
+        arrays = self._as_arrays(state)
+        return error + sum(factors.error(arrays) for factors, _ in self._bones)
 
     def gaussian(self, state: gtsam.Values) -> gtsam.GaussianFactorGraph:
         linear = super().gaussian(state)
-        if self.bones is not None:
-            self.bones.linearize_into(linear, *self._bone_arguments(state))
+        if self._bones:
+            arrays = self._as_arrays(state)
+            for factors, keys in self._bones:
+                for factor in factors.linear_factors(keys, arrays):
+                    linear.add(factor)
         return linear
 
     @property
     def damping_scale(self) -> Float[np.ndarray, " unknown"]:
         """As NormalEquations has it. Keys sort by symbol: lengths, velocities, positions."""
-        n_lengths, n_points = int(np.isfinite(self._lengths_m).sum()), 3 * int(self._segment.active.sum())
-        counts = n_lengths, n_points * self._segment.with_velocity, n_points
-        return np.repeat([float(len(self._segment.active)), DAMPING_TIME_S**2, 1.0], counts)
+        n_points = 3 * int(self._active.sum())
+        counts = len(self._segment.estimated_lengths), n_points * self._segment.with_velocity, n_points
+        return np.repeat([float(len(self._active)), DAMPING_TIME_S**2, 1.0], counts)
 
     def moves_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "variable 3"]:
-        return step[len(step) - 3 * int(self._segment.active.sum()) :].reshape(-1, 3)
+        return step[len(step) - 3 * int(self._active.sum()) :].reshape(-1, 3)
 
     def positions_m(self, state: gtsam.Values) -> Float[np.ndarray, "frame joint 3"]:
         """Positions of the active joints; NaN elsewhere."""
@@ -139,8 +78,19 @@ class GtsamBatch(GraphProblem):
         return positions_m
 
     def lengths_m(self, state: gtsam.Values) -> Float[np.ndarray, " length"]:
-        """Shared bone lengths; NaN where none is in the graph."""
-        lengths_m = np.full(self._lengths_m.shape, np.nan)
-        for length in np.flatnonzero(np.isfinite(self._lengths_m)).tolist():
+        """Shared bone lengths; NaN where none is estimated."""
+        lengths_m = np.full(self._segment.lengths_m.shape, np.nan)
+        for length in self._segment.estimated_lengths.tolist():
             lengths_m[length] = state.atDouble(length_key(length))
         return lengths_m
+
+    def _active_positions(self, values: gtsam.Values) -> Float[np.ndarray, "variable 3"]:
+        # Keys sort by symbol: velocities come before positions.
+        points = gtsam.utilities.extractPoint3(values)
+        return points[len(points) - int(self._active.sum()) :]
+
+    def _as_arrays(self, values: gtsam.Values) -> BatchState:
+        """Positions and lengths as the factors take them in numpy; no velocities."""
+        joints = np.zeros((len(self._active), 1, self._active.shape[1], 3))
+        joints[:, 0][self._active] = self._active_positions(values)
+        return BatchState(joints, self.lengths_m(values))

@@ -6,38 +6,26 @@ GTSAM treats every factor alone, which takes several times as long for a graph a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from fgpose.config import ProjectionConfig
-from fgpose.estimation import frame_factors
+from fgpose.estimation.factors.bone_length import SharedLengths
+from fgpose.estimation.factors.kinds import Factors, factors_of
+from fgpose.estimation.factors.motion import Motions
+from fgpose.estimation.factors.projection import detection_information
+from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal, Coupling
-from fgpose.estimation.solvers.terms import (
-    BatchState,
-    Fading,
-    FrameSymmetry,
-    Information,
-    Motion,
-    PointPriors,
-    Priors,
-    Projections,
-    SharedLengths,
-    Term,
-)
-from fgpose.geometry.camera import CameraRig
-from fgpose_factors import depth_covariance_m2
 
 # Damping that holds a position like a prior of 1 m holds a velocity like one of 10 m/s.
 DAMPING_TIME_S = 0.1
 
 
 class NormalEquations:
-    """The optimisation problem of a segment of frames (an optimizer.Problem).
+    """The optimisation problem of a segment of frames (a levenberg_marquardt.Problem).
 
     Joints that never take part are left out; the others are numbered by their slots. What takes no part in one of the
     frames is held at zero there.
@@ -46,17 +34,10 @@ class NormalEquations:
     def __init__(self, segment: Segment) -> None:
         self._segment = segment
         self._active = segment.active[:, segment.joints]
-        motion = _motion(segment)
-        self._terms: list[Term] = [
-            motion,
-            *projections(segment.rig, *self._detections(), segment.config.projection),
-            *_fading(segment),
-            *_anchors(segment),
-            *_depths(segment),
-            *_symmetry(segment),
-            _priors(segment),
-        ]
-        self._coupling = Coupling(motion.coupling, np.repeat(motion.strength, 3, axis=1))
+        self._factors: list[Factors] = factors_of(segment)
+        # Only motion couples frames.
+        motions = next(factors for factors in self._factors if isinstance(factors, Motions))
+        self._coupling = Coupling(motions.coupling, np.repeat(motions.strength, 3, axis=1))
         n_frames, n_kinds, n_slots = len(segment.active), 1 + segment.with_velocity, len(segment.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
         self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
@@ -65,11 +46,11 @@ class NormalEquations:
         """The first guess; velocities start at zero, the solution does not depend on them."""
         segment = self._segment
         joints = np.zeros(self._frames.shape[:4])
-        joints[:, 0][self._active] = segment.evidence.guess_m[:, segment.joints][self._active]
+        joints[:, 0][self._active] = segment.start_m[:, segment.joints][self._active]
         return BatchState(joints, np.nan_to_num(segment.lengths_m))
 
     def error(self, state: BatchState) -> float:
-        return sum(term.error(state) for term in self._terms)
+        return sum(factors.error(state) for factors in self._factors)
 
     @property
     def step_tolerance_m(self) -> float:
@@ -88,8 +69,8 @@ class NormalEquations:
 
     def gradient(self, state: BatchState) -> Float[np.ndarray, " unknown"]:
         gradient = BatchState(np.zeros_like(state.joints), np.zeros_like(state.lengths_m))
-        for term in self._terms:
-            term.add_gradient(gradient, state)
+        for factors in self._factors:
+            factors.add_gradient(gradient, state)
         return np.append(gradient.joints, gradient.lengths_m)
 
     def factorized(self, state: BatchState, damping: float) -> _Factorized | None:
@@ -98,24 +79,25 @@ class NormalEquations:
         That of the state before is overwritten.
         """
         information = self._information(state)
-        for term in self._terms:
-            if isinstance(term, SharedLengths):
-                term.add_tension(information, state)
+        for factors in self._factors:
+            if isinstance(factors, SharedLengths):
+                factors.add_tension(information, state)
         joints, lengths = self._split(damping * self.damping_scale)
         np.einsum("tkjakja->tkja", self._frames)[:] += joints
         np.einsum("ll->l", information.corner)[:] += lengths
         try:
-            return _Factorized(self, self._factorize(information))
+            return _Factorized(self._factorize(information), joints.shape)
         except np.linalg.LinAlgError:
             return None
 
     def _information(self, state: BatchState) -> Information:
         information = Information(self._frames, len(state.lengths_m))
-        for term in self._terms:
-            term.add_information(information, state)
+        for factors in self._factors:
+            factors.add_information(information, state)
         return information
 
     def _factorize(self, information: Information) -> BlockTridiagonal:
+        """Raises numpy.linalg.LinAlgError: not positive definite."""
         size = int(np.prod(self._frames.shape[1:4]))
         diagonal = self._frames.reshape(-1, size, size)
         border = information.border.reshape(len(diagonal), size, -1)
@@ -123,9 +105,7 @@ class NormalEquations:
 
     def _split(self, vector: Float[np.ndarray, " unknown"]) -> tuple[np.ndarray, np.ndarray]:
         """Its parts of joints (frame kind joint 3) and of lengths."""
-        shape = self._frames.shape[:4]
-        size = int(np.prod(shape))
-        return vector[:size].reshape(shape), vector[size:]
+        return _split(vector, self._frames.shape[:4])
 
     def moved(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> BatchState:
         joints, lengths_m = self._split(step)
@@ -140,18 +120,16 @@ class NormalEquations:
         return self._of_all_joints(state.joints[:, 0])
 
     def lengths_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
-        """Shared bone lengths; NaN where none takes part."""
-        segment = self._segment
-        used = [length for *_, length in segment.bones_with_length()]
+        """Shared bone lengths; NaN where none is estimated."""
         lengths_m = np.full(state.lengths_m.shape, np.nan)
-        lengths_m[used] = state.lengths_m[used]
+        lengths_m[self._segment.estimated_lengths] = state.lengths_m[self._segment.estimated_lengths]
         return lengths_m
 
     def covariance_m2(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3 3"]:
         """Marginal covariance of every active joint's position around these; NaN elsewhere.
 
         Raises:
-            ValueError: a joint is not held by any term.
+            ValueError: a joint is not held by any factor.
         """
         state = self.initial()
         state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
@@ -165,16 +143,11 @@ class NormalEquations:
         self, positions_m: Float[np.ndarray, "frame joint 3"]
     ) -> Float[np.ndarray, "frame joint 3 3"]:
         """Information of the detections of each frame alone on every active joint, 1/m^2; NaN elsewhere."""
-        state = self.initial()
-        state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
-        of_slots = sum(term.information(state) for term in self._terms if isinstance(term, Projections))
-        return self._of_all_joints(np.asarray(of_slots))
-
-    def _detections(self) -> tuple[Float[np.ndarray, "frame camera slot 2"], Float[np.ndarray, "frame camera slot"]]:
-        """Where they are, NaN for joints that take no part, and their weights."""
-        evidence, joints = self._segment.evidence, self._segment.joints
-        used = self._active[:, None, :, None]
-        return np.where(used, evidence.undistorted_px[:, :, joints], np.nan), evidence.weights[:, :, joints]
+        segment, evidence = self._segment, self._segment.evidence
+        points_m = np.where(segment.active[..., None], positions_m, np.nan)
+        return detection_information(
+            segment.rig, evidence.undistorted_px, evidence.weights, points_m, segment.config.projection
+        )
 
     def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:
         segment = self._segment
@@ -188,110 +161,15 @@ class NormalEquations:
 class _Factorized:
     """Normal equations that can be solved."""
 
-    problem: NormalEquations
     matrix: BlockTridiagonal
+    shape: tuple[int, ...]
+    """Of the joints' unknowns."""
 
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
-        joints, lengths = self.problem._split(right_hand_side)
+        joints, lengths = _split(right_hand_side, self.shape)
         return np.append(*self.matrix.solve(joints.reshape(len(joints), -1), lengths))
 
 
-def projections(
-    rig: CameraRig,
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    weights: Float[np.ndarray, "frame camera joint"],
-    config: ProjectionConfig,
-) -> Iterator[Projections]:
-    """One term per camera."""
-    precision = np.where(
-        np.isnan(undistorted_px).any(axis=-1), 0.0, frame_factors.projection_sigma_px(weights, config) ** -2
-    )
-    for number, camera in enumerate(rig.cameras):
-        measured_px = np.nan_to_num(undistorted_px[:, number])
-        yield Projections(camera, measured_px, precision[:, number], config.kernel, config.kernel_scale)
-
-
-def _motion(segment: Segment) -> Motion:
-    config = segment.config.motion
-    strength = (segment.kept / segment.process_density)[1:, segment.joints]
-    step_s = np.maximum(np.diff(segment.evidence.time_s), frame_factors.shortest_step_s(config))
-    one, zero = np.ones_like(step_s), np.zeros_like(step_s)
-    if config.model != "constant_velocity":
-        return Motion(strength, one[:, None, None], 1 / step_s[:, None, None])
-    transition = np.array([[one, step_s], [zero, one]])
-    across = -6 / step_s**2
-    precision = np.array([[12 / step_s**3, across], [across, 4 / step_s]])
-    return Motion(strength, transition.transpose(2, 0, 1), precision.transpose(2, 0, 1))
-
-
-def _slots(segment: Segment) -> Int[np.ndarray, " joint"]:
-    slots = np.full(segment.skeleton.n_joints, -1)
-    slots[segment.joints] = np.arange(len(segment.joints))
-    return slots
-
-
-def _fading(segment: Segment) -> Iterator[Fading]:
-    config, active = segment.config.motion, segment.active
-    unseen = active & ~segment.evidence.seen
-    unseen[:1] = False
-    if config.model != "constant_velocity" or not unseen.any():
-        return
-    frame, joint = np.nonzero(unseen)
-    holders = [
-        frame_factors.holder(segment.skeleton, j, active[f], segment.evidence.seen[f])
-        for f, j in np.argwhere(unseen).tolist()
-    ]
-    reference = np.array([-1 if holder is None else _slots(segment)[holder] for holder in holders])
-    step_s = np.diff(segment.evidence.time_s)[frame - 1]
-    precision = step_s / (config.fade_s**2 * segment.process_density[frame, joint])
-    yield Fading(frame, _slots(segment)[joint], reference, precision)
-
-
-def _anchors(segment: Segment) -> Iterator[PointPriors]:
-    evidence, joints = segment.evidence, segment.joints
-    anchored = (segment.active & evidence.anchored)[:, joints]
-    if anchored.any():
-        positions_m = np.where(anchored[..., None], evidence.guess_m[:, joints], 0.0)
-        information = anchored[..., None, None] * np.eye(3) / segment.config.fusion.anchor_sigma_m**2
-        yield PointPriors(positions_m, information, frame_factors.ANCHOR_KERNEL, frame_factors.ANCHOR_KERNEL_SCALE)
-
-
-def _depths(segment: Segment) -> Iterator[PointPriors]:
-    evidence, joints, config = segment.evidence, segment.joints, segment.config.depth
-    spread = frame_factors.depth_spread(np.diff(evidence.time_s, prepend=-np.inf), config)
-    for view in range(evidence.views_m.shape[1]):
-        sigma_m = spread[:, None] * evidence.depth_sigma_m[:, view, joints]
-        used = np.isfinite(sigma_m) & segment.active[:, joints]
-        information = np.zeros((*used.shape, 3, 3))
-        covariance_m2 = depth_covariance_m2(evidence.rays[:, view, joints][used], sigma_m[used])
-        information[used] = np.linalg.inv(covariance_m2)
-        positions_m = np.where(used[..., None], evidence.views_m[:, view, joints], 0.0)
-        if used.any():
-            yield PointPriors(positions_m, information, config.kernel, config.kernel_scale)
-
-
-def _symmetry(segment: Segment) -> Iterator[SharedLengths | FrameSymmetry]:
-    config, slot_of = segment.config.symmetry, _slots(segment)
-    if config.form == "shared_length":
-        bones = list(segment.bones_with_length())
-        if bones:
-            start, end, length = np.array(bones).T
-            present = np.stack([segment.present(a, b) for a, b, _ in bones], axis=1)
-            yield SharedLengths(slot_of[start], slot_of[end], length, present, config.sigma_m)
-    elif config.form == "frame":
-        pairs = [(*left, *right) for left, right in segment.skeleton.limb_pairs]
-        present = np.stack([segment.present(*pair) for pair in pairs], axis=1)
-        used = present.any(axis=0)
-        if used.any():
-            yield FrameSymmetry(slot_of[np.array(pairs)[used]].T, present[:, used], config.sigma_m)
-
-
-def _priors(segment: Segment) -> Priors:
-    """Those of the graph; besides, what takes no part is held at zero, so that every unknown is determined."""
-    config, active = segment.config.prior, segment.active[:, segment.joints]
-    entering = active & ~segment.kept[:, segment.joints]
-    sigmas = (config.position_sigma_m, config.velocity_sigma_mps)[: 1 + segment.with_velocity]
-    precision = np.stack([entering / sigma**2 + ~active for sigma in sigmas], axis=1)
-    joints = np.zeros((*precision.shape, 3))
-    joints[:, 0][entering] = segment.evidence.guess_m[:, segment.joints][entering]
-    return Priors(joints, precision, np.nan_to_num(segment.lengths_m), segment.length_sigma_m**-2)
+def _split(vector: Float[np.ndarray, " unknown"], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    size = int(np.prod(shape))
+    return vector[:size].reshape(shape), vector[size:]

@@ -8,7 +8,7 @@ import pytest
 
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
-from fgpose_factors import constant_velocity_factor, noise_model
+from fgpose_factors import State, constant_velocity_factor, noise_model
 
 STEP_S, DENSITY, SIGMA_M = 0.02, 20.0, 0.02
 
@@ -21,8 +21,8 @@ def frame_of(number: int, measured_m: np.ndarray) -> tuple[gtsam.NonlinearFactor
     if number == 0:
         graph.add(gtsam.PriorFactorPoint3(velocity, np.zeros(3), noise_model(3, 1.0)))
     else:
-        before = position_key(0, number - 1), velocity_key(0, number - 1), (number - 1) * STEP_S
-        graph.add(constant_velocity_factor(before, (position, velocity, number * STEP_S), DENSITY))
+        before = State(position_key(0, number - 1), velocity_key(0, number - 1), (number - 1) * STEP_S)
+        graph.add(constant_velocity_factor(before, State(position, velocity, number * STEP_S), DENSITY))
     values.insert(position, measured_m)
     values.insert(velocity, np.zeros(3))
     return graph, values, [position, velocity]

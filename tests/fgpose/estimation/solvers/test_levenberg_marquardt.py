@@ -8,7 +8,7 @@ from fgpose.estimation.solvers.gtsam_problem import GraphProblem
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
 from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import Scene
-from fgpose_factors import constant_velocity_factor, custom_factor, noise_model, projection_factor
+from fgpose_factors import State, constant_velocity_factor, custom_factor, noise_model, projection_factor
 
 X = gtsam.symbol("x", 0)
 
@@ -52,8 +52,8 @@ def moving_point(scene: Scene, rig: CameraRig, joint: int = 13) -> tuple[gtsam.N
             measured_px = scene.observations.points2d_px[frame, camera, joint]
             graph.add(projection_factor(x, measured_px, noise, rig.cameras[camera].gtsam))
         if frame:
-            before = (gtsam.symbol("x", frame - 1), gtsam.symbol("v", frame - 1), (frame - 1) / 30)
-            graph.add(constant_velocity_factor(before, (x, v, frame / 30), 20.0))
+            before = State(gtsam.symbol("x", frame - 1), gtsam.symbol("v", frame - 1), (frame - 1) / 30)
+            graph.add(constant_velocity_factor(before, State(x, v, frame / 30), 20.0))
         values.insert(x, scene.truth_m[frame, joint] + np.array([0.3, -0.3, 0.3]))
         values.insert(v, np.zeros(3))
     graph.add(gtsam.PriorFactorPoint3(gtsam.symbol("v", 0), np.zeros(3), noise_model(3, 3.0)))

@@ -12,6 +12,8 @@ import pytest
 import fgpose
 from fgpose.config import Config, DepthConfig, MotionConfig, ProjectionConfig, SolverConfig, SymmetryConfig
 from fgpose.estimation.evidence import Evidence, gather
+from fgpose.estimation.factors.kinds import graph_factors
+from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.initial_guess import fill_gaps, median_lengths
 from fgpose.estimation.keys import position_key
 from fgpose.estimation.segment import Segment
@@ -20,7 +22,6 @@ from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
-from fgpose_factors import noise_model, shared_bone_length_factor
 
 N_FRAMES = 9
 CONFIGS = {
@@ -80,7 +81,7 @@ def difficult(scene: Scene, rig: CameraRig, config: Config) -> tuple[Evidence, n
     return evidence, comes_and_goes(skeleton)
 
 
-def both(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> tuple[NormalEquations, GtsamBatch]:
+def difficult_segment(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> Segment:
     skeleton = scene.observations.skeleton
     evidence, active = difficult(scene, rig, config)
     active = changes.pop("active", active)
@@ -88,7 +89,11 @@ def both(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> tuple[
     lengths_m = median_lengths(skeleton, evidence.guess_m)
     lengths_m[2] = np.nan
     density = np.random.default_rng(1).uniform(0.3, 30.0, size=active.shape)
-    segment = Segment(rig, skeleton, config, evidence, active, lengths_m, 0.3, density)
+    return Segment(rig, skeleton, config, evidence, active, lengths_m, 0.3, density)
+
+
+def both(scene: Scene, rig: CameraRig, config: Config, **changes: Any) -> tuple[NormalEquations, GtsamBatch]:
+    segment = difficult_segment(scene, rig, config, **changes)
     return NormalEquations(segment), GtsamBatch(segment)
 
 
@@ -118,6 +123,57 @@ def test_damped_steps_are_those_of_the_graph(walking_scene, rig):
     check_two_steps(*both(walking_scene, rig, Config()), damping=1e3)
 
 
+def test_known_lengths_are_those_of_the_graph(walking_scene, rig):
+    segment = difficult_segment(walking_scene, rig, Config())
+    sigma_m = np.linspace(0.01, 0.03, len(segment.lengths_m))
+    segment = dataclasses.replace(segment, lengths_known=True, length_sigma_m=sigma_m)
+    check_two_steps(NormalEquations(segment), GtsamBatch(segment))
+
+
+def test_a_step_a_millimetre_further_is_that_of_the_graph_too(walking_scene, rig):
+    """Every iteration has its own system, however little the joints have moved since the one before."""
+    chain, window = both(walking_scene, rig, Config())
+    state, values = chain.initial(), window.initial()
+    for solve in (chain.linearize(state), window.linearize(values)):
+        assert solve.solve(0.0) is not None
+    shift = gtsam.VectorValues()
+    for key, dim in values.dims().items():
+        shift.insert(key, np.full(dim, 1e-3 if chr(gtsam.symbolChr(key)) == "x" else 0.0))
+    nearby = BatchState(state.joints.copy(), state.lengths_m)
+    nearby.joints[:, 0][chain._active] += 1e-3
+    step, step_of_graph = chain.linearize(nearby).solve(0.0), window.linearize(values.retract(shift)).solve(0.0)
+    assert step is not None
+    assert step_of_graph is not None
+    apart_m = step.joints[:, 0][chain._active] - window.moves_m(step_of_graph)
+    np.testing.assert_allclose(apart_m, 0.0, atol=1e-10)  # as in check_two_steps
+
+
+@pytest.mark.parametrize("damping", [0.0, 1e2, 1e4])
+def test_the_predicted_decrease_is_that_of_the_linearised_graph(walking_scene, rig, damping):
+    chain, window = both(walking_scene, rig, Config())
+    ours, theirs = chain.linearize(chain.initial()), window.linearize(window.initial())
+    step, step_of_graph = ours.solve(damping), theirs.solve(damping)
+    assert step is not None
+    assert step_of_graph is not None
+    for fraction in (1.0, 0.5, 0.25):
+        predicted = theirs.predicted_decrease(step_of_graph, damping, fraction)
+        # the difference of two errors of 1e6 in the graph
+        assert ours.predicted_decrease(step, damping, fraction) == pytest.approx(predicted, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_the_batch_of_gtsam_is_the_graph_of_all_factors(walking_scene, rig, name):
+    segment = difficult_segment(walking_scene, rig, CONFIGS[name])
+    batch, graph = GtsamBatch(segment), whole_graph(segment)
+    values = batch.initial()
+    assert batch.error(values) == pytest.approx(graph.error(values), rel=1e-12)
+    ordering = gtsam.Ordering(values.keys())
+    linear, expected = batch.gaussian(values), graph.linearize(values)
+    assert linear.size() == expected.size()
+    for ours, theirs in zip(linear.hessian(ordering), expected.hessian(ordering), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-12 * np.abs(theirs).max())
+
+
 def test_a_joint_behind_a_camera_neither_pulls_nor_fails(walking_scene, rig):
     evidence, _ = difficult(walking_scene, rig, Config())
     guess_m = evidence.guess_m.copy()
@@ -135,33 +191,28 @@ def test_a_bone_of_length_zero(walking_scene, rig, skeleton, form):
     check_two_steps(*both(walking_scene, rig, config, guess_m=guess_m))
 
 
-def test_one_frame(walking_scene, rig, skeleton, monkeypatch):
-    monkeypatch.setattr(
-        "fgpose.estimation.solvers.normal_equations._NEAR_M", 0.0
-    )  # so near the end the chain would use its first system again
+def test_one_frame(walking_scene, rig, skeleton):
     evidence = gather(walking_scene.observations.frames(slice(0, 1)), rig, Config())
     lengths_m = median_lengths(skeleton, evidence.guess_m)
     segment = Segment(rig, skeleton, Config(), evidence, np.ones((1, 17), dtype=bool), lengths_m, 0.3, np.ones((1, 17)))
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
-def marginals_of_graph(window: GtsamBatch, values: gtsam.Values, skeleton: Skeleton, config: Config) -> gtsam.Marginals:
-    """GTSAM's own, with the shared lengths as callback factors."""
-    whole = gtsam.NonlinearFactorGraph(window.graph)
-    if window.bones is not None:
-        noise = noise_model(1, config.symmetry.sigma_m)
-        keys = (window.bones.start_keys, window.bones.end_keys, window.bones.length_keys)
-        for start, end, length in zip(*keys, strict=True):
-            whole.add(shared_bone_length_factor((start, end), length, noise))
-    return gtsam.Marginals(whole, values)
+def whole_graph(segment: Segment) -> gtsam.NonlinearFactorGraph:
+    """With the shared lengths as callback factors, which the batch keeps beside its graph."""
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in graph_factors(segment):
+        graph.add(factor)
+    return graph
 
 
 @pytest.mark.parametrize("name", CONFIGS)
 def test_covariance_equals_gtsams_marginals(walking_scene, rig, skeleton, name):
     config = CONFIGS[name]
-    chain, window = both(walking_scene, rig, config)
+    segment = difficult_segment(walking_scene, rig, config)
+    chain = NormalEquations(segment)
     covariance_m2 = chain.covariance_m2(chain.positions_m(chain.initial()))
-    marginals = marginals_of_graph(window, window.initial(), skeleton, config)
+    marginals = gtsam.Marginals(whole_graph(segment), GtsamBatch(segment).initial())
     active = comes_and_goes(skeleton)
     for frame, joint in np.ndindex(active.shape):
         if active[frame, joint]:
@@ -211,8 +262,8 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
 
 
 def test_the_solution_is_that_of_gtsam_on_a_real_recording():
-    """The chain takes a slightly other path, as it uses systems again, so both go on until hardly anything moves; the
-    process noise is fixed, for it is learned from a solution that need not be exact."""
+    """Both go on until hardly anything moves; the process noise is fixed, for it is learned from a solution that need
+    not be exact."""
     rig, observations = fgpose.load_recording(fgpose.recordings()[0])
     observations = observations.frames(slice(0, 60))
     solved = {}

@@ -1,0 +1,112 @@
+"""Bone length: a bone is as long as its mirror image, at all times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.estimation.factors.joint_rows import JointRows
+from fgpose.estimation.factors.state import BatchState, Information
+from fgpose.estimation.segment import Segment
+from fgpose_factors import bone_length_and_direction, noise_model, shared_bone_length_factor, shared_length_residual
+
+# Nearer than this two joints are at one point, as two detections at one pixel in every view make them.
+_ONE_POINT_M = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SharedLengths(JointRows):
+    """The length is a variable that mirror images share at all times."""
+
+    length_of_row: Int[np.ndarray, " row"]
+
+    @property
+    def lengths(self) -> Int[np.ndarray, " row"]:
+        return self.length_of_row
+
+    def residual(
+        self, points_m: Sequence[np.ndarray], lengths_m: np.ndarray
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        start_m, end_m = points_m
+        return shared_length_residual(start_m, end_m, lengths_m[self.length_of_row])
+
+    def add_tension(self, information: Information, state: BatchState) -> None:
+        """The curvature that Gauss-Newton leaves out, across every bone that is longer than its length.
+
+        A taut bone resists being swung (the geometric stiffness of mechanics); without it steps overshoot and swing to
+        and fro. The curvature of a bone that is too short is negative and stays out.
+        """
+        positions_m = state.joints[:, 0]
+        start, end = self.slots
+        distance_m, direction = bone_length_and_direction(positions_m[:, start], positions_m[:, end])
+        excess_m = np.maximum(distance_m - state.lengths_m[self.length_of_row], 0.0)
+        taut = self.present & (excess_m > 0)
+        stiffness = np.divide(excess_m, distance_m * self.sigma_m**2, out=np.zeros_like(excess_m), where=taut)
+        along = direction[..., :, None] * direction[..., None, :]
+        across = stiffness[..., None, None] * (np.eye(3) - along)
+        for row, (a, b) in enumerate(zip(start.tolist(), end.tolist(), strict=True)):
+            for one, other, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
+                information.positions[:, one, :, other] += sign * across[:, row]
+
+    def factor(self, keys: Sequence[int], row: int) -> gtsam.NonlinearFactor:
+        start, end, length = keys
+        return shared_bone_length_factor((start, end), length, noise_model(1, float(self.sigma_m[row])))
+
+    def linear_factors(self, keys: Sequence[Sequence[int]], state: BatchState) -> Iterator[gtsam.JacobianFactor]:
+        """The factors linearised, all in one expression instead of one callback each.
+
+        Args:
+            keys: of every row in every frame where it is present, as joined_keys gives them.
+            state: around which.
+        """
+        residual, jacobians = self.whitened(state)
+        by_start, by_end, by_length = (jacobian[self.present][:, None] for jacobian in jacobians)
+        noise = gtsam.noiseModel.Unit.Create(1)
+        rows = zip(keys, by_start, by_end, by_length, -residual[self.present][:, None], strict=True)
+        for (start, end, length), to_start, to_end, to_length, right_hand_side in rows:
+            yield gtsam.JacobianFactor(start, to_start, end, to_end, length, to_length, right_hand_side, noise)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownLengths(JointRows):
+    """The length is known: GTSAM's native range factors, so that no Python callback is left in iSAM2."""
+
+    lengths_m: Float[np.ndarray, " row"]
+
+    def residual(
+        self, points_m: Sequence[np.ndarray], lengths_m: np.ndarray
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
+        start_m, end_m = points_m
+        residual_m, (by_start, by_end, _) = shared_length_residual(start_m, end_m, self.lengths_m)
+        return residual_m, (by_start, by_end)
+
+    def factor(self, keys: Sequence[int], row: int) -> gtsam.NonlinearFactor:
+        noise = noise_model(1, float(self.sigma_m[row]))
+        return gtsam.RangeFactor3(keys[0], keys[1], float(self.lengths_m[row]), noise)
+
+
+def bone_lengths(segment: Segment) -> Iterator[SharedLengths | KnownLengths]:
+    """Every bone that is complete in some frame and has a first guess of its length."""
+    start, end, length = segment.bones
+    if not length.size:
+        return
+    slots = segment.slots[segment.bones[:2]]
+    present, sigma_m = segment.active[:, start] & segment.active[:, end], segment.config.symmetry.sigma_m
+    if segment.lengths_known:
+        sigma_of_length_m = np.full(segment.lengths_m.shape, segment.length_sigma_m)
+        sigmas_m = np.hypot(sigma_m, sigma_of_length_m[length])
+        apart = _apart(segment.start_m[:, start], segment.start_m[:, end])
+        yield KnownLengths(slots, present & apart, sigmas_m, segment.lengths_m[length])
+    else:
+        yield SharedLengths(slots, present, np.full(length.shape, sigma_m), length)
+
+
+def _apart(
+    start_m: Float[np.ndarray, "frame bone 3"], end_m: Float[np.ndarray, "frame bone 3"]
+) -> Bool[np.ndarray, "frame bone"]:
+    """Whether the joints start at two points: the distance zero has no direction, and GTSAM's Jacobian of it is NaN."""
+    return np.asarray(bone_length_and_direction(start_m, end_m)[0] > _ONE_POINT_M)

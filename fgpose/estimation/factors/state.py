@@ -1,0 +1,64 @@
+"""The unknowns of a segment as arrays, and the information matrix over them that every kind of factor adds to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True, eq=False)
+class BatchState:
+    """Everything that is unknown in a segment of frames, or a step or a gradient of it."""
+
+    joints: Float[np.ndarray, "frame kind joint 3"]
+    """Positions in m and, with constant velocity, velocities in m/s."""
+    lengths_m: Float[np.ndarray, " length"]
+
+
+class Information:
+    """Gauss-Newton's information matrix of a cost around a state. A frame's unknowns are ordered by kind, joint, axis.
+
+    Args:
+        frames: to be filled; it is given because it is by far the largest array of a run.
+        n_lengths: how many lengths there are.
+    """
+
+    def __init__(self, frames: Float[np.ndarray, "frame kind joint 3 kind joint 3"], n_lengths: int) -> None:
+        frames[:] = 0.0
+        self.frames = frames
+        self.border = np.zeros((*frames.shape[:4], n_lengths))
+        self.corner = np.zeros((n_lengths, n_lengths))
+
+    @property
+    def positions(self) -> Float[np.ndarray, "frame joint 3 joint 3"]:
+        """Of the positions of a frame; a view."""
+        return self.frames[:, 0, :, :, 0]
+
+    @property
+    def single_positions(self) -> Float[np.ndarray, "frame joint 3 3"]:
+        """Of each position alone; a view."""
+        return np.einsum("tjajb->tjab", self.positions)
+
+    @property
+    def single_axes(self) -> Float[np.ndarray, "frame kind kind joint 3"]:
+        """Between the kinds of one joint along one axis; a view."""
+        return np.einsum("tkjalja->tklja", self.frames)
+
+    def add_rows(
+        self, joints: Sequence[Int[np.ndarray, " row"]], jacobians: Sequence[Float[np.ndarray, "frame row 3"]]
+    ) -> None:
+        """J^T J of scalar residuals, each on the positions of several joints of a frame.
+
+        No two rows may share a pair of joints.
+        """
+        for first, by_first in zip(joints, jacobians, strict=True):
+            for second, by_second in zip(joints, jacobians, strict=True):
+                product = by_first[..., :, None] * by_second[..., None, :]
+                if first is second:
+                    for row, joint in enumerate(first.tolist()):
+                        self.positions[:, joint, :, joint] += product[:, row]
+                else:
+                    self.positions[:, first, :, second] += product.swapaxes(0, 1)
