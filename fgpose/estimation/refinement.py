@@ -46,7 +46,7 @@ def refine(
     solutions = []
     for frame, active in enumerate(segment.active):
         if active.any():
-            problem = GtsamBatch(_frame(segment, frame))
+            problem = GtsamBatch(segment.frames(slice(frame, frame + 1)))
             solution = levenberg_marquardt(problem, problem.initial(), config.solver.max_iterations)
             solutions.append(solution.convergence)
             positions_m[frame] = problem.positions_m(solution.state)[0]
@@ -95,14 +95,4 @@ def _segment(
     no_motion = np.ones((n_frames, n_joints))
     return Segment(
         rig, observations.skeleton, paper, evidence, active, no_lengths_m, config.prior.length_sigma_m, no_motion
-    )
-
-
-def _frame(segment: Segment, frame: int) -> Segment:
-    frames = slice(frame, frame + 1)
-    return replace(
-        segment,
-        evidence=segment.evidence.frames(frames),
-        active=segment.active[frames],
-        process_density=segment.process_density[frames],
     )
