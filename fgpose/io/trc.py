@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_text
 from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
 from fgpose.trajectory import Trajectory
 
@@ -36,8 +36,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> Non
         OSError: the file cannot be written.
     """
     lines = [*_header_lines(trajectory, path.name), *_frame_lines(trajectory, world_up)]
-    with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
