@@ -258,9 +258,11 @@ def load_config(path: str | Path) -> Config:
             gives a value of a wrong kind.
         OSError: the file cannot be read.
     """
-    content = Path(path).read_bytes()
     try:
-        return config_from_dict(parse_toml(content.decode("utf-8")))
+        return config_from_dict(parse_toml(Path(path).read_bytes().decode("utf-8")))
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -104,7 +105,8 @@ class Outputs:
         for path in self._paths(saved):
             if path.is_dir():
                 raise OSError(f"cannot write {path}: it is a folder")
-            if any(path.resolve() == other.resolve() for other in inputs):
+            # Path.resolve fails where links go round in circles.
+            if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
                 raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
             if path.suffix != ".rrd":
                 check_output(path)

@@ -9,8 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.config import parse_toml
+from fgpose.io.content import read_content
 from fgpose.skeleton import LIMBS, Skeleton
 
+# Many times what the largest skeleton takes.
+_MAX_BYTES = 10_000_000
 _KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs"}
 
 
@@ -33,8 +36,8 @@ def load_skeleton(name_or_path: str | Path) -> Skeleton:
         raise ValueError(
             f"no skeleton {str(name_or_path)!r}: give a TOML file or one of {', '.join(builtin_skeletons())}"
         )
-    content = Path(name_or_path).read_bytes()
     try:
+        content = read_content(Path(name_or_path), _MAX_BYTES)
         return _parse(parse_toml(content.decode("utf-8")))
     except ValueError as error:
         raise ValueError(f"{name_or_path}: not a skeleton: {error}") from None

@@ -9,6 +9,7 @@ import numpy as np
 
 from fgpose.io.atomic import check_writable
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
+from fgpose.io.content import first_bytes
 from fgpose.io.markers import UpAxis
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.parquet import read_parquet, write_parquet
@@ -99,8 +100,7 @@ def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up
 
 
 def _kind(path: Path) -> str:
-    with path.open("rb") as file:
-        start = file.read(16)
+    start = first_bytes(path, 16)
     if not start:
         raise ValueError(f"{path}: the file is empty")
     if start.startswith(b"PAR1"):

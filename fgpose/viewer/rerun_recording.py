@@ -27,6 +27,7 @@ from fgpose.viewer.rows import Rows, scalar_rows
 from fgpose.viewer.scene import log_picture_style, log_residual_styles, log_scene
 
 _HOST = "127.0.0.1"
+_MAX_PORT = 65535
 # What late viewers can still be sent beside the pictures; the oldest frames are dropped first.
 _SERVER_MB = 256.0
 # So many pictures may wait for a slow disk before logging waits too: else they pile up in memory.
@@ -287,6 +288,8 @@ def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
 
 def _free_port(port: int) -> int:
     """The port, or a free one for 0. Rerun itself notices a taken port only after the first data."""
+    if not 0 <= port <= _MAX_PORT:
+        raise ValueError(f"a port is a number from 0 to {_MAX_PORT}, got {port}")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

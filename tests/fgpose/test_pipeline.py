@@ -164,6 +164,11 @@ def test_input_is_not_replaced(tmp_path: Path) -> None:
         outputs.check(("smoothed",), (tmp_path / "walk.npz",))
 
 
+def test_links_in_a_circle_are_an_input_like_any_other(tmp_path: Path) -> None:
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    Outputs(tmp_path / "out", "walk", ("npz",)).check(("smoothed",), (tmp_path / "circle",))
+
+
 def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source) -> None:
     save_rig(source.rig, tmp_path / "rig.npz")
     save_observations(source.observations, tmp_path / "all.npz")

@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers, rotation_matrix
+from fgpose.io.content import read_content
 
 # A hundred cameras take 100 kB; the library reads about as much in a second.
 _MAX_BYTES = 1_000_000
@@ -52,16 +53,12 @@ def _document(folder: Path, name: str) -> dict[str, Any]:
     path = folder / name
     if not path.is_file():
         raise ValueError(f"{name} is missing in {folder}; intri.yml and extri.yml belong together")
-    with path.open("rb") as file:
-        content = file.read(_MAX_BYTES + 1)
-    if len(content) > _MAX_BYTES:
-        raise ValueError(f"{name} has more than {_MAX_BYTES} bytes")
     try:
-        text = content.decode("utf-8-sig")
+        text = read_content(path, _MAX_BYTES).decode("utf-8-sig")
         # OpenCV writes %YAML:1.0, which is no directive of YAML.
         body = text.partition("\n")[2] if text.startswith("%YAML") else text
         document = yaml.load(body, _Loader)
-    except (UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+    except (ValueError, yaml.YAMLError, RecursionError) as error:
         raise ValueError(f"{name} is damaged or not OpenCV YAML: {str(error) or type(error).__name__}") from None
     if not isinstance(document, dict):
         raise ValueError(f"{name} is empty or not OpenCV YAML")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.io.content import read_content
 from fgpose.skeleton import Skeleton
 
 # Scores that are peaks of a heat map exceed 1 a little; more than this is a percentage or another mistake.
@@ -55,7 +56,7 @@ def nobody(skeleton: Skeleton) -> ImageDetections:
 def read_json(source: Source) -> Any:
     """The document in a JSON file. Raises ValueError, naming file, camera and frame, if it is damaged."""
     try:
-        return json.loads(source.path.read_bytes())
+        return json.loads(read_content(source.path))
     # ValueError: also of text that is not UTF-8, and of numbers with thousands of digits.
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{source}: not JSON, or a truncated file: {error}") from None

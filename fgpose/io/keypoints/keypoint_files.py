@@ -22,6 +22,8 @@ Points3dUnit = Literal["mm", "m"]
 Person = Literal["consistent"] | int
 
 _METRES = {"mm": 1e-3, "m": 1.0}
+# No camera is faster, nobody's motion can be followed with one that is slower.
+_MIN_FPS, _MAX_FPS = 1e-3, 1e5
 # Numbers with larger gaps than this between the images are not frame numbers.
 _MAX_FRAMES_PER_IMAGE = 1000
 
@@ -91,8 +93,8 @@ def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
 
 
 def _check_options(path: Path, fps: float | None, person: Person, frame: str, unit: str) -> None:
-    if fps is not None and not (0 < fps < float("inf")):
-        raise ValueError(f"{path}: fps must be a positive number, got {fps}")
+    if fps is not None and not (_MIN_FPS <= fps <= _MAX_FPS):
+        raise ValueError(f"{path}: fps must be a number from {_MIN_FPS:g} to {_MAX_FPS:g}, got {fps:g}")
     if person != "consistent" and (not isinstance(person, int) or person < 0):
         raise ValueError(f"{path}: person must be consistent or an index from 0, got {person!r}")
     if frame not in ("camera", "world") or unit not in _METRES:

@@ -12,6 +12,7 @@ import numpy as np
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.camera_names import match_cameras
+from fgpose.io.content import first_bytes
 from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
 from fgpose.io.tables import names, numbers, read_table, write_table
 from fgpose.observations import Observations
@@ -121,16 +122,11 @@ def _read_npz(path: Path, skeleton: Skeleton) -> Observations:
 
 
 def _is_parquet(path: Path) -> bool:
-    return _start(path) == b"PAR1"
+    return first_bytes(path, 4) == b"PAR1"
 
 
 def _is_npz(path: Path) -> bool:
-    return _start(path).startswith(b"PK")
-
-
-def _start(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return file.read(4)
+    return first_bytes(path, 2) == b"PK"
 
 
 def _write_parquet(observations: Observations, path: Path) -> None:

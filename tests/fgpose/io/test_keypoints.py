@@ -198,7 +198,9 @@ def test_cameras_that_cannot_be_told_apart(openpose: Path, balance_rig: CameraRi
 
 def test_options_are_checked(balance_rig: CameraRig):
     assert "frames per second (fps, or --fps)" in error_of(OPENPOSE, balance_rig, "body_25b", fps=None)
-    assert "fps must be a positive number, got 0" in error_of(OPENPOSE, balance_rig, "body_25b", fps=0.0)
+    assert "fps must be a number from 0.001 to 100000, got 0" in error_of(
+        OPENPOSE, balance_rig, "body_25b", fps=0.0
+    )
     assert "no person 5" in error_of(OPENPOSE, balance_rig, "body_25b", person=5)
     with pytest.raises(ValueError, match="no skeleton 'body_26'"):
         load_observations(OPENPOSE, balance_rig, "body_26", fps=60.0)
@@ -471,10 +473,10 @@ def test_save_refuses_other_extensions(tmp_path: Path):
 @pytest.mark.parametrize("odd", ["9" * 400, "9" * 5000, "[" * 100_000, '"1.5"', "{}", "NaN, [1]", "1e999"])
 @pytest.mark.parametrize("kind", ["openpose", "coco", "metrabs"])
 def test_odd_numbers_in_json_are_one_clear_error(tmp_path: Path, rig: CameraRig, kind: str, odd: str):
-    point = flat(stick_px(0, 0), 0.5, 0.6, 0.7)
+    point: list[Any] = ["ODD", *flat(stick_px(0, 0), 0.5, 0.6, 0.7)[1:]]
     documents = {
-        "openpose": openpose_image(["ODD", *point[1:]]),
-        "coco": [{"image_id": 0, "keypoints": ["ODD", *point[1:]]}],
+        "openpose": openpose_image(point),
+        "coco": [{"image_id": 0, "keypoints": point}],
         "metrabs": {"poses2d": [[["ODD", 1.0], [1.0, 1.0], [1.0, 1.0]]]},
     }
     for camera in rig.names:
