@@ -198,9 +198,7 @@ def test_cameras_that_cannot_be_told_apart(openpose: Path, balance_rig: CameraRi
 
 def test_options_are_checked(balance_rig: CameraRig):
     assert "frames per second (fps, or --fps)" in error_of(OPENPOSE, balance_rig, "body_25b", fps=None)
-    assert "fps must be a number from 0.001 to 100000, got 0" in error_of(
-        OPENPOSE, balance_rig, "body_25b", fps=0.0
-    )
+    assert "fps must be a number from 0.001 to 100000, got 0" in error_of(OPENPOSE, balance_rig, "body_25b", fps=0.0)
     assert "no person 5" in error_of(OPENPOSE, balance_rig, "body_25b", person=5)
     with pytest.raises(ValueError, match="no skeleton 'body_26'"):
         load_observations(OPENPOSE, balance_rig, "body_26", fps=60.0)
