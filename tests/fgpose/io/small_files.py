@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fgpose.geometry.camera import CameraRig
 
 from fgpose.benchmark.predictions import load_predictions
 from fgpose.config import Config, config_to_toml, load_config
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations, save_observations
 from fgpose.io.skeletons import load_skeleton
