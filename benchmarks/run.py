@@ -24,7 +24,7 @@ from metric import Metric, markdown_table
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_text
 
 _RESULTS = Path(__file__).with_name("results.json")
 
@@ -121,8 +121,7 @@ def _keep(results: dict[str, list[Metric]]) -> None:
             "conditions": _conditions(),
             "metrics": [{**asdict(metric), "met": metric.met} for metric in metrics],
         }
-    with replacing(_RESULTS) as temporary:
-        temporary.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    write_text(_RESULTS, json.dumps(kept, indent=1) + "\n")
 
 
 if __name__ == "__main__":

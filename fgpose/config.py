@@ -9,6 +9,9 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import re
+import reprlib
+import sys
 import tomllib
 import types
 import typing
@@ -17,6 +20,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fgpose_factors.kernels import Kernel
+
+_TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
+_TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
+_MAX_KEY_PARTS = 100
 
 
 @dataclass(frozen=True)
@@ -238,9 +245,9 @@ def _check_positive(name: str, value: object) -> None:
     """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
     if isinstance(value, bool | str):
         return
-    may_be_infinite = name == "online.lag_s"
-    if not isinstance(value, int | float) or not value > 0 or (math.isinf(value) and not may_be_infinite):
-        raise ValueError(f"{name} must be a positive number, got {value!r}")
+    largest = math.inf if name == "online.lag_s" else sys.maxsize if isinstance(value, int) else sys.float_info.max
+    if not isinstance(value, int | float) or not 0 < value <= largest:
+        raise ValueError(f"{name} must be a positive number, got {reprlib.repr(value)}")
 
 
 def load_config(path: str | Path) -> Config:
@@ -252,10 +259,24 @@ def load_config(path: str | Path) -> Config:
         OSError: the file cannot be read.
     """
     try:
-        table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        return config_from_dict(table)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, ValueError) as error:
+        return config_from_dict(parse_toml(Path(path).read_bytes().decode("utf-8")))
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
+    except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML document, which may be damaged. Raises ValueError if it is, or is nested too deeply."""
+    # tomllib takes minutes and all memory for a key of some ten thousand parts.
+    pieces = _TOML_SEPARATOR.split(_TOML_QUOTED.sub("", text))
+    try:
+        if max(piece.count(".") for piece in pieces) > _MAX_KEY_PARTS:
+            raise RecursionError
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
 
 
 def config_from_dict(table: dict[str, Any]) -> Config:
@@ -284,15 +305,15 @@ def _build(cls: type, table: dict[str, Any], prefix: str) -> Any:
 def _convert(kind: Any, value: Any, name: str) -> Any:
     if dataclasses.is_dataclass(kind):
         if not isinstance(value, dict):
-            raise ValueError(f"{name} is a section, got {value!r}")
+            raise ValueError(f"{name} is a section, got {reprlib.repr(value)}")
         return _build(typing.cast(type, kind), value, f"{name}.")
     if typing.get_origin(kind) is Literal:
         choices = typing.get_args(kind)
         if value not in choices:
-            raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {value!r}")
+            raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {reprlib.repr(value)}")
         return value
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+    if kind is float and type(value) is int and abs(value) <= sys.float_info.max:
         return float(value)
     if not isinstance(kind, types.UnionType) and type(value) is not kind:
-        raise ValueError(f"{name} must be a {kind.__name__}, got {value!r}")
+        raise ValueError(f"{name} must be a {kind.__name__}, got {reprlib.repr(value)}")
     return value

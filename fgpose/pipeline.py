@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,7 +24,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.atomic import check_writable
 from fgpose.io.calibration import load_rig
-from fgpose.io.keypoints import load_observations
+from fgpose.io.camera_names import seen_cameras
+from fgpose.io.keypoints import keypoint_cameras, load_observations
 from fgpose.io.trajectories import check_output, save_trajectory
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -103,7 +105,8 @@ class Outputs:
         for path in self._paths(saved):
             if path.is_dir():
                 raise OSError(f"cannot write {path}: it is a folder")
-            if any(path.resolve() == other.resolve() for other in inputs):
+            # Path.resolve fails where links go round in circles.
+            if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
                 raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
             if path.suffix != ".rrd":
                 check_output(path)
@@ -147,21 +150,15 @@ def load_source(
         OSError: a file cannot be read.
     """
     rig = load_rig(calibration, unit)
-    rig.subset(cameras or rig.names)
-
-    def load(rig: CameraRig) -> Source:
-        observations = load_observations(
-            keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit
-        )
-        return Source(rig, observations)
-
-    try:
-        # All cameras together tell best which person is the subject.
-        return load(rig).subset(cameras)
-    except ValueError:
-        if not cameras:
-            raise
-        return load(rig.subset(cameras))
+    if cameras:
+        rig.subset(cameras)
+        # All cameras that saw something, also those not wanted: together they tell best which person is the subject.
+        seen = seen_cameras(keypoint_cameras(keypoints), rig.names)
+        rig = rig.subset(name for name in rig.names if name in seen or name in cameras)
+    observations = load_observations(
+        keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit
+    )
+    return Source(rig, observations).subset(cameras)
 
 
 def run_smooth(source: Source, config: Config, progress: Progress | None = None, *, compare: bool = True) -> Result:

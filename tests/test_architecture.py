@@ -59,7 +59,7 @@ ALLOWED = {
     "rerun": {"fgpose.viewer"},
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
     "tyro": {"fgpose.cli"},
-    **dict.fromkeys(("json", "tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "csv"), FILES),
+    **dict.fromkeys(("json", "tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "yaml", "csv"), FILES),
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +24,7 @@ from fgpose.benchmark.plot_style import (
 )
 from fgpose.benchmark.scores import COVERAGE_LEVELS
 from fgpose.benchmark.summary import FEWEST_RECORDINGS, Interval, Summaries, variants_of
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_bytes
 from fgpose.io.skeletons import load_skeleton
 
 if TYPE_CHECKING:
@@ -71,8 +72,9 @@ def write_figures(summaries: Summaries, folder: Path) -> dict[Path, str]:
         figure = picture.draw(summaries)
         if figure is not None:
             path = folder / picture.file_name
-            with replacing(path) as temporary:
-                figure.savefig(temporary, dpi=_DPI)
+            content = io.BytesIO()
+            figure.savefig(content, format=path.suffix.removeprefix("."), dpi=_DPI)
+            write_bytes(path, content.getvalue())
             written[path] = picture.text
     return written
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import json
 import random
-import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from jaxtyping import Float
 from fgpose.benchmark.cutouts import Cutout, Occluder, read_image
 from fgpose.benchmark.human36m import PoseSequence, image_path
 from fgpose.benchmark.protocol import STEP, scored_frames
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_bytes, write_text
 
 SEED = 42
 DESCRIPTION = "occluders.json"
@@ -95,8 +94,7 @@ def generate(
         described.append([_described(view, occluders) for view, occluders in zip(views, placed, strict=True)])
         progress(number + 1, len(frames))
     path = output / DESCRIPTION
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps({"seed": seed, "frames": described}, indent=1), encoding="utf-8")
+    write_text(path, json.dumps({"seed": seed, "frames": described}, indent=1))
     return path
 
 
@@ -155,16 +153,17 @@ def _draw(rng: random.Random, n_views: int, cutouts: Mapping[str, Cutout]) -> li
 
 
 def _write(view: View, placed: Sequence[_Placed], path: Path) -> None:
-    with replacing(path) as temporary:
-        if not placed:
-            shutil.copyfile(view.image, temporary)
-            return
-        image = read_image(view.image)
-        for each in placed:
-            image = each.occluder.pasted(image, view.box_px)
-        # By its extension; JPEG with OpenCV's own quality of 95, as the authors do.
-        if not cv2.imwrite(str(temporary), cv2.cvtColor(image, cv2.COLOR_RGB2BGR)):
-            raise OSError(f"{path}: the image could not be written")
+    if not placed:
+        write_bytes(path, view.image.read_bytes())
+        return
+    image = read_image(view.image)
+    for each in placed:
+        image = each.occluder.pasted(image, view.box_px)
+    # By its extension; JPEG with OpenCV's own quality of 95, as the authors do.
+    encoded, content = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    if not encoded:
+        raise OSError(f"{path}: the image could not be written")
+    write_bytes(path, content.tobytes())
 
 
 def _described(view: View, placed: Sequence[_Placed]) -> dict[str, Any]:

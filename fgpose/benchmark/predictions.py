@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.benchmark.human36m import N_JOINTS, SKELETON, SequenceKey, in_skeleton_order
-from fgpose.io.arrays import read_arrays
-from fgpose.io.atomic import replacing
+from fgpose.io.arrays import read_arrays, texts, write_arrays
 from fgpose.io.skeletons import load_skeleton
 
 # Rooms are smaller: a median coordinate beyond this is a unit mistake.
@@ -67,8 +66,7 @@ def save_predictions(predictions: Predictions, path: str | Path) -> None:
         ),
         "joints": np.array(load_skeleton(SKELETON).joints),
     }
-    with replacing(Path(path)) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)  # pyright: ignore[reportArgumentType]
+    write_arrays(Path(path), arrays)
 
 
 def load_predictions(path: str | Path) -> dict[SequenceKey, Prediction]:
@@ -133,7 +131,7 @@ def _positions_m(arrays: dict[str, np.ndarray]) -> Float[np.ndarray, "frame join
         raise ValueError(f"a median coordinate is {np.median(known_m):.0f} m: name the array positions_mm")
     if "joints" not in arrays:
         return positions_m
-    return in_skeleton_order(positions_m, [str(name) for name in arrays["joints"].tolist()])
+    return in_skeleton_order(positions_m, list(texts(arrays, "joints")))
 
 
 def _frames(arrays: dict[str, np.ndarray], n_rows: int) -> Int[np.ndarray, " frame"]:
@@ -145,6 +143,9 @@ def _frames(arrays: dict[str, np.ndarray], n_rows: int) -> Int[np.ndarray, " fra
 
 def _keys(arrays: dict[str, np.ndarray], n_rows: int) -> list[SequenceKey]:
     subjects, actions = _array(arrays, "subject", n_rows), _array(arrays, "action", n_rows)
+    for name, array in (("subject", subjects), ("action", actions)):
+        if array.dtype.kind not in "iuU":
+            raise ValueError(f"{name} must be texts or whole numbers, got {array.dtype}")
     if subjects.dtype.kind in "iu":
         subjects = np.array([f"S{number}" for number in subjects.tolist()])
     if actions.dtype.kind in "iu":

@@ -22,7 +22,7 @@ from fgpose.benchmark.summary import (
     summarise,
     variants_of,
 )
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_text
 
 TOLERANCE = 0.02
 """By which share of the stored mean an error may lie outside its stored interval: room for what other processors and
@@ -60,8 +60,7 @@ def write_report(scores: list[Score], folder: Path, command: str = "fgpose bench
         *_details(summaries),
     ]
     path = folder / "report.md"
-    with replacing(path) as temporary:
-        temporary.write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    write_text(path, "\n\n".join(parts) + "\n")
     return [path, *figures]
 
 
@@ -166,8 +165,7 @@ def store_intervals(scores: list[Score], path: Path, margin: float | None = None
     intervals = [_stored(summary, margin) for summary in summarise(scores).values()]
     # One line for each, so that changes of the file can be read.
     lines = ",\n".join(f"  {json.dumps(interval, allow_nan=False)}" for interval in intervals)
-    with replacing(path) as temporary:
-        temporary.write_text(f'{{"version": {_version()}, "intervals": [\n{lines}\n]}}\n', encoding="utf-8")
+    write_text(path, f'{{"version": {_version()}, "intervals": [\n{lines}\n]}}\n')
 
 
 def _stored(summary: Summary, margin: float | None) -> dict[str, Any]:

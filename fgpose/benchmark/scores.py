@@ -21,7 +21,7 @@ from fgpose.assessment.metrics import (
     share_missing,
 )
 from fgpose.benchmark.recording import Method, Recording, Result
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_text
 
 COVERAGE_LEVELS = (0.5, 0.9, 0.99)
 _CORRECT_M = 0.15
@@ -133,8 +133,7 @@ def save_scores(scores: Sequence[Score], path: Path) -> None:
         OSError: the file cannot be written.
     """
     objects = [{name: _to_json(value) for name, value in asdict(each).items()} for each in scores]
-    with replacing(path) as temporary:
-        temporary.write_text(json.dumps(objects, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(objects, indent=1, allow_nan=False) + "\n")
 
 
 def load_scores(path: Path) -> list[Score]:

@@ -77,7 +77,7 @@ class Human36M(LabelOptions):
     def run(self) -> None:
         from fgpose.benchmark.predictions import save_predictions
         from fgpose.benchmark.protocol import evaluate, to_markdown
-        from fgpose.io.atomic import check_writable, replacing
+        from fgpose.io.atomic import check_writable, write_text
 
         if self.output is not None:
             check_writable(self.output)
@@ -96,8 +96,7 @@ class Human36M(LabelOptions):
         markdown = to_markdown(scores)
         new_console().print(markdown, soft_wrap=True)
         if self.output is not None:
-            with replacing(self.output / "human36m.md") as temporary:
-                temporary.write_text(markdown, encoding="utf-8")
+            write_text(self.output / "human36m.md", markdown)
 
     def _loaded(self) -> dict[str, Predictions]:
         from fgpose.benchmark.predictions import load_predictions

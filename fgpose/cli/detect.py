@@ -157,7 +157,8 @@ class Detect(VideoOptions):
 
         console = new_console()
         # dict: each format once.
-        outputs = Outputs(self.output, self.name or self.videos.resolve().stem, tuple(dict.fromkeys(self.formats)))
+        name = self.name or Path(os.path.realpath(self.videos)).stem
+        outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)))
         outputs.check(("detected",), (self.rig,))
         detected = self.detect(console)
         observations = self.wanted(detected, console).observations

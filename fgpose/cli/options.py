@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -90,7 +91,7 @@ class OutputOptions:
 
         # dict: each format once.
         formats = tuple(dict.fromkeys(self.formats))
-        return Outputs(self.output, self.name or source.resolve().stem, formats, self.world_up)
+        return Outputs(self.output, self.name or Path(os.path.realpath(source)).stem, formats, self.world_up)
 
 
 @dataclass(frozen=True, kw_only=True)

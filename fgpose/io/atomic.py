@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+Check = Callable[[Path], None]
+"""Reopens a file that has just been written. Raises ValueError or OSError if something of it is missing."""
 
 
 def check_writable(folder: str | Path) -> None:
@@ -26,22 +29,70 @@ def check_writable(folder: str | Path) -> None:
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path, check: Check) -> Iterator[Path]:
     """A temporary path in the folder of path, with its extension, that replaces path once the block has ended well.
 
     After an exception neither the temporary file nor a new one is left, and an old file stays as it was.
 
+    Args:
+        path: the file.
+        check: looks at what stands on the disk, since not every library reports that the disk is full.
+
     Raises:
-        OSError: the folder cannot be written into.
+        OSError: the file cannot be written, or is not whole; the message names it.
     """
     check_writable(path.parent)
     temporary = _temporary(path)
     try:
         yield temporary
+        _flush(temporary)
+        _checked(path, temporary, check)
         os.replace(temporary, path)
+    except OSError as error:
+        if error.filename not in (None, str(temporary)) or str(path) in str(error):
+            raise
+        raise OSError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
 
 
 def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+
+
+def _flush(path: Path) -> None:
+    """From the memory of the system to the disk: a write that was delayed fails here."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
+def _checked(path: Path, temporary: Path, check: Check) -> None:
+    try:
+        check(temporary)
+    except (ValueError, OSError) as error:
+        reason = str(error).replace(str(temporary), path.name)
+        raise OSError(f"cannot write {path}: what stands on the disk is not whole ({reason}); is it full?") from None
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Replace a file by this content, whole or not at all.
+
+    Raises:
+        OSError: it cannot be written; the message names it.
+    """
+    with replacing(path, _has_size(len(content))) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Replace a file by this text in UTF-8, line ends as they are. Raises OSError as write_bytes does."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def _has_size(n_bytes: int) -> Check:
+    def check(path: Path) -> None:
+        found = path.stat().st_size
+        if found != n_bytes:
+            raise ValueError(f"{found} of {n_bytes} bytes")
+
+    return check

@@ -9,7 +9,9 @@ from types import ModuleType
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.atomic import replacing
+from fgpose.io.arrays import checked, texts
+from fgpose.io.atomic import Check, replacing
+from fgpose.io.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
 from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
 from fgpose.trajectory import Trajectory
 
@@ -58,8 +60,22 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> Non
     parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
     for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[world_up], strict=True):
         file.add_parameter("POINT", name, axis)
-    with replacing(path) as temporary:
+    with replacing(path, _holds(trajectory)) as temporary:
         file.write(str(temporary))
+
+
+def _holds(trajectory: Trajectory) -> Check:
+    """ezc3d says nothing of a disk that is full."""
+
+    def check(path: Path) -> None:
+        expected = C3dSize(trajectory.skeleton.n_joints, trajectory.n_frames)
+        found = check_size(path)
+        if found != expected and found.n_frames is not None:
+            raise ValueError(f"its header counts {found}, not {expected}")
+        if path.stat().st_size % BLOCK_BYTES:
+            raise ValueError("its last block is not full")
+
+    return check
 
 
 def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> int:
@@ -89,23 +105,38 @@ def read_c3d(path: Path, world_up: UpAxis = "z") -> Trajectory:
 
     Raises:
         ImportError: ezc3d is not installed.
-        ValueError, RuntimeError, OSError, KeyError: the file is something else, its unit is not m or mm, it has no
-            rate.
+        ValueError: the file is something else, its unit is not m or mm, it has no rate, or a marker no name.
+        OSError: it cannot be read.
     """
-    file = require_ezc3d().c3d(str(path))
-    parameters = {name: entry["value"] for name, entry in file["parameters"]["POINT"].items() if "value" in entry}
-    unit = (list(parameters["UNITS"]) or ["none"])[0].strip()
+    require_ezc3d()
+    file = read_points(path)
+    points, missing = file["points"], file["residuals"] < 0
+    n_markers, n_frames = missing.shape
+    unit = (_texts(file, "UNITS") or ("none",))[0]
     if unit not in _UNITS_PER_METRE:
         raise ValueError(f"POINT:UNITS must be m or mm, got {unit}")
-    rate_hz = float(parameters["RATE"][0])
-    if not rate_hz > 0:
-        raise ValueError(f"POINT:RATE must be positive, got {rate_hz:g}")
-    points = file["data"]["points"]
-    markers = [label.strip() for label in parameters["LABELS"]][: points.shape[1]]
-    missing = file["data"]["meta_points"]["residuals"][0] < 0
+    markers = list(_texts(file, "LABELS"))[:n_markers]
+    if len(markers) < n_markers:
+        raise ValueError(f"POINT:LABELS names {len(markers)} of {n_markers} markers")
     positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
-    file_up: UpAxis = "y" if list(parameters.get("Y_SCREEN", ())) == ["+Y"] else "z"
+    file_up: UpAxis = "y" if _texts(file, "Y_SCREEN") == ("+Y",) else "z"
     if file_up != world_up:
         positions_m = from_y_up(positions_m, "z") if file_up == "y" else to_y_up(positions_m, "z")
-    time_s = (file["header"]["points"]["first_frame"] + np.arange(points.shape[2])) / rate_hz
+    time_s = (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
     return markers_to_trajectory(markers, time_s, positions_m)
+
+
+def _texts(file: dict[str, np.ndarray], parameter: str) -> tuple[str, ...]:
+    """A parameter that is a list of texts; empty where it is missing."""
+    if parameter not in file or not file[parameter].size:
+        return ()
+    return tuple(text.strip() for text in texts(file, parameter))
+
+
+def _rate_hz(file: dict[str, np.ndarray]) -> float:
+    if "RATE" not in file or not file["RATE"].size:
+        raise ValueError("POINT:RATE is missing")
+    rate_hz = float(checked(file, "RATE", "numbers", None)[0])
+    if not 0 < rate_hz < np.inf:
+        raise ValueError(f"POINT:RATE must be positive, got {rate_hz:g}")
+    return rate_hz

@@ -37,10 +37,20 @@ def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, s
     return {name: keypoints[plain] for plain, name in rig.items()}
 
 
+def seen_cameras(found: Iterable[str], rig_names: Iterable[str]) -> tuple[str, ...]:
+    """Those cameras of the rig that the keypoints have, in its order; compared as match_cameras does."""
+    known = {_plain(name) for name in found}
+    return tuple(name for name in rig_names if _plain(name) in known)
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[_\-.\s]", "", re.sub(r"_json$", "", name, flags=re.IGNORECASE).casefold())
+
+
 def _by_plain_name(names: Iterable[str], where: str) -> dict[str, str]:
     plain_names: dict[str, str] = {}
     for name in names:
-        plain = re.sub(r"[_\-.\s]", "", re.sub(r"_json$", "", name, flags=re.IGNORECASE).casefold())
+        plain = _plain(name)
         if plain in plain_names:
             raise ValueError(f"cameras {plain_names[plain]} and {name} of the {where} cannot be told apart")
         plain_names[plain] = name

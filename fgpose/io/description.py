@@ -5,15 +5,17 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import tomllib
+import sys
+import typing
 import warnings
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from fgpose.config import Config, config_from_dict, config_to_toml
+from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
 from fgpose.skeleton import Skeleton
-from fgpose.trajectory import Convergence, Trajectory
+from fgpose.trajectory import Convergence, Status, Trajectory
 
 
 def describe(trajectory: Trajectory) -> dict[str, str]:
@@ -36,21 +38,34 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
     """The arguments of Trajectory that describe() wrote. A config of another version is left out with a warning.
 
     Raises:
-        ValueError: a text is not what describe() writes.
-        KeyError: the skeleton or the cameras are missing.
+        ValueError: a text is missing or not what describe() writes; the message names it.
     """
-    values: dict[str, Any] = {
-        "skeleton": _skeleton_from_json(texts["skeleton"]),
-        "camera_names": tuple(json.loads(texts["camera_names"])),
+    missing = [name for name in ("skeleton", "camera_names") if name not in texts]
+    if missing:
+        raise ValueError(f"its {' and '.join(missing)} are missing: it was not written by fgpose, or lost them since")
+    readers = {
+        "skeleton": _skeleton_from_json,
+        "camera_names": lambda text: _names(_parsed(text)),
+        "bone_lengths_m": _lengths_from_json,
+        "convergence": _convergence_or_none,
+        "config": _config_or_none,
     }
-    if "bone_lengths_m" in texts:
-        values["bone_lengths_m"] = np.array([_or_nan(length_m) for length_m in json.loads(texts["bone_lengths_m"])])
-    if "convergence" in texts:
-        convergence: dict[str, Any] = json.loads(texts["convergence"])
-        values["convergence"] = Convergence(**{name: _or_nan(value) for name, value in convergence.items()})
-    if "config" in texts:
-        values["config"] = _config_or_none(texts["config"])
+    values = {}
+    for name, read in readers.items():
+        if name in texts:
+            try:
+                values[name] = read(texts[name])
+            except ValueError as error:
+                raise ValueError(f"its {name} is damaged: {error}") from None
     return values
+
+
+def status_named(name: str) -> Status:
+    """The status that has this name in a file. Raises ValueError if there is none."""
+    try:
+        return Status[name.upper()]
+    except KeyError:
+        raise ValueError(f"{name!r} is none of {', '.join(status.name.lower() for status in Status)}") from None
 
 
 def _skeleton_to_json(skeleton: Skeleton) -> str:
@@ -59,21 +74,78 @@ def _skeleton_to_json(skeleton: Skeleton) -> str:
     )
 
 
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
+
+
+def _table(text: str) -> dict[str, Any]:
+    table = _parsed(text)
+    if not isinstance(table, dict):
+        raise ValueError("a table is needed")
+    return table
+
+
+def _names(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise ValueError("a list of names is needed")
+    return tuple(value)
+
+
 def _skeleton_from_json(text: str) -> Skeleton:
-    table = json.loads(text)
-    pairs = {
-        name: tuple((int(a), int(b)) for a, b in table[name]) for name in ("bones", "left_right", "limbs", "lines")
-    }
-    return Skeleton(table["name"], joints=tuple(table["joints"]), root=tuple(table["root"]), **pairs)
+    table = _table(text)
+    missing = [field.name for field in dataclasses.fields(Skeleton) if field.init and field.name not in table]
+    if missing or not isinstance(table["name"], str):
+        raise ValueError(f"{', '.join(missing) or 'its name'} is missing")
+    pairs = {name: _pairs(table[name]) for name in ("bones", "left_right", "limbs", "lines")}
+    return Skeleton(table["name"], joints=_names(table["joints"]), root=_indices(table["root"]), **pairs)
+
+
+def _pairs(value: Any) -> tuple[tuple[int, int], ...]:
+    if not isinstance(value, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in value):
+        raise ValueError("a list of pairs of joints is needed")
+    return tuple((a, b) for a, b in map(_indices, value))
+
+
+def _indices(value: Any) -> tuple[int, ...]:
+    if not isinstance(value, list) or not all(type(index) is int for index in value):
+        raise ValueError("the numbers of joints are needed")
+    return tuple(value)
+
+
+def _lengths_from_json(text: str) -> Float[np.ndarray, " length"]:
+    lengths_m = _parsed(text)
+    if not isinstance(lengths_m, list):
+        raise ValueError("a list of numbers is needed")
+    return np.array([_number(length_m) for length_m in lengths_m], dtype=float)
+
+
+def _convergence_or_none(text: str) -> Convergence | None:
+    """As _config_or_none: another version may say more or less of it."""
+    table, kinds = _table(text), typing.get_type_hints(Convergence)
+    if set(table) != set(kinds):
+        _warn("what is said of the convergence", f"it has {', '.join(table)}")
+        return None
+    values: dict[str, Any] = {name: _number(value) if kinds[name] is float else value for name, value in table.items()}
+    wrong = [name for name, value in values.items() if type(value) is not kinds[name]]
+    if wrong:
+        raise ValueError(f"{wrong[0]} must be a {kinds[wrong[0]].__name__}, got {values[wrong[0]]!r}")
+    return Convergence(**values)
 
 
 def _config_or_none(text: str) -> Config | None:
     """A result outlives the version that made it: its numbers must stay readable when a parameter has been renamed."""
     try:
-        return config_from_dict(tomllib.loads(text))
+        return config_from_dict(parse_toml(text))
     except ValueError as error:
-        warnings.warn(f"the configuration of another version of fgpose is left out: {error}", UserWarning, stacklevel=2)
+        _warn("the configuration", error)
         return None
+
+
+def _warn(what: str, why: object) -> None:
+    warnings.warn(f"{what} of another version of fgpose is left out: {why}", UserWarning, stacklevel=4)
 
 
 def _or_null(value: Any) -> Any:
@@ -81,5 +153,10 @@ def _or_null(value: Any) -> Any:
     return value if math.isfinite(value) else None
 
 
-def _or_nan(value: Any) -> Any:
-    return math.nan if value is None else value
+def _number(value: Any) -> float:
+    """A number, NaN for null."""
+    if value is None:
+        return math.nan
+    if type(value) not in (int, float) or abs(value) > sys.float_info.max:
+        raise ValueError("a number or null is needed")
+    return float(value)

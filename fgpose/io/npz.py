@@ -6,10 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Int
 
-from fgpose.io.arrays import read_arrays
-from fgpose.io.atomic import replacing
-from fgpose.io.description import describe, described
+from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
+from fgpose.io.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 _ARRAYS = ("covariance_m2", "residual_px")
@@ -38,18 +38,29 @@ def write_npz(trajectory: Trajectory, path: Path) -> None:
         array = getattr(trajectory, name)
         if array is not None:
             arrays[name] = array
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+    write_arrays(path, arrays)
 
 
 def read_npz(path: Path) -> Trajectory:
     """The trajectory that write_npz wrote.
 
     Raises:
-        ValueError, KeyError: the file is damaged or something else.
+        ValueError: the file is damaged or something else.
     """
     archive = read_arrays(path)
-    statuses = np.array([Status[name.upper()] for name in archive["status_names"].tolist()])
-    arrays = {name: archive[name] for name in ("time_s", "positions_m", *_ARRAYS) if name in archive}
-    texts = {name: str(archive[name]) for name in _TEXTS if name in archive}
-    return Trajectory(status=statuses[archive["status"]], **arrays, **described(texts))
+    values = described({name: text(archive, name) for name in _TEXTS if name in archive})
+    n_joints, n_cameras = values["skeleton"].n_joints, len(values["camera_names"])
+    shapes = {"time_s": (None,), "positions_m": (None, n_joints, 3)}
+    optional = {"covariance_m2": (None, n_joints, 3, 3), "residual_px": (None, n_cameras, n_joints)}
+    shapes |= {name: shape for name, shape in optional.items() if name in archive}
+    arrays = {name: checked(archive, name, "numbers", *shape).astype(float) for name, shape in shapes.items()}
+    return Trajectory(status=_status(archive, n_joints), **arrays, **values)
+
+
+def _status(archive: dict[str, np.ndarray], n_joints: int) -> Int[np.ndarray, "frame joint"]:
+    """The numbers in the file are those of its own list of names."""
+    meaning = np.array([status_named(name) for name in texts(archive, "status_names")])
+    status = checked(archive, "status", "whole numbers", None, n_joints)
+    if np.any(status < 0) or np.any(status >= len(meaning)):
+        raise ValueError(f"array status has a number that is none of the {len(meaning)} in status_names")
+    return meaning[status.astype(np.int64)]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.atomic import replacing
 from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
-from fgpose.io.description import describe, described
+from fgpose.io.description import describe, described, status_named
+from fgpose.io.tables import metadata, names, numbers, read_table, write_table
 from fgpose.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
@@ -35,13 +35,11 @@ def write_parquet(trajectory: Trajectory, path: Path) -> None:
         OSError: the file cannot be written.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
     texts = describe(trajectory) | {_HAS_COVARIANCE: str(trajectory.covariance_m2 is not None).lower()}
     table = pa.table(_columns(trajectory))
     table = table.replace_schema_metadata({_PREFIX + name: text for name, text in texts.items()})
-    with replacing(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+    write_table(path, table)
 
 
 def _columns(trajectory: Trajectory) -> dict[str, pa.Array]:
@@ -99,34 +97,37 @@ def read_parquet(path: Path) -> Trajectory:
     """The trajectory that write_parquet wrote. Covariances come back symmetric, made from their upper triangle.
 
     Raises:
-        ValueError, KeyError, OSError: the file is something else, or rows are missing or in another order.
+        ValueError: the file is something else, or rows are missing or in another order.
+        OSError: it cannot be opened.
     """
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(path)
-    metadata = {key.decode(): text.decode() for key, text in (table.schema.metadata or {}).items()}
-    texts = {key.removeprefix(_PREFIX): text for key, text in metadata.items() if key.startswith(_PREFIX)}
-    if "skeleton" not in texts:
-        raise ValueError("its metadata name no skeleton: it was not written by fgpose, or another tool dropped them")
+    table = read_table(path)
+    texts = {key.removeprefix(_PREFIX): text for key, text in metadata(table).items() if key.startswith(_PREFIX)}
     values = described(texts)
     joints = values["skeleton"].joints
     n_frames = table.num_rows // len(joints)
-    in_order = table["frame"].to_numpy().tolist() == np.repeat(np.arange(n_frames), len(joints)).tolist()
-    if not in_order or table["joint"].to_pylist() != list(joints) * n_frames:
-        raise ValueError("rows are missing or in another order: each frame must hold every joint of the skeleton once")
+    _check_order(table, joints, n_frames)
 
     def column(name: str) -> np.ndarray:
-        return table[name].to_numpy().astype(float).reshape(n_frames, len(joints))
+        return numbers(table, name).reshape(n_frames, len(joints))
 
     cameras = [f"residual_px_{name}" for name in values["camera_names"]]
     if cameras and set(cameras) <= set(table.column_names):
         values["residual_px"] = np.stack([column(name) for name in cameras], axis=1)
     if texts.get(_HAS_COVARIANCE) == "true":
         values["covariance_m2"] = symmetric(column)
-    status = np.array([Status[name.upper()] for name in table["status"].to_pylist()], dtype=int)
+    status_names, status = names(table, "status")
+    meaning = np.array([status_named(name) for name in status_names], dtype=int)
     return Trajectory(
         time_s=column("time_s")[:, 0],
         positions_m=np.stack([column(f"{axis}_m") for axis in _AXES], axis=-1),
-        status=status.reshape(n_frames, len(joints)),
+        status=meaning[status].reshape(n_frames, len(joints)),
         **values,
     )
+
+
+def _check_order(table: pa.Table, joints: tuple[str, ...], n_frames: int) -> None:
+    joint_names, joint = names(table, "joint")
+    known = np.array([joints.index(each) if each in joints else -1 for each in joint_names], dtype=int)
+    in_order = np.array_equal(numbers(table, "frame"), np.repeat(np.arange(n_frames), len(joints)))
+    if not in_order or not np.array_equal(known[joint], np.tile(np.arange(len(joints)), n_frames)):
+        raise ValueError("rows are missing or in another order: each frame must hold every joint of the skeleton once")

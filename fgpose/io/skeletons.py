@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-import tomllib
+import reprlib
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from fgpose.config import parse_toml
+from fgpose.io.content import read_content
 from fgpose.skeleton import LIMBS, Skeleton
 
+# Many times what the largest skeleton takes.
+_MAX_BYTES = 10_000_000
 _KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs"}
 
 
@@ -33,15 +37,16 @@ def load_skeleton(name_or_path: str | Path) -> Skeleton:
             f"no skeleton {str(name_or_path)!r}: give a TOML file or one of {', '.join(builtin_skeletons())}"
         )
     try:
-        return _parse(tomllib.loads(Path(name_or_path).read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, ValueError, TypeError, KeyError) as error:
+        content = read_content(Path(name_or_path), _MAX_BYTES)
+        return _parse(parse_toml(content.decode("utf-8")))
+    except ValueError as error:
         raise ValueError(f"{name_or_path}: not a skeleton: {error}") from None
 
 
 @cache
 def _load_builtin(name: str) -> Skeleton:
     text = resources.files("fgpose").joinpath("skeletons", f"{name}.toml").read_text(encoding="utf-8")
-    return _parse(tomllib.loads(text))
+    return _parse(parse_toml(text))
 
 
 def _parse(table: dict[str, Any]) -> Skeleton:
@@ -51,29 +56,41 @@ def _parse(table: dict[str, Any]) -> Skeleton:
     missing = {"name", "joints", "root", "bones"} - set(table)
     if missing:
         raise ValueError(f"{', '.join(sorted(missing))} is missing")
-    joints = tuple(table["joints"])
+    if not isinstance(table["name"], str):
+        raise ValueError("name must be a text")
+    joints = tuple(_names("joints", table["joints"]))
     limbs = table.get("limbs", {})
+    if not isinstance(limbs, dict):
+        raise ValueError("limbs must be a table")
     if set(limbs) - set(LIMBS):
         raise ValueError(f"limbs are {', '.join(LIMBS)}, got {', '.join(limbs)}")
 
-    def indices(names: list[str]) -> tuple[int, ...]:
-        for name in names:
+    def indices(what: str, names: Any) -> tuple[int, ...]:
+        for name in _names(what, names):
             if name not in joints:
                 raise ValueError(f"{name!r} is not one of the joints")
         return tuple(joints.index(name) for name in names)
 
-    def pairs(rows: list[list[str]]) -> tuple[tuple[int, int], ...]:
+    def pairs(what: str, rows: Any) -> tuple[tuple[int, int], ...]:
+        if not isinstance(rows, list):
+            raise ValueError(f"{what} must be a list of pairs of joints")
         for row in rows:
-            if len(row) != 2:
-                raise ValueError(f"a pair of joints is needed, got {row}")
-        return tuple((a, b) for a, b in map(indices, rows))
+            if not isinstance(row, list) or len(row) != 2:
+                raise ValueError(f"{what}: a pair of joints is needed, got {reprlib.repr(row)}")
+        return tuple((a, b) for a, b in (indices(what, row) for row in rows))
 
     return Skeleton(
         name=table["name"],
         joints=joints,
-        bones=pairs(table["bones"]),
-        root=indices(table["root"]),
-        left_right=pairs(table.get("left_right", [])),
-        limbs=pairs([limbs[limb] for limb in LIMBS if limb in limbs]),
-        lines=pairs(table.get("lines", [])),
+        bones=pairs("bones", table["bones"]),
+        root=indices("root", table["root"]),
+        left_right=pairs("left_right", table.get("left_right", [])),
+        limbs=pairs("limbs", [limbs[limb] for limb in LIMBS if limb in limbs]),
+        lines=pairs("lines", table.get("lines", [])),
     )
+
+
+def _names(what: str, value: Any) -> list[str]:
+    if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+        raise ValueError(f"{what} must be a list of joints, got {reprlib.repr(value)}")
+    return value

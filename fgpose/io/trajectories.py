@@ -9,6 +9,7 @@ import numpy as np
 
 from fgpose.io.atomic import check_writable
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
+from fgpose.io.content import first_bytes
 from fgpose.io.markers import UpAxis
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.parquet import read_parquet, write_parquet
@@ -92,17 +93,14 @@ def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up
                 trajectory = read_trc(path, world_up)
             case _:
                 trajectory = read_c3d(path, world_up)
+        _check_finite(trajectory)
         return trajectory if skeleton is None else _in_order_of(skeleton, trajectory)
-    except KeyError as error:
-        raise ValueError(f"{path}: not a trajectory of fgpose: {error.args[0]} is missing") from None
-    # OSError: what pyarrow and ezc3d raise for damaged content; that the file can be read has been seen above.
-    except (ValueError, TypeError, IndexError, EOFError, OSError, RuntimeError) as error:
+    except ValueError as error:
         raise ValueError(f"{path}: not a readable {kind} trajectory: {error}") from None
 
 
 def _kind(path: Path) -> str:
-    with path.open("rb") as file:
-        start = file.read(16)
+    start = first_bytes(path, 16)
     if not start:
         raise ValueError(f"{path}: the file is empty")
     if start.startswith(b"PAR1"):
@@ -115,6 +113,16 @@ def _kind(path: Path) -> str:
     if path.suffix.lower() == ".c3d" and start[1:2] == b"\x50":
         return "C3D"
     raise ValueError(f"{path}: not a trajectory: its content is none of parquet, npz, TRC, C3D")
+
+
+def _check_finite(trajectory: Trajectory) -> None:
+    bad = np.flatnonzero(~np.isfinite(trajectory.time_s))
+    if bad.size:
+        raise ValueError(f"the time of frame {bad[0]} is {trajectory.time_s[bad[0]]}")
+    infinite = np.argwhere(np.isinf(trajectory.positions_m).any(axis=-1))
+    if len(infinite):
+        frame, joint = infinite[0]
+        raise ValueError(f"the position of joint {trajectory.skeleton.joints[joint]} is infinite in frame {frame}")
 
 
 def _in_order_of(skeleton: Skeleton, trajectory: Trajectory) -> Trajectory:

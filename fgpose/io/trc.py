@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_text
+from fgpose.io.content import read_content
 from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
 from fgpose.trajectory import Trajectory
 
@@ -36,8 +37,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> Non
         OSError: the file cannot be written.
     """
     lines = [*_header_lines(trajectory, path.name), *_frame_lines(trajectory, world_up)]
-    with replacing(path) as temporary:
-        temporary.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+    write_text(path, "\n".join(lines) + "\n")
 
 
 def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
@@ -79,7 +79,7 @@ def read_trc(path: Path, world_up: UpAxis = "z") -> Trajectory:
         ValueError: the header is not that of a TRC file, the unit is not m or mm, a cell is not a number; the message
             names line and marker.
     """
-    lines = path.read_text(encoding="utf-8-sig").splitlines()
+    lines = read_content(path).decode("utf-8-sig").splitlines()
     if len(lines) < _N_HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise ValueError("it lacks the five header lines of a TRC file")
     header = dict(zip(lines[1].split(), lines[2].split(), strict=False))

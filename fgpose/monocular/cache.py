@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fgpose.io.atomic import check_writable, replacing
+from fgpose.io.atomic import check_writable, write_bytes
 from fgpose.monocular.packages import Download, FetchError, Member, check_sha256, read_member
 
 FOLDER_VARIABLE = "FGPOSE_CACHE"
@@ -80,8 +80,8 @@ class CachedFile:
         check_sha256(content, self.sha256, f"{self.path}, converted from {self.source},")
         path = folder / self.path
         if self.origin:
-            _write(path.with_name(f"{path.name}.origin.txt"), self.origin.encode())
-        _write(path, content)
+            write_bytes(path.with_name(f"{path.name}.origin.txt"), self.origin.encode())
+        write_bytes(path, content)
 
 
 def provide(files: Sequence[CachedFile], folder: Path, download: Download, say: Say | None = None) -> None:
@@ -122,11 +122,3 @@ def _check_writable(folder: Path) -> None:
         if not folder.is_relative_to(cache_folder()):
             raise
         raise OSError(f"{error}; the environment variable {FOLDER_VARIABLE} names another folder") from None
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        with replacing(path) as temporary:
-            temporary.write_bytes(content)
-    except OSError as error:
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from None

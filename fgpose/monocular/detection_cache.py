@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
@@ -13,8 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera
-from fgpose.io.arrays import read_arrays
-from fgpose.io.atomic import replacing
+from fgpose.io.arrays import checked, read_arrays, texts, write_arrays
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.network import Network, People
 
@@ -97,31 +97,33 @@ def load_detections(path: Path, n_joints: int) -> ViewDetections | None:
         return None
     try:
         arrays = read_arrays(path)
-        people = People(*(arrays[name] for name in _ARRAYS), problems=tuple(arrays["problems"].tolist()))
-        view = ViewDetections(arrays["stamps_s"], arrays["n_people"], people, bool(arrays["ended"]))
-        _check(view, n_joints)
-    except (ValueError, KeyError, TypeError, OSError) as error:
+        view = _view(arrays, n_joints)
+    except (ValueError, OSError) as error:
         warnings.warn(f"{path}: damaged, detected again ({error})", stacklevel=2)
         return None
     return view
 
 
-def _check(view: ViewDetections, n_joints: int) -> None:
-    """Raise ValueError unless the shapes fit together."""
-    counts = view.n_people
-    if counts.dtype.kind != "i" or counts.ndim != 1 or counts.shape != view.stamps_s.shape or (counts < 0).any():
+def _view(arrays: Mapping[str, np.ndarray], n_joints: int) -> ViewDetections:
+    """Raises ValueError unless the shapes fit together."""
+    n_people = checked(arrays, "n_people", "whole numbers", None).astype(int)
+    stamps_s = checked(arrays, "stamps_s", "numbers", len(n_people)).astype(float)
+    if (n_people < 0).any():
         raise ValueError("its images have no count of people each")
-    total = int(view.n_people.sum())
     shapes = ((5,), (n_joints, 2), (n_joints,), (n_joints, 3), (n_joints, 3, 3))
-    for name, shape in zip(_ARRAYS, shapes, strict=True):
-        found = getattr(view.people, name).shape
-        if found != (total, *shape):
-            raise ValueError(f"{name} is {found}, not {(total, *shape)}")
+    people = People(
+        *(
+            checked(arrays, name, "numbers", int(n_people.sum()), *shape)
+            for name, shape in zip(_ARRAYS, shapes, strict=True)
+        ),
+        problems=texts(arrays, "problems"),
+    )
+    return ViewDetections(stamps_s, n_people, people, bool(checked(arrays, "ended", "truth values")))
 
 
 def store_detections(view: ViewDetections, path: Path) -> None:
     """Replace the file, whole or not at all. Raises OSError if it cannot be written."""
     arrays = {name: getattr(view.people, name) for name in _ARRAYS}
     arrays["problems"] = np.array(view.people.problems, dtype=str)
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        np.savez(file, stamps_s=view.stamps_s, n_people=view.n_people, ended=np.array(view.ended), **arrays)
+    arrays |= {"stamps_s": view.stamps_s, "n_people": view.n_people, "ended": np.array(view.ended)}
+    write_arrays(path, arrays, compressed=False)

@@ -105,7 +105,7 @@ def _converted(name: str, source: Member, n_bytes: int, sha256: str, outputs: tu
         "changes": f"converted from TensorFlow Lite to ONNX by fgpose; outputs kept: {', '.join(outputs)}",
     }
     note = "".join(f"{key}: {value}\n" for key, value in origin.items()) + "The licence is in LICENSE.\n"
-    convert = partial(_convert, outputs=outputs, metadata=origin)
+    convert = partial(_convert, name=str(source), outputs=outputs, metadata=origin)
     return CachedFile(f"{_FOLDER}/{name}.onnx", source, n_bytes, sha256, convert, note)
 
 
@@ -118,10 +118,10 @@ def _require_converter() -> None:
         raise ImportError("converting weights needs onnx and tflite: pip install 'fgpose[video]'") from None
 
 
-def _convert(data: bytes, *, outputs: tuple[str, ...], metadata: dict[str, str]) -> bytes:
+def _convert(data: bytes, *, name: str, outputs: tuple[str, ...], metadata: dict[str, str]) -> bytes:
     from fgpose.monocular.tflite import convert
 
-    return convert(data, outputs=outputs, metadata=metadata)
+    return convert(data, name=name, outputs=outputs, metadata=metadata)
 
 
 _LICENCE_TEXT = CachedFile.copy_of(

@@ -21,18 +21,32 @@ _IR_VERSION = 8
 _BATCH = "N"
 
 
-def convert(data: bytes, *, outputs: Sequence[str] | None = None, metadata: Mapping[str, str] | None = None) -> bytes:
+def convert(
+    data: bytes,
+    *,
+    name: str = "the model",
+    outputs: Sequence[str] | None = None,
+    metadata: Mapping[str, str] | None = None,
+) -> bytes:
     """The ONNX file of a TensorFlow Lite file.
 
     Args:
         data: content of a .tflite file.
+        name: of the file, for messages.
         outputs: names of those wanted, in this order; by default all. What only the others need is left out.
         metadata: kept in the file (metadata_props).
 
     Raises:
         ValueError: the data is no TensorFlow Lite model, or damaged, or has no such output, or has operators or types
-            that are not supported; the message names them.
+            that are not supported; the message names the file and them.
     """
+    try:
+        return _converted(data, outputs, metadata or {})
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def _converted(data: bytes, outputs: Sequence[str] | None, metadata: Mapping[str, str]) -> bytes:
     import onnx
 
     model = read_tflite(data)
@@ -44,7 +58,7 @@ def convert(data: bytes, *, outputs: Sequence[str] | None = None, metadata: Mapp
     for operator in operators:
         convert_operator(graph, operator)
     results = [_output(graph, tensor) for tensor in wanted]
-    proto = _proto(graph, inputs, results, metadata or {})
+    proto = _proto(graph, inputs, results, metadata)
     try:
         onnx.checker.check_model(proto, full_check=True)
     except (onnx.checker.ValidationError, onnx.shape_inference.InferenceError) as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.arrays import read_arrays
+from fgpose.io.arrays import checked, read_arrays
 from fgpose.io.skeletons import load_skeleton
 from fgpose.skeleton import Skeleton
 
@@ -73,12 +73,12 @@ def motion_from_npz(path: str | Path) -> tuple[Float[np.ndarray, "frame joint 3"
     """
     try:
         arrays = read_arrays(Path(path))
+        positions_m = checked(arrays, "positions_m", "numbers", None, None, 3).astype(float)
+        fps = float(checked(arrays, "fps", "numbers"))
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
-    missing = [name for name in ("positions_m", "fps") if name not in arrays]
-    if missing:
-        raise ValueError(f"{path}: not a motion clip: {', '.join(missing)} is missing")
-    positions_m = arrays["positions_m"].astype(float)
-    if positions_m.ndim != 3 or positions_m.shape[2] != 3 or not np.isfinite(positions_m).all():
-        raise ValueError(f"{path}: positions_m must be (frames, joints, 3) and finite, got {positions_m.shape}")
-    return positions_m, float(arrays["fps"])
+        raise ValueError(f"{path}: not a motion clip: {error}") from None
+    if not np.isfinite(positions_m).all():
+        raise ValueError(f"{path}: positions_m must be finite")
+    if not 0 < fps < np.inf:
+        raise ValueError(f"{path}: fps must be a positive number, got {fps:g}")
+    return positions_m, fps

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ from fgpose.viewer.rows import Rows, scalar_rows
 from fgpose.viewer.scene import log_picture_style, log_residual_styles, log_scene
 
 _HOST = "127.0.0.1"
+_MAX_PORT = 65535
 # What late viewers can still be sent beside the pictures; the oldest frames are dropped first.
 _SERVER_MB = 256.0
 # So many pictures may wait for a slow disk before logging waits too: else they pile up in memory.
@@ -32,6 +35,8 @@ _UNFLUSHED_BYTES = 8e6
 _FLUSH_TIMEOUT_S = 10.0
 # A viewer that hangs holds the server up for 25 s, until it is dropped.
 _LIVE_FLUSH_TIMEOUT_S = 60.0
+# Magic bytes of a file, and of its footer with a checksum behind them (Rerun 0.41).
+_FILE_START, _FILE_END, _FILE_END_BYTES = b"RRF2", b"RRF2FOOT", 12
 _JPEG = "image/jpeg"
 _EARLIER_THICKNESS = 0.5
 
@@ -65,7 +70,11 @@ class RerunRecording(Recording):
         self._stream.set_log_time_enabled(False)
         layout = blueprint(self._rig, self._skeleton, self._trajectories, up, following=port is not None)
         server_mb = _SERVER_MB + (pictures.image_limit_mb or 0.0)
-        self._stream.set_sinks(*self._sinks(path, port, endless, server_mb), default_blueprint=layout)
+        try:
+            self._stream.set_sinks(*self._sinks(path, port, endless, server_mb), default_blueprint=layout)
+        except RuntimeError as error:
+            self.discard()
+            raise self._unwritable(error) from None
         if path is not None:
             self._stream.send_recording_name(path.stem)
         log_scene(self._stream, self._rig, self._skeleton, self._trajectories, up)
@@ -79,7 +88,7 @@ class RerunRecording(Recording):
             self.viewer_url = server.uri
             sinks.append(server)
         if path is not None:
-            temporary = self._file.enter_context(replacing(path))
+            temporary = self._file.enter_context(replacing(path, partial(_check_whole, with_footer=not endless)))
             sinks.append(rr.FileSink(temporary, write_footer=not endless))
         return sinks
 
@@ -192,8 +201,11 @@ class RerunRecording(Recording):
         try:
             stream.flush(timeout_sec=self._flush_timeout_s)
         except RuntimeError as error:
-            raise OSError(f"cannot write {self._path or self.viewer_url}: {error}; is the disk full?") from None
+            raise self._unwritable(error) from None
         self._unflushed_bytes = 0
+
+    def _unwritable(self, error: RuntimeError) -> OSError:
+        return OSError(f"cannot write {self._path or self.viewer_url}: {error}; is the disk full?")
 
     def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"]) -> None:
         frame = np.arange(len(time_s))
@@ -252,6 +264,16 @@ class RerunRecording(Recording):
                 raise ValueError(f"residuals of {factor} must be {expected} (frames, joints), got {values.shape}")
 
 
+def _check_whole(path: Path, with_footer: bool) -> None:
+    """The footer is written when the recording is closed, and Rerun says nothing if that fails."""
+    with path.open("rb") as file:
+        start = file.read(len(_FILE_START))
+        file.seek(-min(_FILE_END_BYTES, path.stat().st_size), os.SEEK_END)
+        end = file.read()
+    if start != _FILE_START or (with_footer and not end.startswith(_FILE_END)):
+        raise ValueError("its beginning or its footer is missing")
+
+
 def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
     return Trajectory(
         skeleton=estimate.skeleton,
@@ -266,6 +288,8 @@ def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
 
 def _free_port(port: int) -> int:
     """The port, or a free one for 0. Rerun itself notices a taken port only after the first data."""
+    if not 0 <= port <= _MAX_PORT:
+        raise ValueError(f"a port is a number from 0 to {_MAX_PORT}, got {port}")
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

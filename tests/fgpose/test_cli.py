@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -297,6 +298,41 @@ def test_wrong_input_is_one_line_that_names_it(
 def test_missing_keypoints_are_named(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     line = failure(["info", "no/such/folder", *source[1:]], capsys)
     assert line == "fgpose: error: no/such/folder: No such file or directory\n"
+
+
+@pytest.mark.parametrize("what", ["empty", "garbage", "folder", "missing", "circle"])
+@pytest.mark.parametrize("command", ["smooth", "track", "refine", "info", "evaluate", "view", "detect", "run"])
+def test_a_file_that_is_something_else_is_named(
+    command: str, what: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty").touch()
+    (tmp_path / "garbage").write_bytes(bytes(range(256)) * 20)
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    path = str(tmp_path / what)
+    rig = ["--rig", str(folder / "Calib.toml")]
+    more = {
+        "evaluate": [path],
+        "view": [],
+        "detect": [*rig, "--output", str(tmp_path / "out")],
+        "run": [*rig, "--output", str(tmp_path / "out")],
+        "info": [*rig, "--skeleton", "body_25b", "--fps", "60"],
+    }
+    estimator = [*rig, "--skeleton", "body_25b", "--fps", "60", "--output", str(tmp_path / "out")]
+    assert path in failure([command, path, *more.get(command, estimator)], capsys)
+
+
+@pytest.mark.parametrize("fps", ["-1", "0", "nan", "inf", "1e300", "1e-300"])
+def test_an_impossible_rate_is_refused(
+    fps: str, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "pose").mkdir()
+    for camera in ("cam_01", "cam_02", "cam_03", "cam_04"):
+        instances = [{"keypoints": [[10.0, 20.0]] * 25, "keypoint_scores": [0.5] * 25}]
+        images = [{"frame_id": frame, "instances": instances} for frame in range(3)]
+        (tmp_path / "pose" / f"{camera}.json").write_text(json.dumps({"instance_info": images}))
+    arguments = [str(tmp_path / "pose"), "--rig", str(folder / "Calib.toml"), "--skeleton", "body_25b", "--fps", fps]
+    assert "pose: " in failure(["smooth", *arguments, "--output", str(tmp_path / "out")], capsys)
 
 
 def test_truncated_keypoints_are_named(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

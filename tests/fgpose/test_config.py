@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from fgpose.config import Config, MotionConfig, OnlineConfig, ProjectionConfig, config_to_toml, load_config
+from fgpose.config import Config, MotionConfig, OnlineConfig, ProjectionConfig, config_to_toml, load_config, parse_toml
 
 
 def written(tmp_path: Path, text: str) -> Path:
@@ -59,6 +59,11 @@ def test_the_configuration_is_frozen() -> None:
         ('[motion]\nmodel = "jerk"', "motion.model must be one of none, random_walk, constant_velocity, got 'jerk'"),
         ("motion = 3", "motion is a section, got 3"),
         ("[motion", "Expected ']'"),
+        ("solver.window_s = " + "9" * 400, "solver.window_s must be a float"),
+        ("solver.window_s = " + "9" * 5000, "4300 digits"),
+        ("solver.max_iterations = " + "9" * 400, "solver.max_iterations must be a positive number"),
+        ("solver = " + "[" * 100_000, "it is nested too deeply"),
+        ("a." * 50_000 + "a = 1", "it is nested too deeply"),
     ],
 )
 def test_a_mistake_in_a_file_is_one_clear_error(tmp_path: Path, text: str, message: str) -> None:
@@ -67,6 +72,11 @@ def test_a_mistake_in_a_file_is_one_clear_error(tmp_path: Path, text: str, messa
         load_config(path)
     assert str(error.value).startswith(f"{path}: ")
     assert message in str(error.value)
+
+
+def test_sentences_and_numbers_are_not_taken_for_nested_keys() -> None:
+    text = f"a = [{', '.join(['1.5'] * 500)}]\nb = \"{'One. ' * 500}\"\n'c.d' = 1"
+    assert parse_toml(text) == {"a": [1.5] * 500, "b": "One. " * 500, "c.d": 1}
 
 
 @pytest.mark.parametrize("value", ["0", "-1.0", "nan", "inf"])

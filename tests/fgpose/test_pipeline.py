@@ -12,7 +12,8 @@ from fgpose.estimation.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import smooth
 from fgpose.io.calibration import save_rig
-from fgpose.io.keypoints import save_observations
+from fgpose.io.content import read_content
+from fgpose.io.keypoints import detections, save_observations
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory
 from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, run_smooth, run_track, write_outputs
@@ -164,6 +165,11 @@ def test_input_is_not_replaced(tmp_path: Path) -> None:
         outputs.check(("smoothed",), (tmp_path / "walk.npz",))
 
 
+def test_links_in_a_circle_are_an_input_like_any_other(tmp_path: Path) -> None:
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    Outputs(tmp_path / "out", "walk", ("npz",)).check(("smoothed",), (tmp_path / "circle",))
+
+
 def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source) -> None:
     save_rig(source.rig, tmp_path / "rig.npz")
     save_observations(source.observations, tmp_path / "all.npz")
@@ -176,6 +182,30 @@ def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source) -> Non
     assert loaded.rig.names == ("cam_02", "cam_01")
     with pytest.raises(ValueError, match="cam_09"):
         load_source(tmp_path / "all.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_09",))
+
+
+def test_cameras_that_saw_nothing_and_are_not_wanted_do_not_count(tmp_path: Path, source: Source) -> None:
+    save_rig(source.rig, tmp_path / "rig.npz")
+    save_observations(source.observations.subset(("cam_01", "cam_02", "cam_03")), tmp_path / "three.npz")
+    loaded = load_source(tmp_path / "three.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_03", "cam_01"))
+    assert loaded.rig.names == loaded.observations.camera_names == ("cam_03", "cam_01")
+    with pytest.raises(ValueError, match="camera cam_04 of the calibration has no keypoints"):
+        load_source(tmp_path / "three.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_04", "cam_01"))
+
+
+@pytest.mark.parametrize("cameras", [(), ("cam_01", "cam_02")])
+def test_a_misread_file_is_read_once_and_its_own_error_shown(
+    tmp_path: Path, source: Source, cameras: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_rig(source.rig, tmp_path / "rig.npz")
+    for camera in source.rig.names:
+        (tmp_path / "pose" / camera).mkdir(parents=True)
+        (tmp_path / "pose" / camera / "000001.json").write_text('{"people": [{"pose_keypoints_2d": [1, 2')
+    read = []
+    monkeypatch.setattr(detections, "read_content", lambda path: read.append(path.name) or read_content(path))
+    with pytest.raises(ValueError, match=r"000001\.json, camera cam_01, frame 1: not JSON, or a truncated file"):
+        load_source(tmp_path / "pose", tmp_path / "rig.npz", "body_25b", cameras=cameras, fps=60.0)
+    assert read == ["000001.json"]
 
 
 def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> None:

@@ -123,8 +123,8 @@ def test_the_clips_are_all_that_is_there() -> None:
     ("arrays", "message"),
     [
         ({"positions_m": np.zeros((2, 17, 3))}, "fps is missing"),
-        ({"positions_m": np.zeros((2, 17)), "fps": 50}, r"positions_m must be \(frames, joints, 3\)"),
-        ({"positions_m": np.full((2, 17, 3), np.nan), "fps": 50}, "and finite"),
+        ({"positions_m": np.zeros((2, 17)), "fps": 50}, r"positions_m must be \(any, any, 3\), got \(2, 17\)"),
+        ({"positions_m": np.full((2, 17, 3), np.nan), "fps": 50}, "positions_m must be finite"),
     ],
 )
 def test_a_bad_motion_clip_is_one_clear_error(tmp_path: Path, arrays: dict[str, Any], message: str) -> None:
@@ -133,7 +133,7 @@ def test_a_bad_motion_clip_is_one_clear_error(tmp_path: Path, arrays: dict[str, 
     with pytest.raises(ValueError, match=rf"clip\.npz: .*{message}"):
         motion_from_npz(path)
     path.write_text("not an archive")
-    with pytest.raises(ValueError, match=r"clip\.npz: a damaged npz"):
+    with pytest.raises(ValueError, match=r"clip\.npz: .*a damaged npz"):
         motion_from_npz(path)
 
 

@@ -591,6 +591,13 @@ def test_taken_port_is_named_and_leaves_no_file(tmp_path: Path, rig: CameraRig) 
     assert [file for file in tmp_path.iterdir() if file.is_file()] == []
 
 
+@pytest.mark.parametrize("port", [-1, 65536, 10**8])
+def test_a_port_that_none_can_be_is_refused(tmp_path: Path, rig: CameraRig, port: int) -> None:
+    with pytest.raises(ValueError, match=f"a port is a number from 0 to 65535, got {port}"):
+        open_recording(tmp_path / "out.rrd", rig, SKELETON, live=True, port=port)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_bad_input_is_refused(
     tmp_path: Path, rig: CameraRig, observations: Observations, trajectory: Trajectory
 ) -> None:

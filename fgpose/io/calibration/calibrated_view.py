@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -119,8 +120,8 @@ def numbers(name: str, what: str, value: Any, *shape: int) -> np.ndarray:
     """An array of finite numbers, of the given shape if there is one. Raises ValueError, naming the camera."""
     try:
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"camera {name}: {what} is not an array of numbers: {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"camera {name}: {what} is not an array of numbers: {reprlib.repr(value)}") from None
     if shape and array.size != np.prod(shape):
         wanted = " x ".join(map(str, shape))
         raise ValueError(f"camera {name}: {what} must have {wanted} numbers, got {array.size}")

@@ -7,6 +7,8 @@ turn about x. ``viewrotation`` concerns the display only and is not applied.
 
 from __future__ import annotations
 
+import math
+import reprlib
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -73,6 +75,9 @@ def _value(camera: ElementTree.Element, name: str, tag: str, attribute: str) -> 
     element = camera.find(tag)
     text = None if element is None else element.get(attribute)
     try:
-        return float(text or "")
+        number = float(text or "")
     except ValueError:
-        raise ValueError(f"camera {name}: {tag} has no number {attribute}, but {text!r}") from None
+        number = math.nan
+    if not math.isfinite(number):
+        raise ValueError(f"camera {name}: {tag} has no number {attribute}, but {reprlib.repr(text)}")
+    return number

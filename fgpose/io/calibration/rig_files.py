@@ -7,7 +7,10 @@ from pathlib import Path
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
+from fgpose.io.content import read_content
 
+# Files of caliscope also hold all points that it saw.
+_MAX_BYTES = 100_000_000
 _FORMATS = "Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, intri.yml with extri.yml, or npz of fgpose"
 
 
@@ -41,7 +44,7 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
 def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
     if path.is_dir():
         return opencv_yaml.read(path), "m"
-    content = path.read_bytes()
+    content = read_content(path, _MAX_BYTES)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not start:
         raise ValueError("the file is empty")

@@ -11,14 +11,14 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import write_text
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, numbers, rotation_matrix
 from fgpose.io.camera_names import natural_key
 
@@ -33,8 +33,8 @@ def read(text: str) -> tuple[list[CalibratedView], Unit]:
         ValueError: the text is not TOML, has no cameras, or a camera is incomplete; the message names it.
     """
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        document = parse_toml(text)
+    except ValueError as error:
         raise ValueError(f"not a calibration, or a truncated one: {error}") from None
     tables = _camera_tables(document)
     if not tables:
@@ -82,8 +82,7 @@ def write(rig: CameraRig, path: Path) -> None:
 
     document: dict[str, Any] = {camera.name: _table(camera) for camera in rig.cameras}
     document["metadata"] = {"adjusted": False, "error": 0.0}
-    with replacing(path) as temporary:
-        temporary.write_text(tomli_w.dumps(document), encoding="utf-8")
+    write_text(path, tomli_w.dumps(document))
 
 
 def _table(camera: Camera) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from fgpose.io.keypoints.detections import (
     detections_from_triples,
     frame_number,
     nobody,
+    numbers,
     read_json,
 )
 from fgpose.io.keypoints.image_files import image_format, mmpose_instances
@@ -57,9 +58,9 @@ def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, 
     if isinstance(first, Mapping):
         if "poses2d" in first:
             return "MeTRAbs", _read_metrabs
-        if "instance_info" in first:
+        if "instance_info" in first and isinstance(document, Mapping):
             return "MMPose", _read_mmpose
-        if "image_id" in first and "keypoints" in first:
+        if "image_id" in first and "keypoints" in first and isinstance(document, list):
             return "COCO results", _read_coco
     one_image = image_format(document)
     if one_image:
@@ -114,13 +115,9 @@ def _rows_of_columns(columns: Mapping[str, Any], source: Source) -> list[dict[st
 
 
 def _metrabs_image(row: Mapping[str, Any], source: Source, skeleton: Skeleton) -> ImageDetections:
-    try:
-        poses2d, poses3d, boxes = (
-            None if row.get(name) is None else np.array(row[name], dtype=float)
-            for name in ("poses2d", "poses3d", "boxes")
-        )
-    except (TypeError, ValueError):
-        raise ValueError(f"{source}: poses2d, poses3d or boxes is not an array of numbers") from None
+    poses2d, poses3d, boxes = (
+        None if row.get(name) is None else numbers(source, name, row[name]) for name in ("poses2d", "poses3d", "boxes")
+    )
     if poses2d is None:
         raise ValueError(f"{source}: poses2d is missing")
     if poses2d.size == 0:
@@ -148,7 +145,8 @@ def _frame_number(source: Source, value: Any) -> int:
     """A number, or the last number in the name of an image file."""
     if isinstance(value, str):
         return frame_number(source, Path(value).stem)
-    if not isinstance(value, int | float | np.number) or not 0 <= value < MAX_FRAME or value != int(value):
+    number = isinstance(value, int | float | np.integer | np.floating)
+    if not number or not 0 <= value < MAX_FRAME or value != int(value):
         raise ValueError(f"{source}: {value!r} is not the number of a frame")
     return int(value)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.io.content import read_content
 from fgpose.skeleton import Skeleton
 
 # Scores that are peaks of a heat map exceed 1 a little; more than this is a percentage or another mistake.
@@ -55,17 +56,18 @@ def nobody(skeleton: Skeleton) -> ImageDetections:
 def read_json(source: Source) -> Any:
     """The document in a JSON file. Raises ValueError, naming file, camera and frame, if it is damaged."""
     try:
-        return json.loads(source.path.read_bytes())
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        return json.loads(read_content(source.path))
+    # ValueError: also of text that is not UTF-8, and of numbers with thousands of digits.
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{source}: not JSON, or a truncated file: {error}") from None
 
 
 def frame_number(source: Source, name: str) -> int:
     """The last number in a name: cam01_000000000012_keypoints is frame 12. Raises ValueError if there is none."""
-    numbers = re.findall(r"\d+", name)
-    if not numbers or int(numbers[-1]) >= MAX_FRAME:
+    digits = re.findall(r"[0-9]+", name)
+    if not digits or len(digits[-1].lstrip("0")) >= len(str(MAX_FRAME)):
         raise ValueError(f"{source}: no frame number in the name {name!r}")
-    return int(numbers[-1])
+    return int(digits[-1])
 
 
 def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any]) -> ImageDetections:
@@ -76,7 +78,7 @@ def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any
     """
     triples = np.full((len(people), skeleton.n_joints, 3), np.nan)
     for person, flat in enumerate(people):
-        values = _numbers(source, f"the keypoints of person {person}", flat).ravel()
+        values = numbers(source, f"the keypoints of person {person}", flat).ravel()
         if values.size not in (0, 3 * skeleton.n_joints):
             raise ValueError(
                 f"{source}: person {person} has {values.size / 3:g} keypoints of x, y, confidence; "
@@ -96,8 +98,8 @@ def checked_detections(
         ValueError: the number of joints is not the skeleton's, a number is infinite, a confidence outside [0, 1]; the
             message names file, camera, frame and joint.
     """
-    points2d_px = _numbers(source, "the 2D points", points2d_px)
-    confidence = _numbers(source, "the confidence", confidence)
+    points2d_px = numbers(source, "the 2D points", points2d_px)
+    confidence = numbers(source, "the confidence", confidence)
     n_people = len(points2d_px)
     for what, array, size in (("2D points", points2d_px, (2,)), ("scores", confidence, ())):
         _check_shape(source, skeleton, what, array, (n_people, skeleton.n_joints, *size))
@@ -111,17 +113,22 @@ def checked_detections(
     confidence = np.where(known, np.minimum(confidence, 1.0), 0.0)
     points2d_px = np.where(confidence[..., None] > 0, points2d_px, np.nan)
     if points3d is not None:
-        points3d = _numbers(source, "the 3D points", points3d)
+        points3d = numbers(source, "the 3D points", points3d)
         _check_shape(source, skeleton, "3D points", points3d, (n_people, skeleton.n_joints, 3))
         _refuse_joint(source, skeleton, np.isinf(points3d).any(axis=-1), "a 3D coordinate that is infinite")
     return ImageDetections(points2d_px, confidence, points3d)
 
 
-def _numbers(source: Source, what: str, value: Any) -> np.ndarray:
+def numbers(source: Source, what: str, value: Any) -> np.ndarray:
+    """An array of what a file has; null is NaN. Raises ValueError for anything but numbers, or ragged lists of them."""
     try:
-        return np.array(value, dtype=float)
-    except (TypeError, ValueError):
-        raise ValueError(f"{source}: {what} are not numbers, or not equally many for every joint") from None
+        array = np.array(value)
+        if array.dtype.kind in "OfiuV" or not array.size:
+            # Lists with null are objects.
+            return array.astype(float)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError(f"{source}: {what} are not numbers, or not equally many for every joint")
 
 
 def _check_shape(source: Source, skeleton: Skeleton, what: str, array: np.ndarray, shape: tuple[int, ...]) -> None:

@@ -22,6 +22,8 @@ Points3dUnit = Literal["mm", "m"]
 Person = Literal["consistent"] | int
 
 _METRES = {"mm": 1e-3, "m": 1.0}
+# No camera is faster, nobody's motion can be followed with one that is slower.
+_MIN_FPS, _MAX_FPS = 1e-3, 1e5
 # Numbers with larger gaps than this between the images are not frame numbers.
 _MAX_FRAMES_PER_IMAGE = 1000
 
@@ -79,9 +81,20 @@ def load_observations(
         raise ValueError(f"{path}: {error}") from None
 
 
+def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
+    """The cameras of keypoints of any format that load_observations reads, by the names they have there.
+
+    Raises:
+        ValueError: the file is damaged or the folder has no keypoints; the message names it.
+        OSError: it cannot be read.
+    """
+    path = Path(path)
+    return recording_files.camera_names(path) if recording_files.is_recording(path) else tuple(_sources(path))
+
+
 def _check_options(path: Path, fps: float | None, person: Person, frame: str, unit: str) -> None:
-    if fps is not None and not (0 < fps < float("inf")):
-        raise ValueError(f"{path}: fps must be a positive number, got {fps}")
+    if fps is not None and not (_MIN_FPS <= fps <= _MAX_FPS):
+        raise ValueError(f"{path}: fps must be a number from {_MIN_FPS:g} to {_MAX_FPS:g}, got {fps:g}")
     if person != "consistent" and (not isinstance(person, int) or person < 0):
         raise ValueError(f"{path}: person must be consistent or an index from 0, got {person!r}")
     if frame not in ("camera", "world") or unit not in _METRES:
@@ -92,14 +105,10 @@ def _check_options(path: Path, fps: float | None, person: Person, frame: str, un
 
 def _read_cameras(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
     """Everything detected by each camera, by the names of the keypoints, in natural order."""
-    folders, files = _sources(path)
     cameras: dict[str, CameraDetections] = {}
     formats: dict[str, str] = {}
-    for source in sorted(folders + files, key=lambda source: natural_key(source.name)):
-        name = source.name if source in folders else source.stem
-        if name in cameras:
-            raise ValueError(f"{source}: camera {name} has a second file beside it")
-        reader = image_files if source in folders else camera_files
+    for name, source in _sources(path).items():
+        reader = image_files if source.is_dir() else camera_files
         cameras[name], format_name = reader.read(source, name, skeleton)
         if format_name:
             formats[name] = format_name
@@ -109,10 +118,10 @@ def _read_cameras(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]
     return cameras
 
 
-def _sources(path: Path) -> tuple[list[Path], list[Path]]:
-    """Folders of image files and files of a whole camera; only one of the two is not empty."""
+def _sources(path: Path) -> dict[str, Path]:
+    """By camera, in natural order: folders of image files, or files of a whole camera."""
     if not path.is_dir():
-        return [], [path]
+        return {path.stem: path}
     folders = [folder for folder in path.iterdir() if folder.is_dir() and any(folder.glob("*.json"))]
     files = [file for file in path.iterdir() if file.is_file() and file.suffix in (".json", ".npz")]
     if folders and files:
@@ -124,7 +133,13 @@ def _sources(path: Path) -> tuple[list[Path], list[Path]]:
         raise ValueError(
             f"{path}: no keypoints; expected one folder of JSON files per camera, or one JSON or npz file per camera"
         )
-    return folders, files
+    sources: dict[str, Path] = {}
+    for source in sorted(folders + files, key=lambda source: natural_key(source.name)):
+        name = source.name if source in folders else source.stem
+        if name in sources:
+            raise ValueError(f"{source}: camera {name} has a second file beside it")
+        sources[name] = source
+    return sources
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import zipfile
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,17 +10,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.arrays import read_arrays
-from fgpose.io.atomic import replacing
+from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.camera_names import match_cameras
+from fgpose.io.content import first_bytes
 from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
+from fgpose.io.tables import names, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
 if TYPE_CHECKING:
     import pyarrow
 
+_REQUIRED_ARRAYS = ("time_s", "points2d_px", "confidence", "camera_names", "joints")
 _REQUIRED_COLUMNS = ("frame", "time_s", "camera", "joint", "x_px", "y_px", "confidence")
+# Rows without a detection may be left out, but not nearly all.
+_MAX_CELLS_PER_ROW = 1000
 _COLUMNS_3D = ("x_m", "y_m", "z_m")
 
 
@@ -28,15 +32,12 @@ def is_recording(path: Path) -> bool:
     """Whether a file is a recording of ours, by its content. Raises OSError if it cannot be read."""
     if path.is_dir():
         return False
-    with path.open("rb") as file:
-        start = file.read(4)
-    if start.startswith(b"PK"):
-        try:
-            with zipfile.ZipFile(path) as archive:
-                return "points2d_px.npy" in archive.namelist()
-        except (zipfile.BadZipFile, NotImplementedError):
-            raise ValueError(f"{path}: a damaged npz") from None
-    return start == b"PAR1"
+    if _is_parquet(path):
+        return True
+    try:
+        return _is_npz(path) and "points2d_px" in array_names(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> Observations:
@@ -50,6 +51,16 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> Observations:
         matched = match_cameras(observations.camera_names, rig.names)
         in_order = observations.subset([matched[name] for name in rig.names])
         return replace(in_order, camera_names=rig.names)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def camera_names(path: Path) -> tuple[str, ...]:
+    """The cameras of a recording; nothing else is read. Raises ValueError, which names the file, if it is damaged."""
+    try:
+        if _is_parquet(path):
+            return names(read_table(path, ["camera"]), "camera")[0]
+        return texts(read_arrays(path, ["camera_names"]), "camera_names")
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -71,8 +82,7 @@ def save_observations(observations: Observations, path: str | Path) -> None:
     writers = {".npz": _write_npz, ".parquet": _write_parquet}
     if path.suffix not in writers:
         raise ValueError(f"{path}: observations are written as .npz or .parquet")
-    with replacing(path) as temporary:
-        writers[path.suffix](observations, temporary)
+    writers[path.suffix](observations, path)
 
 
 def _write_npz(observations: Observations, path: Path) -> None:
@@ -87,39 +97,40 @@ def _write_npz(observations: Observations, path: Path) -> None:
         arrays["points3d_m"] = observations.points3d_m.astype(np.float32)
     if observations.covariance3d_m2 is not None:
         arrays["covariance3d_m2"] = observations.covariance3d_m2.astype(np.float32)
-    # The annotations of savez_compressed leave no keyword but allow_pickle to a checker.
-    np.savez_compressed(path, **arrays)  # pyright: ignore[reportArgumentType]
+    write_arrays(path, arrays)
 
 
 def _read_npz(path: Path, skeleton: Skeleton) -> Observations:
     arrays = read_arrays(path)
-    required = ("time_s", "points2d_px", "confidence", "camera_names", "joints")
-    missing = [name for name in required if name not in arrays]
+    missing = [name for name in _REQUIRED_ARRAYS if name not in arrays]
     if missing:
         raise ValueError(f"not a recording of fgpose: the array {', '.join(missing)} is missing")
-    if tuple(arrays["joints"].tolist()) != skeleton.joints:
-        raise ValueError(
-            f"its joints are not those of skeleton {skeleton.name}: {', '.join(arrays['joints'].tolist())}"
-        )
-    return Observations(
-        skeleton=skeleton,
-        time_s=arrays["time_s"],
-        points2d_px=arrays["points2d_px"],
-        confidence=arrays["confidence"],
-        points3d_m=arrays.get("points3d_m"),
-        covariance3d_m2=arrays.get("covariance3d_m2"),
-        camera_names=tuple(arrays["camera_names"].tolist()),
-    )
+    joints, cameras = texts(arrays, "joints"), texts(arrays, "camera_names")
+    if joints != skeleton.joints:
+        raise ValueError(f"its joints are not those of skeleton {skeleton.name}: {', '.join(joints)}")
+    own_clocks = arrays["time_s"].ndim == 2
+    per_detection = (None, len(cameras), len(joints))
+    shapes = {
+        "time_s": (None, len(cameras)) if own_clocks else (None,),
+        "points2d_px": (*per_detection, 2),
+        "confidence": per_detection,
+        "points3d_m": (*per_detection, 3),
+        "covariance3d_m2": (*per_detection, 3, 3),
+    }
+    found = {name: checked(arrays, name, "numbers", *shape) for name, shape in shapes.items() if name in arrays}
+    return Observations(skeleton=skeleton, camera_names=cameras, **found)
 
 
 def _is_parquet(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(4) == b"PAR1"
+    return first_bytes(path, 4) == b"PAR1"
+
+
+def _is_npz(path: Path) -> bool:
+    return first_bytes(path, 2) == b"PK"
 
 
 def _write_parquet(observations: Observations, path: Path) -> None:
     import pyarrow as pa
-    import pyarrow.parquet
 
     n_frames, n_cameras, n_joints = observations.points2d_px.shape[:3]
     frame, camera, joint = (index.ravel() for index in np.indices((n_frames, n_cameras, n_joints)))
@@ -139,7 +150,7 @@ def _write_parquet(observations: Observations, path: Path) -> None:
     if observations.covariance3d_m2 is not None:
         for name, entry in COVARIANCE_COLUMNS.items():
             columns[name] = _nullable(observations.covariance3d_m2[(..., *entry)].ravel().astype(np.float32))
-    pyarrow.parquet.write_table(pa.table(columns), path, compression="zstd", write_page_checksum=True)
+    write_table(path, pa.table(columns))
 
 
 def _nullable(values: np.ndarray) -> pyarrow.Array:
@@ -149,36 +160,29 @@ def _nullable(values: np.ndarray) -> pyarrow.Array:
 
 
 def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
-    import pyarrow as pa
-    import pyarrow.parquet
-
-    try:
-        with path.open("rb") as stream:
-            table = pyarrow.parquet.read_table(stream, page_checksum_verification=True)
-    except (pa.ArrowException, OSError) as error:
-        raise ValueError(f"a damaged parquet file: {error}") from None
+    table = read_table(path)
     missing = [name for name in _REQUIRED_COLUMNS if name not in table.column_names]
     if missing:
         raise ValueError(f"the column {', '.join(missing)} is missing")
-    cameras, camera = _categories(table, "camera")
+    cameras, camera = names(table, "camera")
     joint = _joint_indices(table, skeleton)
-    frames, frame = np.unique(_column(table, "frame"), return_inverse=True)
+    frames, frame = np.unique(numbers(table, "frame"), return_inverse=True)
     if not np.isfinite(frames).all():
         raise ValueError("a row without a frame")
     shape = (len(frames), len(cameras), skeleton.n_joints)
+    if math.prod(shape) > _MAX_CELLS_PER_ROW * table.num_rows:
+        raise ValueError(f"{table.num_rows} rows for {shape[0]} frames, {shape[1]} cameras and {shape[2]} joints")
     _refuse_repeated(frame, camera, joint, frames, cameras, skeleton)
+    has_3d, has_covariance = (set(group) <= set(table.column_names) for group in (_COLUMNS_3D, COVARIANCE_COLUMNS))
 
-    def spread(*names: str) -> np.ndarray:
-        array = np.full((*shape, len(names)), np.nan)
-        array[frame, camera, joint] = np.stack([_column(table, name) for name in names], axis=-1)
+    def spread(*columns: str) -> np.ndarray:
+        array = np.full((*shape, len(columns)), np.nan)
+        array[frame, camera, joint] = np.stack([numbers(table, name) for name in columns], axis=-1)
         return array
 
-    has_3d, has_covariance = (
-        all(name in table.column_names for name in names) for names in (_COLUMNS_3D, COVARIANCE_COLUMNS)
-    )
     return Observations(
         skeleton=skeleton,
-        time_s=_times(_column(table, "time_s"), frame, camera, shape[:2]),
+        time_s=_times(numbers(table, "time_s"), frame, camera, shape[:2]),
         points2d_px=spread("x_px", "y_px"),
         confidence=np.nan_to_num(spread("confidence")[..., 0]),
         points3d_m=spread(*_COLUMNS_3D) if has_3d else None,
@@ -187,32 +191,8 @@ def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
     )
 
 
-def _column(table: pyarrow.Table, name: str) -> np.ndarray:
-    import pyarrow as pa
-
-    try:
-        return table[name].cast(pa.float64()).to_numpy()
-    except pa.ArrowException:
-        raise ValueError(f"column {name} does not contain numbers") from None
-
-
-def _categories(table: pyarrow.Table, name: str) -> tuple[tuple[str, ...], np.ndarray]:
-    """Names in a text column in the order of their first occurrence, and the index of each row's."""
-    import pyarrow as pa
-
-    try:
-        column = table[name].cast(pa.string()).combine_chunks().dictionary_encode()
-    except pa.ArrowException:
-        raise ValueError(f"column {name} does not contain names") from None
-    if isinstance(column, pa.ChunkedArray):
-        column = column.combine_chunks()
-    if column.null_count:
-        raise ValueError(f"a row without a {name}")
-    return tuple(column.dictionary.to_pylist()), column.indices.to_numpy()
-
-
 def _joint_indices(table: pyarrow.Table, skeleton: Skeleton) -> np.ndarray:
-    joints, index = _categories(table, "joint")
+    joints, index = names(table, "joint")
     unknown = [joint for joint in joints if joint not in skeleton.joints]
     if unknown:
         raise ValueError(f"joint {', '.join(unknown)} is not one of skeleton {skeleton.name}")

@@ -393,3 +393,97 @@ def test_an_impossible_time_offset_is_named(tmp_path: Path, offset: Any):
     path = write_toml(tmp_path, {"cam_0": camera_table(), "cam_1": camera_table(time_offset_s=offset)})
     with pytest.raises(ValueError, match=r"calibration\.toml: camera cam_1: time_offset_s"):
         load_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[" * 100_000, "intri.yml is damaged or not OpenCV YAML"),
+        ("{" * 100_000, "intri.yml is damaged or not OpenCV YAML"),
+        ("- " * 100_000, "intri.yml is damaged or not OpenCV YAML"),
+        (INTRI.replace("names:", "names: &n").replace("H_01: 480", "H_01: *n"), "intri.yml .* it has an alias"),
+        (INTRI.replace("H_01: 480", "H_01: 1e400"), "camera 01: the image size contains a number that is not finite"),
+        (INTRI.replace("H_01: 480", "H_01: [480]"), "camera 01: the image size has something that is not a number"),
+        (INTRI.replace("500., 0., 320.", ".Nan, 0., 320."), "camera 01: K has something that is not a number: '.Nan'"),
+        ("# nothing" * 200_000, "intri.yml is damaged .*it has more than 1000000 bytes"),
+        ("\x00", "intri.yml is damaged"),
+        ("- 1", "intri.yml is empty or not OpenCV YAML"),
+    ],
+)
+def test_a_damaged_easymocap_file_is_one_clear_error(easymocap: Path, content: str, message: str):
+    head = "" if content.startswith("%YAML") else "%YAML:1.0\n---\n"
+    (easymocap / "intri.yml").write_text(head + content)
+    with pytest.raises(ValueError, match=message):
+        load_rig(easymocap)
+
+
+def test_easymocap_with_the_directive_of_yaml_and_names_without_quotes(easymocap: Path):
+    intri = INTRI.replace("%YAML:1.0", "%YAML 1.0").replace('"', "").replace("D_02: !!opencv-matrix", "D_02:")
+    (easymocap / "intri.yml").write_text(intri, encoding="utf-8-sig")
+    assert load_rig(easymocap).names == ("01", "02")
+
+
+def test_numbers_as_opencv_itself_writes_them(easymocap: Path, points_m: np.ndarray):
+    import cv2
+
+    expected = load_rig(easymocap)
+    for name, suffix in (("intri.yml", "K"), ("extri.yml", "T")):
+        before = cv2.FileStorage(str(easymocap / name), cv2.FILE_STORAGE_READ)
+        after = cv2.FileStorage(str(easymocap / f"new_{name}"), cv2.FILE_STORAGE_WRITE)
+        after.write("names", ["01", "02"])
+        keys = set(before.root().keys()) - {"names"}
+        assert f"{suffix}_01" in keys
+        for key in keys:
+            node = before.getNode(key)
+            after.write(key, node.mat() if node.isMap() else node.real())
+        before.release()
+        after.release()
+        (easymocap / f"new_{name}").replace(easymocap / name)
+    assert same_pixels(load_rig(easymocap), expected, points_m)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("[[500.0, 0", "[[" + "9" * 400 + ", 0"),
+        ("[[500.0, 0", "[[" + "9" * 5000 + ", 0"),
+        ("translation", "a." * 20_000 + "translation"),
+        ("[0.0, 0.0, 4.0]", "[" * 100_000),
+        ("[0.0, 0.0, 4.0]", "2020-02-30"),
+        ("[640, 480]", "[inf, 480]"),
+    ],
+)
+def test_what_toml_can_hold_and_a_calibration_cannot(tmp_path: Path, old: str, new: str):
+    path = write_toml(tmp_path, {"cam_0": camera_table(), "cam_1": camera_table()})
+    text = re.sub(r",?\n(?=\])|\n +", "", path.read_text()).replace(",", ", ")
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(ValueError, match=r"calibration\.toml: "):
+        load_rig(path)
+
+
+def test_a_qualisys_number_that_is_not_finite_is_named(tmp_path: Path):
+    path = tmp_path / "Calib.qca.txt"
+    path.write_text(re.sub(r'(<fov_video [^>]*right=)"[^"]*"', r'\1"inf"', QCA.read_text()))
+    with pytest.raises(ValueError, match=r"qca\.txt: camera cam01: fov_video has no number right, but 'inf'"):
+        load_rig(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("size_px", np.full((4, 2), np.inf), "camera cam_01: size_px contains a number that is not finite"),
+        ("K", np.full((4, 3, 3), "x"), "array K must be numbers"),
+        ("K", np.zeros((4, 3)), r"array K must be \(4, 3, 3\), got \(4, 3\)"),
+        ("camera_names", np.arange(4), "array camera_names must be texts"),
+        ("lens", np.array(["pinhole"]), "4 cameras have 1 lenses"),
+    ],
+)
+def test_an_npz_member_of_another_kind_is_named(tmp_path: Path, name: str, array: np.ndarray, message: str):
+    path = tmp_path / "rig.npz"
+    save_rig(load_rig(POSE2SIM), path)
+    with np.load(path) as archive:
+        members = dict(archive)
+    np.savez(path, **{**members, name: array})
+    with pytest.raises(ValueError, match=rf"rig\.npz: .*{message}"):
+        load_rig(path)

@@ -14,7 +14,7 @@ import pytest
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig
-from fgpose.io.keypoints import load_observations, save_observations
+from fgpose.io.keypoints import keypoint_cameras, load_observations, save_observations
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -198,7 +198,7 @@ def test_cameras_that_cannot_be_told_apart(openpose: Path, balance_rig: CameraRi
 
 def test_options_are_checked(balance_rig: CameraRig):
     assert "frames per second (fps, or --fps)" in error_of(OPENPOSE, balance_rig, "body_25b", fps=None)
-    assert "fps must be a positive number, got 0" in error_of(OPENPOSE, balance_rig, "body_25b", fps=0.0)
+    assert "fps must be a number from 0.001 to 100000, got 0" in error_of(OPENPOSE, balance_rig, "body_25b", fps=0.0)
     assert "no person 5" in error_of(OPENPOSE, balance_rig, "body_25b", person=5)
     with pytest.raises(ValueError, match="no skeleton 'body_26'"):
         load_observations(OPENPOSE, balance_rig, "body_26", fps=60.0)
@@ -463,3 +463,73 @@ def test_save_refuses_other_extensions(tmp_path: Path):
     with pytest.raises(ValueError, match=r"a\.csv: observations are written as"):
         save_observations(recording(), tmp_path / "a.csv")
     assert not list(tmp_path.iterdir())
+
+
+# What no detector writes
+
+
+@pytest.mark.parametrize("odd", ["9" * 400, "9" * 5000, "[" * 100_000, '"1.5"', "{}", "NaN, [1]", "1e999"])
+@pytest.mark.parametrize("kind", ["openpose", "coco", "metrabs"])
+def test_odd_numbers_in_json_are_one_clear_error(tmp_path: Path, rig: CameraRig, kind: str, odd: str):
+    point: list[Any] = ["ODD", *flat(stick_px(0, 0), 0.5, 0.6, 0.7)[1:]]
+    documents = {
+        "openpose": openpose_image(point),
+        "coco": [{"image_id": 0, "keypoints": point}],
+        "metrabs": {"poses2d": [[["ODD", 1.0], [1.0, 1.0], [1.0, 1.0]]]},
+    }
+    for camera in rig.names:
+        path = tmp_path / (f"{camera}/0.json" if kind == "openpose" else f"{camera}.json")
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(json.dumps(documents[kind]).replace('"ODD"', odd))
+    with pytest.raises(ValueError, match=rf"{tmp_path}/cam_1.*json"):
+        load_observations(tmp_path, rig, STICK, fps=10.0)
+
+
+@pytest.mark.parametrize("name", ["9" * 5000, "x", "1" * 16])
+def test_an_image_name_without_a_frame_number_is_refused(tmp_path: Path, rig: CameraRig, name: str):
+    row = {"image_id": f"{name}.jpg", "keypoints": flat(stick_px(0, 0), 0.5, 0.6, 0.7)}
+    path = write_json(tmp_path / "cam_1.json", [row])
+    assert "cam_1.json, camera cam_1: no frame number" in error_of(path, rig)
+
+
+def test_documents_of_one_format_in_the_shape_of_another_are_refused(tmp_path: Path, rig: CameraRig):
+    path = write_json(tmp_path / "cam_1.json", [{"instance_info": []}])
+    assert "not keypoints of MMPose" in error_of(path, rig)
+    write_json(path, {"image_id": 0, "keypoints": []})
+    assert "not keypoints of MMPose" in error_of(path, rig)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("joints", np.arange(3), "array joints must be texts"),
+        ("camera_names", np.array([b"a", b"b"]), "array camera_names must be texts"),
+        ("points2d_px", np.full((2, 2, 3, 2), "x"), "array points2d_px must be numbers"),
+        ("points2d_px", np.zeros((2, 2, 3), dtype=bool), "array points2d_px must be numbers"),
+        ("confidence", np.array(1.0), r"array confidence must be \(any, 2, 3\), got \(\)"),
+        ("time_s", np.array(["a", "b"]), "array time_s must be numbers"),
+    ],
+)
+def test_a_member_of_a_recording_of_another_kind_is_named(
+    tmp_path: Path, rig: CameraRig, name: str, array: np.ndarray, message: str
+):
+    path = tmp_path / "seen.npz"
+    seen = Observations(STICK, np.arange(2.0), np.ones((2, 2, 3, 2)), np.ones((2, 2, 3)), camera_names=rig.names)
+    save_observations(seen, path)
+    with np.load(path) as archive:
+        members = dict(archive)
+    np.savez(path, **{**members, name: array})
+    assert re.search(message, error_of(path, rig))
+
+
+def test_the_cameras_of_keypoints_are_known_without_reading_them(tmp_path: Path, rig: CameraRig):
+    write_openpose(tmp_path / "images", "cam_2", 0)
+    write_openpose(tmp_path / "images", "cam_10", 0)
+    assert keypoint_cameras(tmp_path / "images") == ("cam_2_json", "cam_10_json")
+    write_json(tmp_path / "cameras" / "a.json", "nothing that could be read")
+    assert keypoint_cameras(tmp_path / "cameras") == ("a",)
+    assert keypoint_cameras(tmp_path / "cameras" / "a.json") == ("a",)
+    seen = Observations(STICK, np.arange(2.0), np.ones((2, 2, 3, 2)), np.ones((2, 2, 3)), camera_names=rig.names)
+    for extension in (".npz", ".parquet"):
+        save_observations(seen, tmp_path / f"seen{extension}")
+        assert keypoint_cameras(tmp_path / f"seen{extension}") == rig.names

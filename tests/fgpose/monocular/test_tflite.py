@@ -359,3 +359,9 @@ def test_a_damaged_file_never_crashes() -> None:
             refusals += 1
     # The rest of the bytes are weights, names and padding.
     assert refusals > 50
+
+
+@pytest.mark.parametrize("data", [b"", b"nothing of this kind", two_heads()[:-100], two_heads()])
+def test_what_is_refused_is_named(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"^heads\.tflite: "):
+        convert(data, name="heads.tflite")

@@ -1,0 +1,101 @@
+"""Parquet tables: read whatever is in the file without trusting it, written whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.io.atomic import write_bytes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+# As many as an archive of arrays may have.
+_MAX_CELLS = (4 << 30) // 8
+
+
+def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
+    """The table of a parquet file: all columns, or those of the ones named that it has.
+
+    Raises:
+        ValueError: the file is damaged or something else, or two columns have one name; the caller names it.
+        OSError: it cannot be opened.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    with path.open("rb") as stream:
+        try:
+            file = pq.ParquetFile(stream, page_checksum_verification=True)
+            n_cells = file.metadata.num_rows * file.metadata.num_columns
+            # A few bytes can stand for any number of equal rows.
+            if n_cells > _MAX_CELLS:
+                raise ValueError(f"{n_cells} cells are more than fgpose reads")
+            table = file.read(columns)
+            # Sizes and texts inside of the columns, which Arrow does not look at when it reads.
+            table.validate(full=True)
+        # Arrow's own exceptions are those of Python as well: OSError, KeyError, NotImplementedError, MemoryError, ...
+        except (pa.ArrowException, ValueError, TypeError, OSError, MemoryError) as error:
+            raise ValueError(f"a damaged parquet file: {error}") from None
+    names = table.column_names
+    if len(set(names)) < len(names):
+        raise ValueError(f"two columns are named {next(name for name in names if names.count(name) > 1)}")
+    return table
+
+
+def numbers(table: pa.Table, name: str) -> Float[np.ndarray, " row"]:
+    """A column of numbers; NaN = null.
+
+    Raises:
+        ValueError: it is missing or of another kind; the caller names the file.
+    """
+    import pyarrow as pa
+
+    column = _column(table, name)
+    if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type) or pa.types.is_null(column.type)):
+        raise ValueError(f"column {name} does not contain numbers but {column.type}")
+    return column.cast(pa.float64(), safe=False).to_numpy()
+
+
+def names(table: pa.Table, name: str) -> tuple[tuple[str, ...], Int[np.ndarray, " row"]]:
+    """A column of names: those that occur, in the order of their first occurrence, and the index of each row's.
+
+    Raises:
+        ValueError: it is missing or of another kind, or a row has none; the caller names the file.
+    """
+    import pyarrow as pa
+
+    column = _column(table, name)
+    try:
+        encoded = column.cast(pa.string()).combine_chunks().dictionary_encode()
+    except pa.ArrowException:
+        raise ValueError(f"column {name} does not contain names but {column.type}") from None
+    if isinstance(encoded, pa.ChunkedArray):
+        encoded = encoded.combine_chunks()
+    if encoded.null_count:
+        raise ValueError(f"a row without a {name}")
+    return tuple(encoded.dictionary.to_pylist()), encoded.indices.to_numpy().astype(np.int64)
+
+
+def _column(table: pa.Table, name: str) -> pa.ChunkedArray:
+    if name not in table.column_names:
+        raise ValueError(f"the column {name} is missing")
+    return table[name]
+
+
+def metadata(table: pa.Table) -> dict[str, str]:
+    """What the file says of itself. Raises ValueError if that is not text."""
+    return {key.decode("utf-8"): text.decode("utf-8") for key, text in (table.schema.metadata or {}).items()}
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Replace a file by a table, whole or not at all. Raises OSError, which names it, if it cannot be written."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    content = pa.BufferOutputStream()
+    pq.write_table(table, content, compression="zstd", write_page_checksum=True)
+    write_bytes(path, content.getvalue().to_pybytes())

@@ -1,0 +1,315 @@
+"""Small sound files of every format that fgpose reads, each with its reader."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import shutil
+import sys
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fgpose.benchmark.predictions import load_predictions
+from fgpose.config import Config, config_to_toml, load_config
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.keypoints import load_observations, save_observations
+from fgpose.io.skeletons import load_skeleton
+from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.monocular.detection_cache import ViewDetections, load_detections, store_detections
+from fgpose.monocular.network import People
+from fgpose.observations import Observations
+from fgpose.skeleton import LIMBS, Skeleton
+from fgpose.synthetic import motion_from_npz, ring_rig
+from fgpose.trajectory import Convergence, Status, Trajectory
+
+TESTS = Path(__file__).parents[2]
+DATA = TESTS / "data"
+_BONES = ((0, 1), (1, 2), (3, 4), (4, 5), (0, 3))
+STICK = Skeleton(
+    "stick",
+    ("pelvis", "left_knee", "left_ankle", "neck", "left_elbow", "left_wrist"),
+    bones=_BONES,
+    root=(0,),
+)
+N_FRAMES = 4
+
+
+@dataclass(frozen=True)
+class Format:
+    """A way to write files and to read them."""
+
+    name: str
+    kind: str
+    """Which mutations suit it."""
+    make: Callable[[Path], Any]
+    """Writes its files into an empty folder."""
+    read: Callable[[Path], Any]
+    """Reads what is in the folder. Raises ValueError or OSError that names a file, or the folder."""
+
+
+def trajectory() -> Trajectory:
+    rng = np.random.default_rng(0)
+    positions_m = rng.normal(size=(N_FRAMES, STICK.n_joints, 3))
+    status = np.full((N_FRAMES, STICK.n_joints), Status.OBSERVED)
+    positions_m[1, 2], status[1, 2] = np.nan, Status.UNOBSERVABLE
+    return Trajectory(
+        STICK,
+        time_s=2.0 + np.arange(N_FRAMES) / 50,
+        positions_m=positions_m,
+        status=status,
+        covariance_m2=np.broadcast_to(1e-4 * np.eye(3), (N_FRAMES, STICK.n_joints, 3, 3)).copy(),
+        residual_px=rng.uniform(0, 5, (N_FRAMES, 2, STICK.n_joints)),
+        camera_names=("cam_1", "cam_2"),
+        bone_lengths_m=np.linspace(0.2, 0.5, STICK.n_lengths),
+        convergence=Convergence(True, 7, 10.0, 1.0),
+        config=Config(),
+    )
+
+
+def rig() -> CameraRig:
+    cameras = ring_rig().cameras[:2]
+    return CameraRig(cameras)
+
+
+def points_px() -> np.ndarray:
+    return np.random.default_rng(1).uniform(100, 900, (N_FRAMES, 2, STICK.n_joints, 2))
+
+
+def recording() -> Observations:
+    rng = np.random.default_rng(2)
+    points3d_m = rng.normal(size=(N_FRAMES, 2, STICK.n_joints, 3))
+    return Observations(
+        STICK,
+        time_s=np.arange(N_FRAMES) / 50,
+        points2d_px=points_px(),
+        confidence=rng.uniform(0.2, 1.0, (N_FRAMES, 2, STICK.n_joints)),
+        points3d_m=points3d_m,
+        camera_names=rig().names,
+        covariance3d_m2=np.broadcast_to(0.01 * np.eye(3), (*points3d_m.shape, 3)).copy(),
+    )
+
+
+def _people(frame: int, camera: int) -> list[dict[str, Any]]:
+    points = points_px()[frame, camera]
+    flat = np.concatenate([points, np.full((STICK.n_joints, 1), 0.7)], axis=1).ravel().tolist()
+    return [
+        {"points": points.tolist(), "scores": [0.7] * STICK.n_joints, "flat": flat},
+        {"points": (points + 300).tolist(), "scores": [0.6] * STICK.n_joints, "flat": [*flat[:-1], 0.5]},
+    ]
+
+
+def _each_camera(folder: Path, document: Callable[[int], Any]) -> None:
+    for camera, name in enumerate(rig().names):
+        (folder / f"{name}.json").write_text(json.dumps(document(camera)))
+
+
+def _make_openpose(folder: Path) -> None:
+    for camera, name in enumerate(rig().names):
+        (folder / f"{name}_json").mkdir()
+        for frame in range(N_FRAMES):
+            people = [{"person_id": [-1], "pose_keypoints_2d": each["flat"]} for each in _people(frame, camera)]
+            path = folder / f"{name}_json" / f"{name}_{frame:012d}_keypoints.json"
+            path.write_text(json.dumps({"version": 1.3, "people": people}))
+
+
+def _mmpose(frame: int, camera: int) -> list[dict[str, Any]]:
+    return [{"keypoints": each["points"], "keypoint_scores": each["scores"]} for each in _people(frame, camera)]
+
+
+def _make_mmpose_images(folder: Path) -> None:
+    for camera, name in enumerate(rig().names):
+        (folder / name).mkdir()
+        for frame in range(N_FRAMES):
+            (folder / name / f"{frame:06d}.json").write_text(json.dumps(_mmpose(frame, camera)))
+
+
+def _make_mmpose(folder: Path) -> None:
+    def document(camera: int) -> dict[str, Any]:
+        images = [{"frame_id": frame, "instances": _mmpose(frame, camera)} for frame in range(N_FRAMES)]
+        return {"meta_info": {"dataset_name": "stick"}, "instance_info": images}
+
+    _each_camera(folder, document)
+
+
+def _make_coco(folder: Path) -> None:
+    def document(camera: int) -> list[dict[str, Any]]:
+        names = [frame if frame % 2 else f"images/{frame:06d}.jpg" for frame in range(N_FRAMES)]
+        return [
+            {"image_id": name, "category_id": 1, "keypoints": each["flat"], "score": 0.9}
+            for frame, name in enumerate(names)
+            for each in _people(frame, camera)
+        ]
+
+    _each_camera(folder, document)
+
+
+def _metrabs(camera: int) -> dict[str, Any]:
+    points = points_px()[:, camera, None]
+    boxes = np.full((N_FRAMES, 1, 5), 0.9)
+    poses3d = np.random.default_rng(3).normal([0, 0, 4000], 500, (*points.shape[:-1], 3))
+    return {"poses2d": points, "poses3d": poses3d, "boxes": boxes, "frame": np.arange(N_FRAMES)}
+
+
+def _make_metrabs_json(folder: Path) -> None:
+    _each_camera(folder, lambda camera: {name: array.tolist() for name, array in _metrabs(camera).items()})
+
+
+def _make_metrabs_npz(folder: Path) -> None:
+    for camera, name in enumerate(rig().names):
+        np.savez(folder / f"{name}.npz", **_metrabs(camera))
+
+
+def _read_keypoints(folder: Path) -> Observations:
+    return load_observations(folder, rig(), STICK, fps=50.0)
+
+
+def _make_easymocap(folder: Path) -> None:
+    intrinsics, extrinsics = (["%YAML:1.0", "---", "names:", '   - "cam_1"', '   - "cam_2"'] for _ in range(2))
+    for camera, name in zip(rig().cameras, ("cam_1", "cam_2"), strict=True):
+        camera_T_world = camera.camera_T_world
+        intrinsics += _matrix(f"K_{name}", camera.K) + _matrix(f"dist_{name}", np.zeros((1, 5)))
+        intrinsics += [f"H_{name}: {camera.size_px[1]}", f"W_{name}: {camera.size_px[0]}"]
+        extrinsics += _matrix(f"Rot_{name}", camera_T_world[:3, :3]) + _matrix(f"T_{name}", camera_T_world[:3, 3:])
+    (folder / "intri.yml").write_text("\n".join(intrinsics) + "\n")
+    (folder / "extri.yml").write_text("\n".join(extrinsics) + "\n")
+
+
+def _matrix(name: str, values: np.ndarray) -> list[str]:
+    rows, columns = values.shape
+    data = ", ".join(f"{value:.17g}" if value % 1 else f"{value:.0f}." for value in values.ravel())
+    return [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d", f"   data: [ {data} ]"]
+
+
+_SKELETON = {
+    "name": "stick",
+    "joints": [*STICK.joints, "right_knee", "right_ankle", "right_elbow", "right_wrist"],
+    "root": ["pelvis"],
+    "bones": [["left_knee", "left_ankle"], ["right_knee", "right_ankle"], ["pelvis", "neck"]],
+    "lines": [["neck", "left_elbow"]],
+    "left_right": [["left_knee", "right_knee"], ["left_ankle", "right_ankle"]],
+    "limbs": {LIMBS[3]: ["left_knee", "left_ankle"]},
+}
+
+
+def _make_skeleton(folder: Path) -> None:
+    import tomli_w
+
+    (folder / "skeleton.toml").write_text(tomli_w.dumps(_SKELETON))
+
+
+def _make_motion(folder: Path) -> None:
+    np.savez(folder / "motion.npz", positions_m=np.zeros((N_FRAMES, 17, 3)), fps=np.array(50.0))
+
+
+def _make_predictions(folder: Path) -> None:
+    np.savez(
+        folder / "predictions.npz",
+        subject=np.array(["S9"] * N_FRAMES),
+        action=np.array(["Greeting-2"] * N_FRAMES),
+        frame=np.arange(N_FRAMES),
+        positions_m=np.zeros((N_FRAMES, 17, 3)),
+        joints=np.array(load_skeleton("h36m_17").joints),
+    )
+
+
+def _make_detections(folder: Path) -> None:
+    n_joints, n_people = STICK.n_joints, 3
+    shapes = ((5,), (n_joints, 2), (n_joints,), (n_joints, 3), (n_joints, 3, 3))
+    people = People(*(np.ones((n_people, *shape)) for shape in shapes), problems=("", "small", ""))
+    view = ViewDetections(np.arange(2) / 50, np.array([1, 2]), people, True)
+    store_detections(view, folder / "cam_1.npz")
+
+
+def _read_detections(folder: Path) -> None:
+    """A damaged file is a warning there, since it can be made again."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UserWarning)
+        try:
+            load_detections(folder / "cam_1.npz", STICK.n_joints)
+        except UserWarning as warning:
+            raise ValueError(str(warning)) from None
+
+
+def _make_tflite(folder: Path) -> None:
+    # A module of other tests, which pytest finds by itself.
+    sys.path.append(str(TESTS / "fgpose" / "monocular"))
+    tiny = importlib.import_module("tiny_tflite").TinyTflite()
+    image, hidden = tiny.tensor(1, 4, 4, 2, name="image"), tiny.tensor(1, 4, 4, 2)
+    result = tiny.tensor(1, 4, 4, 2, name="result")
+    tiny.operator("ADD", [image, tiny.constant(np.ones((1, 4, 4, 2), dtype=np.float32))], hidden, "AddOptions")
+    tiny.operator("LOGISTIC", [hidden], result)
+    (folder / "tiny.tflite").write_bytes(tiny.build([image], [result]))
+
+
+def _read_tflite(folder: Path) -> bytes:
+    from fgpose.monocular.tflite import convert
+
+    return convert((folder / "tiny.tflite").read_bytes(), name="tiny.tflite")
+
+
+def _copied(source: Path) -> Callable[[Path], Any]:
+    return lambda folder: shutil.copy(source, folder / source.name)
+
+
+def _result(extension: str) -> Callable[[Path], None]:
+    return lambda folder: save_trajectory(trajectory(), folder / f"result{extension}")
+
+
+def _one(reader: Callable[[Path], Any]) -> Callable[[Path], Any]:
+    """The reader on the only file of the folder."""
+
+    def read(folder: Path) -> Any:
+        (path,) = folder.iterdir()
+        return reader(path)
+
+    return read
+
+
+def _read_recording(path: Path) -> Observations:
+    return load_observations(path, rig(), STICK)
+
+
+FORMATS = {
+    each.name: each
+    for each in (
+        Format("trajectory parquet", "parquet", _result(".parquet"), _one(load_trajectory)),
+        Format("trajectory npz", "npz", _result(".npz"), _one(load_trajectory)),
+        Format("trajectory trc", "text", _result(".trc"), _one(load_trajectory)),
+        Format("trajectory c3d", "c3d", _result(".c3d"), _one(load_trajectory)),
+        Format("rig toml", "toml", lambda folder: save_rig(rig(), folder / "rig.toml"), _one(load_rig)),
+        Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
+        Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),
+        Format("rig yaml", "text", _make_easymocap, load_rig),
+        Format("rig npz", "npz", lambda folder: save_rig(rig(), folder / "rig.npz"), _one(load_rig)),
+        Format("skeleton toml", "toml", _make_skeleton, _one(load_skeleton)),
+        Format(
+            "config toml",
+            "toml",
+            lambda folder: (folder / "config.toml").write_text(config_to_toml(Config())),
+            _one(load_config),
+        ),
+        Format("openpose", "json", _make_openpose, _read_keypoints),
+        Format("mmpose images", "json", _make_mmpose_images, _read_keypoints),
+        Format("mmpose", "json", _make_mmpose, _read_keypoints),
+        Format("coco", "json", _make_coco, _read_keypoints),
+        Format("metrabs json", "json", _make_metrabs_json, _read_keypoints),
+        Format("metrabs npz", "npz", _make_metrabs_npz, _read_keypoints),
+        Format("recording npz", "npz", lambda f: save_observations(recording(), f / "seen.npz"), _one(_read_recording)),
+        Format(
+            "recording parquet",
+            "parquet",
+            lambda folder: save_observations(recording(), folder / "seen.parquet"),
+            _one(_read_recording),
+        ),
+        Format("motion npz", "npz", _make_motion, _one(motion_from_npz)),
+        Format("predictions npz", "npz", _make_predictions, _one(load_predictions)),
+        Format("detections npz", "npz", _make_detections, _read_detections),
+        Format("tflite", "bytes", _make_tflite, _read_tflite),
+    )
+}
