@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import spread_evenly
 
 # Below this angle between all rays the depth of a point is not determined: 1 degree at 4 m and 5 px / 1145 px of
 # detection error leaves a metre of depth error.
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
-_MAX_PAIRS = 66  # all pairs of 12 views; of larger rigs an even selection of pairs
+_MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +105,9 @@ def triangulate_robust(
 
 
 def _pairs(n_cameras: int) -> Int[np.ndarray, "pair 2"]:
-    pairs = list(combinations(range(n_cameras), 2))
-    return np.array(pairs[:: max(1, len(pairs) // _MAX_PAIRS)], dtype=int).reshape(-1, 2)
+    """All pairs of views; of a large rig _MAX_PAIRS of them, spread evenly."""
+    pairs = np.array(list(combinations(range(n_cameras), 2)), dtype=int).reshape(-1, 2)
+    return pairs[spread_evenly(len(pairs), _MAX_PAIRS)] if len(pairs) else pairs
 
 
 def _score(
