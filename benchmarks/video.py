@@ -12,7 +12,7 @@ from scenario import demo_sources
 
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
-from fgpose.calibration.rig_refinement import moved_with_cameras
+from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.config import FusionConfig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.monocular.cache import cache_folder

@@ -53,6 +53,7 @@ def triangulate(
     forward, offset_m = projection_matrices[..., 2, :3], projection_matrices[..., 2, 3]
     depths_m = np.sum(forward * positions_m[..., None, :], axis=-1) + offset_m
     usable = enough & np.isfinite(positions_m).all(axis=-1)
+    # A view within 1 mm of the point, which no image is in focus at, would outweigh all others.
     depths_m = np.where(np.abs(depths_m) > 1e-3, depths_m, 1e-3)
     return _solve(rows, np.where(usable[..., None], information / depths_m**2, 0.0), usable)
 
