@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig
+from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.sightings import Sightings, agreed_joints_m, frames_of_use, sighting_weights
 from fgpose.config import Config
 from fgpose.estimation.delays import delays_s, on_time_px
-from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
@@ -34,7 +34,7 @@ class RigRefinement:
     that sees nothing."""
     residual_after_px: Float[np.ndarray, " camera"]
     converged: bool = True
-    """Whether the optimiser has reached a minimum."""
+    """Whether the optimiser has reached a minimum, and the smoother by whose motion delays were undone."""
 
 
 def refine_rig(observations: Observations, rig: CameraRig, config: Config | None = None) -> RigRefinement:
@@ -53,7 +53,8 @@ def refine_rig(observations: Observations, rig: CameraRig, config: Config | None
     config = config or Config()
     observations.check_cameras(rig.names)
     frames = frames_of_use(observations, config.calibration.max_frames)
-    undistorted_px = _on_time_px(observations, rig, config)[frames]
+    undistorted_px, on_time = _on_time_px(observations, rig, config)
+    undistorted_px = undistorted_px[frames]
     confidence = observations.confidence[frames]
     joints_m = agreed_joints_m(undistorted_px, confidence, rig, config)
     known = np.asarray(np.isfinite(joints_m).all(axis=-1))
@@ -63,9 +64,8 @@ def refine_rig(observations: Observations, rig: CameraRig, config: Config | None
     sightings = Sightings(undistorted_px, weights, np.zeros_like(start.joints_m), np.zeros(rig.n_cameras))
     solution = BundleProblem(rig, sightings, config, poses=True, clocks=False).solve(start)
     refined = moved_rig(rig, solution.state.changes, config)
-    return refinement(
-        observations, rig, refined, undistorted_px, confidence, config, converged=solution.convergence.converged
-    )
+    converged = on_time and solution.convergence.converged
+    return refinement(observations, rig, refined, undistorted_px, confidence, config, converged=converged)
 
 
 def refinement(
@@ -96,11 +96,13 @@ def refinement(
 
 def _on_time_px(
     observations: Observations, rig: CameraRig, config: Config
-) -> Float[np.ndarray, "frame camera joint 2"]:
-    """The detections of all frames, undistorted; the motion is only estimated where there are delays to be undone."""
+) -> tuple[Float[np.ndarray, "frame camera joint 2"], bool]:
+    """The detections of all frames, undistorted, and whether what they rest on has converged; the motion is only
+    estimated where there are delays to be undone."""
     if not delays_s(observations, rig).any():
-        return rig.undistort(observations.points2d_px)
-    return on_time_px(observations, rig, smooth(observations, rig, config).positions_m)
+        return rig.undistort(observations.points2d_px), True
+    trajectory = smoothed_motion(observations, rig, config)
+    return on_time_px(observations, rig, trajectory.positions_m), has_converged(trajectory)
 
 
 def _residual_px(

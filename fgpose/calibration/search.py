@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig, prior_sigmas
+from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.sightings import Sightings, agreed_joints_m, best_seen, frames_of_use, sighting_weights
 from fgpose.config import Config
 from fgpose.estimation.delays import on_time_px
-from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -109,7 +108,7 @@ class _Setting:
     def candidate(self, changes: Float[np.ndarray, "camera 7"]) -> _Candidate:
         """The motion with a calibration, and the adjustment that starts from there."""
         rig = moved_rig(self.rig, changes, self.config)
-        trajectory = _smoothed(moved_with_cameras(self.part, self.rig, rig), rig, self.config)
+        trajectory = smoothed_motion(moved_with_cameras(self.part, self.rig, rig), rig, self.config)
         undistorted_px = on_time_px(self.part, rig, trajectory.positions_m)[self.frames]
         joints_m, velocities_mps = trajectory.positions_m[self.frames], _velocities_mps(trajectory)[self.frames]
         known = np.asarray(np.isfinite(joints_m + velocities_mps).all(axis=-1))
@@ -123,24 +122,15 @@ class _Setting:
         )
         problem = BundleProblem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
         state = Calibration(changes, np.where(known[..., None], joints_m, 0.0))
-        smoothed = trajectory.convergence is None or trajectory.convergence.converged
-        return _Candidate(rig, problem, state, problem.error(state), undistorted_px, smoothed)
+        return _Candidate(rig, problem, state, problem.error(state), undistorted_px, has_converged(trajectory))
 
 
 def _setting(observations: Observations, rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:
-    config = replace(config, solver=replace(config.solver, covariance=False))
     part = best_seen(observations, config.calibration.max_duration_s)
     frames = frames_of_use(part, config.calibration.max_frames)
     if poses:
         agreed_joints_m(rig.undistort(part.points2d_px[frames]), part.confidence[frames], rig, config)
     return _Setting(part, frames, rig, config, poses, clocks)
-
-
-def _smoothed(part: Observations, rig: CameraRig, config: Config) -> Trajectory:
-    with warnings.catch_warnings():
-        # The result says it: Found.converged.
-        warnings.filterwarnings("ignore", message=".*converge")
-        return smooth(part, rig, config)
 
 
 def _velocities_mps(trajectory: Trajectory) -> Float[np.ndarray, "frame joint 3"]:

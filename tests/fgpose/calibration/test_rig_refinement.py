@@ -8,6 +8,7 @@ from turned_cameras import turned
 
 import fgpose
 from fgpose.calibration import bundle_adjustment
+from fgpose.config import SolverConfig
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 
@@ -43,6 +44,7 @@ def test_a_delay_that_is_known_moves_no_camera(rig: fgpose.CameraRig, skeleton: 
     truth_m = walking(40, 30.0, skeleton)
     scene = simulate(truth_m, skeleton, rig, 30.0, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=offsets_s)
     known = fgpose.refine_rig(scene.observations, rig.with_time_offsets(offsets_s))
+    assert known.converged
     assert known.rotation_deg.max() < 0.1
     assert known.translation_m.max() < 0.005
     np.testing.assert_array_equal(known.rig.time_offsets_s, offsets_s)
@@ -112,5 +114,8 @@ def test_an_optimiser_that_has_not_converged_is_told(
     walking_scene: Scene, rig: fgpose.CameraRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert fgpose.refine_rig(walking_scene.observations, rig).converged
+    late = rig.with_time_offsets(np.array([0.0, 0.01, 0.0, 0.0]))
+    hasty = fgpose.Config(solver=SolverConfig(max_iterations=1))
+    assert not fgpose.refine_rig(walking_scene.observations.frames(slice(0, 10)), late, hasty).converged
     monkeypatch.setattr(bundle_adjustment, "_MAX_ITERATIONS", 1)
     assert not fgpose.refine_rig(walking_scene.observations, turned(rig, 2, 1.0)).converged

@@ -9,7 +9,7 @@ import pytest
 from turned_cameras import turned
 
 import fgpose
-from fgpose.calibration import search
+from fgpose.calibration import motion, search
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.calibration.sightings import best_seen
@@ -75,13 +75,13 @@ def test_per_view_3d_moves_with_its_camera(filmed: Scene, rig: fgpose.CameraRig)
 @pytest.fixture
 def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Config]:
     """The configurations that motions have been smoothed with."""
-    configs, smooth = [], search.smooth
+    configs, smooth = [], motion.smooth
 
     def counted(observations: fgpose.Observations, rig: fgpose.CameraRig, config: Config) -> fgpose.Trajectory:
         configs.append(config)
         return smooth(observations, rig, config)
 
-    monkeypatch.setattr(search, "smooth", counted)
+    monkeypatch.setattr(motion, "smooth", counted)
     return configs
 
 
