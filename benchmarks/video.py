@@ -12,7 +12,7 @@ from scenario import demo_sources
 
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
-from fgpose.calibration.rig_refinement import moved_with_cameras
+from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.config import FusionConfig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.monocular.cache import cache_folder
@@ -55,10 +55,10 @@ def fused_against_triangulated(models: tuple[str, ...]) -> list[Metric]:
         observations, rig = _observations(detected), detected.rig
         triangulated_m = _robust_m(observations, rig)
         by_covariance, by_reprojection = FusionConfig(mean="covariance"), FusionConfig(mean="reprojection")
-        for config, limit in ((by_covariance, _FUSED_LIMITS_MM.get(model)), (by_reprojection, None)):
-            fused_m = fgpose.fuse(observations, rig, config).positions_m
+        for fusion, limit in ((by_covariance, _FUSED_LIMITS_MM.get(model)), (by_reprojection, None)):
+            fused_m = fgpose.fuse(observations, rig, fgpose.Config(fusion=fusion)).positions_m
             apart_m = np.linalg.norm(fused_m - triangulated_m, axis=-1)[:, _limbs(observations.skeleton)]
-            name = f"{model}: per-view 3D fused by {config.mean}, from robust triangulation, mean"
+            name = f"{model}: per-view 3D fused by {fusion.mean}, from robust triangulation, mean"
             metrics.append(Metric(name, 1e3 * float(np.nanmean(apart_m)), "mm", limit=limit, exact=True))
     return metrics
 

@@ -170,7 +170,8 @@ class RefinementConfig:
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """Refining the poses of the cameras on the recording itself (refine_rig); only done when asked for."""
+    """Calibrating the cameras on the recording itself (refine_rig, estimate_time_offsets, self_calibrate); only done
+    when asked for. Of these, the online estimator of time offsets uses those named offset_ and error_."""
 
     rotation_sigma_deg: float = 0.1
     """How well the calibration knows the direction of a camera that nobody touched, degrees. Raising it moves cameras
@@ -178,11 +179,27 @@ class CalibrationConfig:
     translation_sigma_m: float = 0.005
     """How well the calibration knows the place of a camera that nobody touched, metres. Raising it moves cameras
     further."""
-    independent_looks: float = 50.0
-    """How many independent measurements all detections of a camera are worth: their errors are alike from frame to
-    frame. Raising it trusts the recording more, the calibration less."""
-    max_frames: int = 50
+    bumped_sigmas: float = 1.0
+    """Move of a camera, in these standard deviations, from which it is taken for bumped (scale of a Cauchy kernel).
+    Raising it spreads the move of one camera over all of them, which shifts the world."""
+    offset_sigma_s: float = 0.1
+    """How well the time offsets that the rig has are known, seconds. Raising it trusts the recording more."""
+    offset_memory_s: float = 30.0
+    """Time constant with which the online estimate of time offsets forgets, seconds: clocks drift. Raising it makes the
+    offsets steadier and slower to follow."""
+    error_correlation_s: float = 0.15
+    """Time over which the errors of a pose network are correlated, seconds: all frames within twice this count as one
+    measurement of a time offset. Raising it trusts the recording less."""
+    independent_measurements: float = 50.0
+    """How many independent measurements of a camera's pose all its detections are worth: a network errs alike on one
+    person in one view. Raising it trusts the recording more, the calibration less."""
+    max_frames: int = 300
     """Frames that take part, spread evenly. Raising it takes longer."""
+    max_duration_s: float = 30.0
+    """Time offsets are estimated on so much of the recording, where most is seen, seconds. Raising it takes longer."""
+    max_rounds: int = 8
+    """Upper bound of how often the motion is smoothed while time offsets are estimated. Raising it lets difficult
+    recordings converge and may take longer."""
 
 
 @dataclass(frozen=True)

@@ -191,7 +191,7 @@ def _frame_by_frame(source: Source, config: Config) -> dict[str, Trajectory]:
 def fused_trajectory(source: Source, config: Config) -> Trajectory:
     """The fused pose (eq. 1-2) of every frame; robust triangulation where there is no per-view 3D."""
     observations, rig = source.observations, source.rig
-    positions_m = fuse(observations, rig, config.fusion).positions_m
+    positions_m = fuse(observations, rig, config).positions_m
     known = np.asarray(np.isfinite(positions_m).all(axis=-1))
     return Trajectory(
         skeleton=observations.skeleton,

@@ -39,6 +39,7 @@ ESTIMATION_FLOORS = (
         "bone_lengths",
         "clock_offsets",
         "delays",
+        "elimination",
         "fusion",
         "initial_guess",
         "keys",

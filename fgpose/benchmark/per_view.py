@@ -98,7 +98,7 @@ def estimate(
             case "refine":
                 positions_m = refine(observations, sequence.rig, config).positions_m
             case "fuse":
-                positions_m = fuse(observations, sequence.rig, config.fusion).positions_m
+                positions_m = fuse(observations, sequence.rig, config).positions_m
         predictions[sequence.key] = Prediction(frame_numbers(observations), positions_m)
         progress(number + 1, len(sequences))
     return predictions

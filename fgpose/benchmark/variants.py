@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.benchmark.recording import Recording
-from fgpose.calibration.rig_refinement import moved_with_cameras
+from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations

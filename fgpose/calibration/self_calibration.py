@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from jaxtyping import Float
-
-from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
+from fgpose.calibration.rig_refinement import RigRefinement, refine_rig, refinement
+from fgpose.calibration.search import search
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config
-from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-
-# Where the reprojection error of a detection counts half; beyond, it counts ever less.
-_FIT_PX = 12.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,42 +21,63 @@ class SelfCalibration:
     """The observations, their per-view 3D moved with the cameras that saw it."""
     refinement: RigRefinement
     time_offsets: TimeOffsets
+    objective: float
+    """What the calibration was judged by (fgpose.calibration.bundle_adjustment); at most that of the given rig."""
+    converged: bool
+    """Whether the calibration changed no more in the end, and the smoother that it rests on has converged."""
+
+
+@dataclass(frozen=True, eq=False)
+class CameraCalibration:
+    """A recording whose cameras have been calibrated on it."""
+
+    rig: CameraRig
+    observations: Observations
+    refinement: RigRefinement | None
+    """None where the poses were held."""
+    time_offsets: TimeOffsets | None
+    """None where the clocks were held."""
+    converged: bool
 
 
 def self_calibrate(observations: Observations, rig: CameraRig, config: Config | None = None) -> SelfCalibration:
-    """Refine the poses of the cameras and estimate their time offsets, in turns.
+    """Refine the poses of the cameras and estimate their time offsets, both at once.
 
-    A camera that is late and one that was moved look alike while the person walks in one direction, and what is done
-    first explains both. So both orders are tried, and the one that fits the detections better counts.
+    While the person walks in one direction, a camera that is late sees the same as one that was moved, and what is
+    estimated first explains both. So both are unknowns of one bundle adjustment, with the motion smoothed anew between
+    two of them (fgpose.calibration.search). The result is never worse than the given rig by the objective of that
+    adjustment; where nothing is better it is the given rig. Of the recording the calibration.max_duration_s are used
+    in which most is seen.
 
     Raises:
-        ValueError: see refine_rig and estimate_time_offsets.
+        ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
     """
     config = config or Config()
-    starts_s = rig.time_offsets_s, estimate_time_offsets(observations, rig, config).offsets_s
-    candidates = [_turn(observations, rig, start_s, config) for start_s in starts_s]
-    best = min(candidates, key=lambda candidate: _misfit(candidate, config))
-    return _turn(observations, rig, best.rig.time_offsets_s, config)
+    observations.check_cameras(rig.names)
+    found = search(observations, rig, config, poses=True, clocks=True)
+    refined = refinement(
+        observations, rig, found.rig, found.undistorted_px, found.confidence, config, converged=found.converged
+    )
+    offsets = TimeOffsets(found.rig.time_offsets_s, found.sigmas[:, 6], found.rig, found.converged)
+    return SelfCalibration(found.rig, refined.observations, refined, offsets, found.objective, found.converged)
 
 
-def _turn(
-    observations: Observations, rig: CameraRig, offsets_s: Float[np.ndarray, " camera"], config: Config
-) -> SelfCalibration:
-    """Poses with these offsets, then offsets with these poses."""
-    # Always from the poses as they were given: the prior holds for those.
-    refinement = refine_rig(observations, rig.with_time_offsets(offsets_s), config)
-    offsets = estimate_time_offsets(refinement.observations, refinement.rig, config)
-    return SelfCalibration(offsets.rig, refinement.observations, refinement, offsets)
+def calibrate_cameras(
+    observations: Observations, rig: CameraRig, config: Config | None = None, *, poses: bool, clocks: bool
+) -> CameraCalibration:
+    """Refine the cameras' poses, estimate their time offsets, or both at once, whatever is asked for.
 
-
-def _misfit(calibration: SelfCalibration, config: Config) -> float:
-    """Robust (Geman-McClure) reprojection error of the smoothed motion, and what the prior says of the moves."""
-    residual_px = smooth(calibration.observations, calibration.rig, config).residual_px
-    assert residual_px is not None
-    squared = (residual_px[np.isfinite(residual_px)] / _FIT_PX) ** 2
-    prior, moves = config.calibration, calibration.refinement
-    moved = (moves.rotation_deg / prior.rotation_sigma_deg) ** 2 + (
-        moves.translation_m / prior.translation_sigma_m
-    ) ** 2
-    looks = prior.independent_looks * len(moved)
-    return looks * float(np.mean(squared / (1 + squared))) + 0.5 * float(np.sum(np.log1p(moved)))
+    Raises:
+        ValueError: see refine_rig, estimate_time_offsets and self_calibrate.
+    """
+    if poses and clocks:
+        both = self_calibrate(observations, rig, config)
+        return CameraCalibration(both.rig, both.observations, both.refinement, both.time_offsets, both.converged)
+    if poses:
+        refined = refine_rig(observations, rig, config)
+        return CameraCalibration(refined.rig, refined.observations, refined, None, refined.converged)
+    if clocks:
+        offsets = estimate_time_offsets(observations, rig, config)
+        return CameraCalibration(offsets.rig, observations, None, offsets, offsets.converged)
+    observations.check_cameras(rig.names)
+    return CameraCalibration(rig, observations, None, None, True)

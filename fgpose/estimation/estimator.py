@@ -70,7 +70,7 @@ class Estimator:
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._persistence = RunningPersistence((rig.n_cameras, skeleton.n_joints), self.config.projection)
         self._n_frames = 0
-        self._offsets = RunningOffsets(rig, self.config.projection)
+        self._offsets = RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
 
     def __reduce__(self) -> NoReturn:

@@ -8,16 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.metrics import mean_known
-from fgpose.config import FusionConfig
+from fgpose.config import Config, FusionConfig
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose_factors import robust_weight
 
-# A view that agrees to this with all others is as good as a view can be: keeps 1/e of eq. 2 finite.
-_MIN_ERROR_PX2 = 1e-4
+# Keeps 1/e of eq. 2 finite where all views agree exactly; no detector is right to 0.01 px (un-squared: 0.0001 px).
+_MIN_ERROR = 1e-4
 # After ten steps the mean moves by less than a millimetre (real recordings).
 _MEAN_ITERATIONS = 10
+# In sigmas, as depth.kernel_scale: it judges the same measurements.
 _MEAN_KERNEL_SCALE = 1.5
 
 
@@ -36,7 +37,7 @@ class Fusion:
     """The terms of that mean: the candidate of one view projected into every view."""
 
 
-def fuse(observations: Observations, rig: CameraRig, config: FusionConfig | None = None) -> Fusion:
+def fuse(observations: Observations, rig: CameraRig, config: Config | None = None) -> Fusion:
     """Weighted mean of the views' absolute 3D joints (eq. 1), weights from reprojection errors (eq. 2).
 
     A joint for which no view has 3D is triangulated robustly from its 2D points instead; each view's candidate is then
@@ -45,11 +46,11 @@ def fuse(observations: Observations, rig: CameraRig, config: FusionConfig | None
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
     """
-    config = config or FusionConfig()
+    fusion = (config or Config()).fusion
     observations.check_cameras(rig.names)
     undistorted_px = rig.undistort(observations.points2d_px)
-    triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, config.inlier_px).positions_m
-    return fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config)
+    triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, fusion.inlier_px).positions_m
+    return fuse_undistorted(observations, triangulated_m, undistorted_px, rig, fusion)
 
 
 def fuse_undistorted(
@@ -88,18 +89,25 @@ def _from_candidates(
     squared_px2 = np.sum((rig.project(points3d_m) - undistorted_px[:, None]) ** 2, axis=-1)
     term = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
     error = mean_known(term, axis=2)
-    # A candidate that no view can check (its only detection is missing) still counts when it is all there is.
+    # A candidate that no view can check (its only detection is missing) still counts when it is all there is: as one
+    # that is off by inlier_px, the largest error at which a view is still taken for right.
     known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
     checked = known & np.isfinite(error)
     unchecked_only = known & ~checked.any(axis=1, keepdims=True)
-    weights = np.where(checked, 1.0 / np.maximum(np.where(checked, error, 1.0), _MIN_ERROR_PX2), 0.0)
-    weights = np.where(unchecked_only, _MIN_ERROR_PX2, weights)
+    unchecked_error = config.inlier_px**2 if config.exponent == "squared" else config.inlier_px
+    weights = np.where(checked, _reciprocal(error), 0.0)
+    weights = np.where(unchecked_only, 1.0 / unchecked_error, weights)
     total = weights.sum(axis=1)[..., None]
     weighted = np.where(known[..., None], points3d_m, 0.0) * weights[..., None]
     positions_m = np.divide(
         weighted.sum(axis=1), total, out=np.full((*total.shape[:-1], 3), np.nan), where=total > 0
     )  # eq. 1
     return Fusion(positions_m, weights, error, squared_px2)
+
+
+def _reciprocal(error: Float[np.ndarray, "*candidates"]) -> Float[np.ndarray, "*candidates"]:
+    """w = 1 / e of eq. 2."""
+    return 1.0 / np.maximum(error, _MIN_ERROR)
 
 
 def _robust_mean_m(
@@ -129,6 +137,5 @@ def _from_triangulation(
 ) -> Fusion:
     squared_px2 = np.sum((rig.project(triangulated_m) - undistorted_px) ** 2, axis=-1)
     error = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
-    known = np.isfinite(error)
-    weights = np.where(known, 1.0 / np.maximum(np.where(known, error, 1.0), _MIN_ERROR_PX2), 0.0)
+    weights = np.where(np.isfinite(error), _reciprocal(error), 0.0)
     return Fusion(triangulated_m, weights, error, np.repeat(squared_px2[:, None], rig.n_cameras, axis=1))

@@ -40,7 +40,7 @@ def refine(
         ValueError: the cameras of the observations and of the rig differ.
     """
     config = config or Config()
-    fused_m = fuse(observations, rig, config.fusion).positions_m
+    fused_m = fuse(observations, rig, config).positions_m
     segment = _segment(observations, rig, fused_m, config)
     positions_m = np.full_like(fused_m, np.nan)
     solutions = []

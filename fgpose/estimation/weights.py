@@ -14,17 +14,15 @@ def detection_weights(
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Weight of every detection, from min_weight to 1: its information relative to a good detection.
 
-    Eq. 2 weighs the 3D candidate of a view by the reciprocal of its reprojection error. As information of the 2D
-    detection that is over-confident (a view that happens to agree gets a weight without bound) and partly circular (a
-    view's own detection judges its own candidate). Hence three changes: the error of detection k is that of the
-    candidates of the *other* views projected into view k; of these the smallest, for one view that confirms a
-    detection outweighs others that are wrong in depth; and the reciprocal is bounded, a(s) = 1 / (1 + e / s^2), which
-    is eq. 2 for large errors.
+    Eq. 2 weighs a view's 3D candidate by the reciprocal of its reprojection error. As information of a 2D detection
+    that would be over-confident (a view that happens to agree gets a weight without bound) and circular (a view's own
+    detection judges its own candidate). So the error e of a detection is its squared distance to the nearest candidate
+    of another view: one view that confirms it outweighs others that are wrong in depth. And the reciprocal is bounded,
+    a(s) = 1 / (1 + e / s^2), which is eq. 2 for large errors.
 
-    It is used twice. A detection is good if the detector says so or another view confirms it closely, 1 - (1 - c) (1 -
-    a(confirming_px)) with the detector's confidence c: a network that is unsure of a joint that it sees well would
-    otherwise cost information. And it is doubted when nothing another view sees is near: times a(agreement_px). Of two
-    views that contradict each other neither is confirmed, so the agreement counts from three views on.
+    The weight has two factors. 1 - (1 - c) (1 - a(confirming_px)): a detection is good if the detector says so,
+    confidence c, or another view confirms it closely. a(agreement_px): it is doubted if no other view's candidate is
+    near. Of two views that contradict each other neither is confirmed, so e counts from three views on.
     """
     if config.weighting == "uniform":
         return np.ones_like(confidence)

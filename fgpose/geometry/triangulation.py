@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import spread_evenly
 
 # Below this angle between all rays the depth of a point is not determined: 1 degree at 4 m and 5 px / 1145 px of
 # detection error leaves a metre of depth error.
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
-_MAX_PAIRS = 66  # all pairs of 12 views; of larger rigs an even selection of pairs
+_MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,7 @@ def triangulate(
     forward, offset_m = projection_matrices[..., 2, :3], projection_matrices[..., 2, 3]
     depths_m = np.sum(forward * positions_m[..., None, :], axis=-1) + offset_m
     usable = enough & np.isfinite(positions_m).all(axis=-1)
+    # A view within 1 mm of the point, which no image is in focus at, would outweigh all others.
     depths_m = np.where(np.abs(depths_m) > 1e-3, depths_m, 1e-3)
     return _solve(rows, np.where(usable[..., None], information / depths_m**2, 0.0), usable)
 
@@ -104,8 +106,9 @@ def triangulate_robust(
 
 
 def _pairs(n_cameras: int) -> Int[np.ndarray, "pair 2"]:
-    pairs = list(combinations(range(n_cameras), 2))
-    return np.array(pairs[:: max(1, len(pairs) // _MAX_PAIRS)], dtype=int).reshape(-1, 2)
+    """All pairs of views; of a large rig _MAX_PAIRS of them, spread evenly."""
+    pairs = np.array(list(combinations(range(n_cameras), 2)), dtype=int).reshape(-1, 2)
+    return pairs[spread_evenly(len(pairs), _MAX_PAIRS)] if len(pairs) else pairs
 
 
 def _score(

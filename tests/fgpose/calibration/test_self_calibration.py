@@ -9,6 +9,12 @@ import pytest
 from turned_cameras import turned
 
 import fgpose
+from fgpose.calibration import motion, search
+from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration
+from fgpose.calibration.self_calibration import calibrate_cameras
+from fgpose.calibration.sightings import best_seen
+from fgpose.config import CalibrationConfig, Config, SolverConfig
+from fgpose.estimation.solvers.levenberg_marquardt import Solution
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 from tests.fgpose.calibration.test_rig_refinement import direction_error_deg
@@ -64,6 +70,102 @@ def test_per_view_3d_moves_with_its_camera(filmed: Scene, rig: fgpose.CameraRig)
     for index, (old, new) in enumerate(zip(rig.cameras, found.rig.cameras, strict=True)):
         in_camera_m = new.to_camera_frame(after_m[:, index])
         np.testing.assert_allclose(in_camera_m, old.to_camera_frame(before_m[:, index]), atol=1e-9)
+
+
+@pytest.fixture
+def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Config]:
+    """The configurations that motions have been smoothed with."""
+    configs, smooth = [], motion.smooth
+
+    def counted(observations: fgpose.Observations, rig: fgpose.CameraRig, config: Config) -> fgpose.Trajectory:
+        configs.append(config)
+        return smooth(observations, rig, config)
+
+    monkeypatch.setattr(motion, "smooth", counted)
+    return configs
+
+
+def test_at_most_eight_motions_are_smoothed_and_without_covariances(
+    filmed: Scene, rig: fgpose.CameraRig, smoothed: list[Config], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    observations = filmed.observations.frames(slice(0, 12))
+    config = Config(solver=SolverConfig(covariance=True))
+    assert fgpose.self_calibrate(observations, turned(rig, BUMPED, 1.0), config).converged
+    assert 2 <= len(smoothed) <= 8
+    smoothed.clear()
+    monkeypatch.setattr(search, "_TOLERANCE_SIGMAS", 0.0)  # never done
+    monkeypatch.setattr(search, "_TOLERANCE_FRAMES", 0.0)
+    assert not fgpose.self_calibrate(observations, turned(rig, BUMPED, 1.0), config).converged
+    assert len(smoothed) == 8
+    assert not any(config.solver.covariance for config in smoothed)
+
+
+def test_never_worse_than_what_was_given(filmed: Scene, rig: fgpose.CameraRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where every adjustment leads astray the given rig comes back as it was."""
+    observations, solve = filmed.observations.frames(slice(0, 12)), BundleProblem.solve
+
+    def astray(problem: BundleProblem, start: Calibration) -> Solution[Calibration]:
+        solution = solve(problem, start)
+        return replace(solution, state=replace(solution.state, changes=solution.state.changes + 3.0))
+
+    given = Config(calibration=CalibrationConfig(max_rounds=1))
+    objective = fgpose.self_calibrate(observations, rig, given).objective
+    monkeypatch.setattr(BundleProblem, "solve", astray)
+    found = fgpose.self_calibrate(observations, rig, Config(calibration=CalibrationConfig(max_rounds=3)))
+    assert found.objective == objective
+    assert not found.converged
+    np.testing.assert_array_equal(found.rig.time_offsets_s, rig.time_offsets_s)
+    for camera, other in zip(found.rig.cameras, rig.cameras, strict=True):
+        np.testing.assert_array_equal(camera.world_T_camera, other.world_T_camera)
+
+
+def test_a_better_calibration_has_a_lower_objective(filmed: Scene, rig: fgpose.CameraRig) -> None:
+    observations, wrong = filmed.observations.frames(slice(0, 12)), turned(rig, BUMPED, 1.0)
+    given = fgpose.self_calibrate(observations, wrong, Config(calibration=CalibrationConfig(max_rounds=1)))
+    found = fgpose.self_calibrate(observations, wrong)
+    assert found.objective < given.objective
+    assert found.refinement.residual_after_px[BUMPED] < 0.7 * given.refinement.residual_after_px[BUMPED]
+
+
+def test_a_smoother_that_has_not_converged_is_told(filmed: Scene, rig: fgpose.CameraRig) -> None:
+    observations = filmed.observations.frames(slice(0, 12))
+    hasty = fgpose.self_calibrate(observations, rig, Config(solver=SolverConfig(max_iterations=1)))
+    assert not hasty.converged
+    assert not hasty.refinement.converged
+    assert not hasty.time_offsets.converged
+
+
+def test_what_is_asked_for_is_estimated(filmed: Scene, rig: fgpose.CameraRig) -> None:
+    observations, wrong = filmed.observations.frames(slice(0, 12)), turned(rig, BUMPED, 1.0)
+    neither = calibrate_cameras(observations, wrong, poses=False, clocks=False)
+    assert neither.rig is wrong
+    assert neither.refinement is None
+    assert neither.time_offsets is None
+    poses = calibrate_cameras(observations, wrong, poses=True, clocks=False)
+    assert poses.time_offsets is None
+    np.testing.assert_array_equal(poses.rig.time_offsets_s, 0.0)
+    clocks = calibrate_cameras(observations, wrong, poses=False, clocks=True)
+    assert clocks.refinement is None
+    assert clocks.observations is observations
+    np.testing.assert_array_equal(clocks.rig.cameras[BUMPED].world_T_camera, wrong.cameras[BUMPED].world_T_camera)
+    both = calibrate_cameras(observations, wrong, poses=True, clocks=True)
+    assert both.refinement is not None
+    assert both.time_offsets is not None
+    np.testing.assert_array_equal(both.rig.time_offsets_s, both.time_offsets.offsets_s)
+
+
+def test_of_a_long_recording_the_part_is_used_in_which_most_is_seen(filmed: Scene) -> None:
+    """In the middle nobody is there; and where all is the same, the middle it is."""
+    seen = filmed.observations
+    points2d_px, n_frames = np.full((100, *seen.points2d_px.shape[1:]), np.nan), seen.n_frames
+    points2d_px[10 : 10 + n_frames] = seen.points2d_px
+    long = fgpose.Observations(seen.skeleton, np.arange(100) / 10, points2d_px)
+    part = best_seen(long, 2.0)
+    assert (part.seen.sum(axis=1) >= 2).all()
+    assert part.n_frames == 21
+    alone = fgpose.Observations(seen.skeleton, np.arange(99) / 10, np.ones((99, *seen.points2d_px.shape[1:])))
+    np.testing.assert_allclose(best_seen(alone, 2.0).frame_time_s[[0, -1]], [3.9, 5.9])
+    assert best_seen(alone, 60.0).n_frames == 99
 
 
 def test_nothing_to_learn_from(skeleton: fgpose.Skeleton, rig: fgpose.CameraRig) -> None:

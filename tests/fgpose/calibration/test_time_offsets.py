@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.config import ProjectionConfig
+from fgpose.config import CalibrationConfig, Config, ProjectionConfig, SolverConfig
 from fgpose.estimation.clock_offsets import offset_information
 from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate, walking
 from tests.conftest import MOCAP
@@ -17,7 +17,7 @@ from tests.conftest import MOCAP
 OFFSETS_S = np.array([0.0, 0.06, -0.04, 0.02])
 STRIDE = 2  # 25 frames a second: as good, in half the time
 STEP_S = STRIDE / 50
-PRIOR_S = 0.1
+PRIOR_S = CalibrationConfig().offset_sigma_s
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,41 @@ def test_a_person_who_stands_still_tells_nothing(rig: fgpose.CameraRig, skeleton
     noisy = fgpose.estimate_time_offsets(filmed(standing_m, skeleton, rig, 50.0, OFFSETS_S, DetectionNoise()), rig)
     assert (noisy.sigma_s[1:] > 0.4 * PRIOR_S).all()
     assert (np.abs(noisy.offsets_s[1:]) < 2 * noisy.sigma_s[1:]).all()
+
+
+def test_offsets_that_are_known_stay_where_nobody_moves(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    """The prior is around what the rig says, not around zero."""
+    known_s = np.array([0.0, 0.2, -0.1, 0.05])
+    standing_m = np.repeat(walking(1, 50.0, skeleton), 60, axis=0)
+    seen = filmed(standing_m, skeleton, rig, 50.0, known_s, NO_NOISE)
+    found = fgpose.estimate_time_offsets(seen, rig.with_time_offsets(known_s))
+    np.testing.assert_allclose(found.offsets_s, known_s, atol=1e-6)  # the smoother moves by 1e-7 m
+    np.testing.assert_allclose(found.sigma_s, [0.0, PRIOR_S, PRIOR_S, PRIOR_S], rtol=1e-6)
+    assert found.converged
+
+
+def test_the_error_of_what_is_correlated_is_what_is_claimed(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    """At twice the rate nothing more is known: the errors are correlated over 0.15 s."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    scene = simulate(truth_m[150:230], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=OFFSETS_S)
+    seen = replace(scene.observations, points3d_m=None, covariance3d_m2=None)
+    fast, slow = (fgpose.estimate_time_offsets(seen.frames(slice(None, None, each)), rig) for each in (1, 2))
+    # The kernel and the motion's ends differ a little; were frames independent it would be a factor of 0.7.
+    np.testing.assert_allclose(fast.sigma_s[1:], slow.sigma_s[1:], rtol=0.1)
+    # A prior that is narrow is felt as much at both rates: with 5 ms it holds three quarters or more of each offset.
+    config = Config(calibration=CalibrationConfig(offset_sigma_s=0.005))
+    fast, slow = (fgpose.estimate_time_offsets(seen.frames(slice(None, None, each)), rig, config) for each in (1, 2))
+    np.testing.assert_allclose(fast.offsets_s, slow.offsets_s, atol=0.005)
+
+
+def test_a_smoother_that_has_not_converged_is_told(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
+    assert fgpose.estimate_time_offsets(late, rig).converged
+    hasty = Config(solver=SolverConfig(max_iterations=1))
+    assert not fgpose.estimate_time_offsets(late, rig, hasty).converged
+    once = Config(calibration=CalibrationConfig(max_rounds=1))
+    unchanged = fgpose.estimate_time_offsets(late, rig, once)
+    assert not unchanged.converged
+    np.testing.assert_array_equal(unchanged.offsets_s, 0.0)
 
 
 def test_one_frame_and_one_camera_tell_nothing(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:

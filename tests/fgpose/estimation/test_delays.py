@@ -76,7 +76,7 @@ def test_known_delays_online(walk: dict[str, Scene], rig: fgpose.CameraRig) -> N
     truth_m = walk["synchronous"].truth_m
     synchronous_m = online_error_m(walk["synchronous"].observations, rig, truth_m)
     ignored_m = online_error_m(walk["late"].observations, rig, truth_m)
-    # Here the motion is foreseen by its last velocity alone, which swings by metres a second at the feet: + 25 %.
+    # Here the motion is predicted from its last velocity alone, which swings by metres a second at the feet: + 25 %.
     for by in ("clocks", "rig"):
         known_m = online_error_m(*known_delays(walk, by), truth_m)
         assert known_m < min(1.4 * synchronous_m, 0.7 * ignored_m), by

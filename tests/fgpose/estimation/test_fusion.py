@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fgpose.config import FusionConfig
+from fgpose.config import Config, FusionConfig
 from fgpose.estimation.fusion import fuse
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
@@ -49,7 +49,7 @@ def observations(walking_scene: Scene) -> Observations:
 
 @pytest.mark.parametrize("exponent", ["squared", "unsquared"])
 def test_is_equations_1_and_2_word_by_word(observations, rig, exponent):
-    fusion = fuse(observations, rig, FusionConfig(exponent=exponent))
+    fusion = fuse(observations, rig, Config(fusion=FusionConfig(exponent=exponent)))
     fused_m, weights, errors = literally(observations, rig, exponent)
     np.testing.assert_allclose(fusion.positions_m, fused_m, atol=1e-12)
     np.testing.assert_allclose(fusion.weights, weights, rtol=1e-9)
@@ -60,7 +60,7 @@ def test_is_equations_1_and_2_word_by_word(observations, rig, exponent):
 def test_is_equations_1_and_2_where_views_and_joints_are_missing(mocap_scene, rig, exponent):
     observations = mocap_scene.observations.frames(slice(0, 150, 30))
     assert not observations.seen.all()
-    fusion = fuse(observations, rig, FusionConfig(exponent=exponent))
+    fusion = fuse(observations, rig, Config(fusion=FusionConfig(exponent=exponent)))
     fused_m, weights, errors = literally(observations, rig, exponent)
     np.testing.assert_allclose(fusion.positions_m, fused_m, atol=1e-12)
     np.testing.assert_allclose(fusion.weights, weights, rtol=1e-9)
@@ -106,7 +106,8 @@ def test_a_bad_view_gets_the_lowest_weight_joint_by_joint(observations, rig):
 
 def test_the_squared_error_trusts_the_best_view_more(observations, rig):
     def share_of_best(exponent: str) -> float:
-        weights = fuse(observations, rig, FusionConfig(exponent=exponent)).weights  # pyright: ignore[reportArgumentType]
+        config = Config(fusion=FusionConfig(exponent=exponent))  # pyright: ignore[reportArgumentType]
+        weights = fuse(observations, rig, config).weights
         return float((weights.max(axis=1) / weights.sum(axis=1)).mean())
 
     assert share_of_best("squared") > share_of_best("unsquared") > 0.25
@@ -143,6 +144,8 @@ def test_a_candidate_that_no_view_can_check_counts_when_it_is_all_there_is(obser
     fusion = fuse(replace(observations, points2d_px=points2d_px, points3d_m=points3d_m), rig)
     np.testing.assert_allclose(fusion.positions_m[0, 4], points3d_m[0, 0, 4], atol=1e-12)
     assert np.isnan(fusion.reprojection_px2[0, :, 4]).all()
+    # it weighs as one that is off by inlier_px would, in the unit of the weights
+    np.testing.assert_allclose(fusion.weights[0, :, 4], [1 / 20.0**2, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(fusion.positions_m[1, 5], points3d_m[1, :, 5].mean(axis=0), atol=1e-12)
 
 
@@ -163,7 +166,7 @@ def test_cameras_that_differ_are_refused(observations: Observations, skeleton: S
         fuse(renamed, ring_rig())
 
 
-BY_COVARIANCE = FusionConfig(mean="covariance")
+BY_COVARIANCE = Config(fusion=FusionConfig(mean="covariance"))
 
 
 def test_the_mean_by_covariance_is_wrong_in_depth_by_less_than_each_view(walking_scene, rig):

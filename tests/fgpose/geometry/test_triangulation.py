@@ -6,7 +6,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.triangulation import Triangulation, triangulate, triangulate_robust
+from fgpose.geometry.triangulation import _MAX_PAIRS, Triangulation, _pairs, triangulate, triangulate_robust
 from fgpose.synthetic import ring_rig
 
 NAN = np.nan
@@ -218,6 +218,17 @@ def test_a_large_rig_tries_a_part_of_its_pairs(truth_m, rng):
     assert not found.inliers[:, ::3].any()
     # ten good views of 1 px: 4.5 m / 1145 px / sqrt(5) = 1.8 mm rms, 4 sigma
     assert np.abs(found.positions_m - truth_m).max() < 0.008
+
+
+@pytest.mark.parametrize("n_cameras", [1, 2, 4, 12, 13, 16, 24, 40])
+def test_the_number_of_pairs_is_bounded_and_no_camera_is_left_out(n_cameras):
+    pairs = _pairs(n_cameras)
+    assert len(pairs) <= _MAX_PAIRS
+    assert len(np.unique(np.sort(pairs, axis=1), axis=0)) == len(pairs)
+    if n_cameras > 1:
+        assert set(pairs.ravel().tolist()) == set(range(n_cameras))
+    if n_cameras * (n_cameras - 1) // 2 <= _MAX_PAIRS:
+        assert len(pairs) == n_cameras * (n_cameras - 1) // 2
 
 
 def test_frames_joints_and_cameras_keep_their_places(rig, rng):

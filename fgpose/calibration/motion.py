@@ -1,0 +1,24 @@
+"""The motion that a calibration is judged by, or that delays are undone with."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+from fgpose.config import Config
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.trajectory import Trajectory
+
+
+def smoothed_motion(observations: Observations, rig: CameraRig, config: Config) -> Trajectory:
+    """fgpose.smooth without covariances, and without its warning: whether it has converged is part of every result."""
+    config = replace(config, solver=replace(config.solver, covariance=False))
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*converge")
+        return smooth(observations, rig, config)
+
+
+def has_converged(trajectory: Trajectory) -> bool:
+    return trajectory.convergence is None or trajectory.convergence.converged

@@ -1,0 +1,139 @@
+"""Calibrating on a motion that is not known either: smoothing and bundle adjustment in turns, by one objective."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig, prior_sigmas
+from fgpose.calibration.motion import has_converged, smoothed_motion
+from fgpose.calibration.moved_views import moved_with_cameras
+from fgpose.calibration.sightings import Sightings, agreed_joints_m, best_seen, frames_of_use, sighting_weights
+from fgpose.config import Config
+from fgpose.estimation.delays import on_time_px
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.sampling import usual_step_s
+from fgpose.trajectory import Trajectory
+
+# Less is nothing that an image would show: 0.03 frames are 0.6 ms at 50 Hz, and a tenth of a sigma of the poses' priors
+# is 0.01 degrees, 0.2 px.
+_TOLERANCE_FRAMES = 0.03
+_TOLERANCE_SIGMAS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """The best of the calibrations that were tried."""
+
+    rig: CameraRig
+    sigmas: Float[np.ndarray, "camera 7"]
+    """Standard deviations of what was estimated: radians, metres, seconds; zero for what was held."""
+    objective: float
+    """See fgpose.calibration.bundle_adjustment; at the smoothed motion."""
+    converged: bool
+    """Whether nothing changed any more in the end, and the optimisers that led there have converged."""
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    """Detections of the frames that took part, where they would be if all cameras were synchronous."""
+    confidence: Float[np.ndarray, "frame camera joint"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A calibration, and the motion that is most probable with it."""
+
+    rig: CameraRig
+    problem: BundleProblem
+    state: Calibration
+    objective: float
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    smoothed: bool
+    """Whether the smoother has converged."""
+
+
+def search(observations: Observations, rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> Found:
+    """Smooth the motion with the calibration so far, adjust cameras and joints to the detections, and so on.
+
+    Every calibration is judged by the objective of the adjustment, at the motion that was smoothed with it, and the
+    best one counts; the given one is the first. At most calibration.max_rounds motions of calibration.max_duration_s
+    are smoothed.
+
+    Raises:
+        ValueError: poses are wanted, and no joint is seen by two cameras that agree.
+    """
+    setting = _setting(observations, rig, config, poses=poses, clocks=clocks)
+    tolerances, changes, rounds = setting.tolerances(), np.zeros((rig.n_cameras, 7)), 1
+    best = setting.candidate(changes)
+    solution = best.problem.solve(best.state)
+    proposed = solution.state.changes
+    while (
+        unsettled := bool((np.abs(proposed - changes) > tolerances).any())
+    ) and rounds < config.calibration.max_rounds:
+        changes, rounds = proposed, rounds + 1
+        candidate = setting.candidate(changes)
+        if candidate.objective < best.objective:
+            best, solution = candidate, candidate.problem.solve(candidate.state)
+            proposed = solution.state.changes
+        else:  # too far
+            proposed = (best.state.changes + changes) / 2
+    return Found(
+        rig=best.rig,
+        sigmas=best.problem.sigmas(best.state) * prior_sigmas(config),
+        objective=best.objective,
+        converged=not unsettled and best.smoothed and solution.convergence.converged,
+        undistorted_px=best.undistorted_px,
+        confidence=setting.part.confidence[setting.frames],
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Setting:
+    """What stays the same from one calibration to the next."""
+
+    part: Observations
+    frames: Int[np.ndarray, " sample"]
+    """Those of the part that take part in the adjustment."""
+    rig: CameraRig
+    config: Config
+    poses: bool
+    clocks: bool
+
+    def tolerances(self) -> Float[np.ndarray, " 7"]:
+        """Changes of a camera, in standard deviations of the priors, that are as good as none."""
+        step_s, sigma_s = usual_step_s(self.part.frame_time_s), self.config.calibration.offset_sigma_s
+        return np.array([*6 * [_TOLERANCE_SIGMAS], _TOLERANCE_FRAMES * step_s / sigma_s])
+
+    def candidate(self, changes: Float[np.ndarray, "camera 7"]) -> _Candidate:
+        """The motion with a calibration, and the adjustment that starts from there."""
+        rig = moved_rig(self.rig, changes, self.config)
+        trajectory = smoothed_motion(moved_with_cameras(self.part, self.rig, rig), rig, self.config)
+        undistorted_px = on_time_px(self.part, rig, trajectory.positions_m)[self.frames]
+        joints_m, velocities_mps = trajectory.positions_m[self.frames], _velocities_mps(trajectory)[self.frames]
+        known = np.asarray(np.isfinite(joints_m + velocities_mps).all(axis=-1))
+        used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
+        step_s, confidence = usual_step_s(self.part.frame_time_s[self.frames]), self.part.confidence[self.frames]
+        sightings = Sightings(
+            undistorted_px,
+            sighting_weights(used, confidence, step_s, self.config, poses=self.poses),
+            np.where(known[..., None], velocities_mps, 0.0),
+            changes[:, 6],
+        )
+        problem = BundleProblem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
+        state = Calibration(changes, np.where(known[..., None], joints_m, 0.0))
+        return _Candidate(rig, problem, state, problem.error(state), undistorted_px, has_converged(trajectory))
+
+
+def _setting(observations: Observations, rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:
+    part = best_seen(observations, config.calibration.max_duration_s)
+    frames = frames_of_use(part, config.calibration.max_frames)
+    if poses:
+        agreed_joints_m(rig.undistort(part.points2d_px[frames]), part.confidence[frames], rig, config)
+    return _Setting(part, frames, rig, config, poses, clocks)
+
+
+def _velocities_mps(trajectory: Trajectory) -> Float[np.ndarray, "frame joint 3"]:
+    if trajectory.n_frames < 2:
+        return np.zeros_like(trajectory.positions_m)
+    return np.gradient(trajectory.positions_m, trajectory.time_s, axis=0)

@@ -1,0 +1,92 @@
+"""What of a recording takes part in a calibration, and how much each detection counts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.config import Config
+from fgpose.estimation.noise import correlated_frames
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.observations import Observations
+from fgpose.sampling import spread_evenly
+
+# A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be among
+# the views that agree, and nothing could be learned about it.
+_INLIER_FACTOR = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """What the cameras saw in the frames that take part."""
+
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    """Detections, moved to the times of their frames as offset_changes say."""
+    weights: Float[np.ndarray, "frame camera joint"]
+    """Information of each relative to a good detection with independent errors."""
+    velocities_mps: Float[np.ndarray, "frame joint 3"]
+    """Of the joints; zero where clocks are held."""
+    offset_changes: Float[np.ndarray, " camera"]
+    """Calibration.changes of the clocks that are accounted for in undistorted_px."""
+
+
+def best_seen(observations: Observations, duration_s: float) -> Observations:
+    """So much of a recording, where two cameras see the most joints; in the middle if it is the same everywhere."""
+    time_s = observations.frame_time_s
+    by_two = (observations.seen.sum(axis=1) >= 2).sum(axis=1)
+    counted = np.concatenate([[0], np.cumsum(by_two)])
+    ends = np.searchsorted(time_s, time_s + duration_s, side="right")
+    scores = counted[ends] - counted[:-1]
+    off_middle_s = np.abs(time_s + time_s[ends - 1] - time_s[0] - time_s[-1])
+    first = int(np.lexsort((off_middle_s, -scores))[0])
+    return observations.frames(slice(first, int(ends[first])))
+
+
+def frames_of_use(observations: Observations, at_most: int) -> Int[np.ndarray, " sample"]:
+    """Frames, spread evenly, in which two cameras see a joint; all frames where that is nowhere so."""
+    useful = np.flatnonzero((observations.seen.sum(axis=1) >= 2).any(axis=1))
+    useful = useful if useful.size else np.arange(observations.n_frames)
+    return useful[spread_evenly(len(useful), at_most)]
+
+
+def sighting_weights(
+    used: Bool[np.ndarray, "frame camera joint"],
+    confidence: Float[np.ndarray, "frame camera joint"],
+    step_s: float,
+    config: Config,
+    *,
+    poses: bool,
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Sightings.weights: by confidence, discounted for errors that are correlated in time.
+
+    The errors that matter to a pose do not average out, so that all detections of a camera together count as
+    calibration.independent_measurements at most. The views' agreement, by which the estimator weighs too, depends on
+    the calibration that is to be judged, so it does not enter.
+    """
+    counted_as_one = np.full(used.shape[1], correlated_frames(step_s, config.calibration.error_correlation_s))
+    if poses:
+        of_camera = used.sum(axis=(0, 2)) / config.calibration.independent_measurements
+        counted_as_one = np.maximum(counted_as_one, of_camera)
+    weights = np.maximum(confidence, config.projection.min_weight) / counted_as_one[:, None]
+    return np.where(used, weights, 0.0)
+
+
+def agreed_joints_m(
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    confidence: Float[np.ndarray, "frame camera joint"],
+    rig: CameraRig,
+    config: Config,
+) -> Float[np.ndarray, "frame joint 3"]:
+    """Joints triangulated from the views that agree, roughly; NaN where fewer than two do.
+
+    Raises:
+        ValueError: there is none.
+    """
+    threshold_px = _INLIER_FACTOR * config.fusion.inlier_px
+    joints_m = triangulate_robust(undistorted_px, confidence, rig, threshold_px).positions_m
+    if not np.isfinite(joints_m).all(axis=-1).any():
+        raise ValueError("the calibration cannot be refined: no joint is seen by two cameras that agree")
+    return joints_m

@@ -1,0 +1,57 @@
+"""Least squares in cameras and joints with the joints eliminated (Schur complement), as in bundle adjustment."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+_MIN_INFORMATION = 1e-9  # 1/m^2, keeps a joint that no two cameras see invertible; it then contributes nothing
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedSystem:
+    """Gauss-Newton's normal equations of the cameras' unknowns, camera after camera; the joints follow them."""
+
+    information: Float[np.ndarray, "unknown unknown"]
+    gradient: Float[np.ndarray, " unknown"]
+    _by_step: Float[np.ndarray, "frame joint unknown 3"]
+    _by_themselves_m: Float[np.ndarray, "frame joint 3"]
+
+    def joint_steps_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "frame joint 3"]:
+        """The step of every joint that goes with a step of the cameras (back-substitution)."""
+        return -self._by_themselves_m - np.einsum("tjua,u->tja", self._by_step, step)
+
+
+def eliminate_joints(
+    residual_px: Float[np.ndarray, "frame camera joint 2"],
+    by_joint: Float[np.ndarray, "frame camera joint 2 3"],
+    by_camera: Float[np.ndarray, "frame camera joint 2 each"],
+    weights: Float[np.ndarray, "frame camera joint"],
+    damping: float = 0.0,
+) -> ReducedSystem:
+    """Normal equations of residuals of which each depends on one joint and on the unknowns of one camera.
+
+    Args:
+        residual_px: finite, also where there is no detection.
+        by_joint: Jacobian by the joint's position, 1/m; finite.
+        by_camera: Jacobian by the unknowns of the camera that has the residual; finite.
+        weights: information of each detection, 1/px^2; 0 where there is none.
+        damping: added to the information of each coordinate of the joints, 1/m^2.
+    """
+    n_cameras, each = by_camera.shape[1], by_camera.shape[-1]
+    weighted = weights[..., None, None] * by_joint
+    of_joints = np.einsum("tcjia,tcjib->tjab", weighted, by_joint) + (_MIN_INFORMATION + damping) * np.eye(3)
+    across = np.einsum("tcjik,tcjia->tjcka", by_camera, weighted)
+    across = across.reshape(*across.shape[:2], n_cameras * each, 3)
+    inverse = np.linalg.inv(of_joints)
+    by_step = across @ inverse
+    pull = np.einsum("tcji,tcjia->tja", residual_px, weighted)
+    of_cameras = np.zeros((n_cameras, each, n_cameras, each))
+    cameras, weighted = np.arange(n_cameras), weights[..., None, None] * by_camera
+    of_cameras[cameras, :, cameras] = np.einsum("tcjik,tcjil->ckl", weighted, by_camera)
+    eliminated = np.tensordot(by_step, across, axes=((0, 1, 3), (0, 1, 3)))
+    gradient = np.einsum("tcji,tcjik->ck", residual_px, weighted).ravel() - np.einsum("tjua,tja->u", by_step, pull)
+    by_themselves_m = (inverse @ pull[..., None])[..., 0]
+    return ReducedSystem(of_cameras.reshape(eliminated.shape) - eliminated, gradient, by_step, by_themselves_m)
