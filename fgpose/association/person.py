@@ -6,7 +6,6 @@ from collections.abc import Iterable
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.optimize import linear_sum_assignment
 
 from fgpose.association.midlines import median_offset
 
@@ -75,6 +74,9 @@ def matches(
     distance_m: Float[np.ndarray, "k person"], reach_m: Float[np.ndarray, " k"], free: Bool[np.ndarray, " person"]
 ) -> Iterable[tuple[int, int]]:
     """Pairs of a person and a free candidate of one image within reach, with the smallest sum of distances."""
+    # Takes longer to import than the rest of fgpose, and only recordings of several people need it.
+    from scipy.optimize import linear_sum_assignment
+
     allowed = (distance_m <= reach_m[:, None]) & free
     # More than any pair that is allowed, and finite.
     cost_m = np.where(allowed, distance_m, 10 * _FARTHEST_M)
