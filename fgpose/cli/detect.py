@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,10 +19,12 @@ from fgpose.cli.options import new_console, progress_bar
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected, PersonRegion
     from fgpose.monocular.flips import Mended
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
+    from fgpose.pipeline import Outputs
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _VIDEOS = (
@@ -151,9 +155,9 @@ class Detect(VideoOptions):
     """parquet is a table that any data tool reads, npz is for NumPy."""
 
     def run(self) -> None:
-        from fgpose.io.calibration import load_rig, save_rig
+        from fgpose.io.calibration import load_rig
         from fgpose.io.keypoints import save_observations
-        from fgpose.pipeline import Outputs
+        from fgpose.pipeline import Outputs, write_all
 
         console = new_console()
         # dict: each format once.
@@ -161,15 +165,20 @@ class Detect(VideoOptions):
         outputs.check(("detected",), (self.rig,))
         detected = self.detect(console)
         observations = self.wanted(detected, console).observations
-        paths = [outputs.path(file_format) for file_format in outputs.formats]
-        for path in paths:
-            save_observations(observations, path)
+        writers: dict[Path | str, Callable[[], object]] = {
+            path: partial(save_observations, observations, path) for path in outputs.trajectory_paths(("detected",))
+        }
         calibrated = load_rig(self.rig, self.unit).subset(detected.rig.names)
         if any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, detected.rig.cameras, strict=True)):
-            paths.append(outputs.folder / f"{outputs.name}_calibration.toml")
-            save_rig(detected.rig, paths[-1])
-        for path in paths:
+            writers[outputs.calibration] = partial(self._save_calibration, detected.rig, outputs)
+        for path in write_all(writers):
             console.print(f"wrote {path}", soft_wrap=True)
+
+    def _save_calibration(self, rig: CameraRig, outputs: Outputs) -> None:
+        from fgpose.io.calibration import save_rig
+
+        outputs.check((), (self.rig,), calibration=True)
+        save_rig(rig, outputs.calibration)
 
 
 def parse_region(text: str) -> PersonRegion:

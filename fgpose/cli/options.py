@@ -90,7 +90,8 @@ class OutputOptions:
 
         # dict: each format once.
         formats = tuple(dict.fromkeys(self.formats))
-        return Outputs(self.output, self.name or source.resolve().stem, formats, self.world_up)
+        port = self.port if self.live else None
+        return Outputs(self.output, self.name or source.resolve().stem, formats, self.world_up, port)
 
 
 @dataclass(frozen=True, kw_only=True)

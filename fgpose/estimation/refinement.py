@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config, ProjectionConfig, SymmetryConfig
 from fgpose.estimation import frame_factors
-from fgpose.estimation.fusion import fuse
+from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.keys import position_key
 from fgpose.estimation.solvers.gtsam_problem import GraphProblem
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
@@ -41,26 +41,36 @@ def refine(
         ValueError: the cameras of the observations and of the rig differ.
     """
     config = config or Config()
-    fused_m = fuse(observations, rig, config.fusion).positions_m
-    undistorted_px = rig.undistort(observations.points2d_px)
+    return refine_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
+
+
+def refine_evidence(
+    evidence: Evidence,
+    skeleton: Skeleton,
+    rig: CameraRig,
+    config: Config,
+    progress: Callable[[int, int], None] | None = None,
+) -> Trajectory:
+    """refine for a recording whose evidence is gathered already."""
+    fused_m, undistorted_px = evidence.fused_m, evidence.undistorted_px
     positions_m = np.full_like(fused_m, np.nan)
     solutions = []
-    for frame in range(observations.n_frames):
+    for frame in range(len(fused_m)):
         active = np.asarray(np.isfinite(fused_m[frame]).all(axis=-1))
         if active.any():
-            problem = _frame_problem(rig, observations.skeleton, undistorted_px[frame], fused_m[frame], active, config)
+            problem = _frame_problem(rig, skeleton, undistorted_px[frame], fused_m[frame], active, config)
             solution = _solve(problem, fused_m[frame], active, config.solver.max_iterations)
             solutions.append(solution.convergence)
             positions_m[frame, active] = gtsam.utilities.extractPoint3(solution.state)
         if progress:
-            progress(frame + 1, observations.n_frames)
+            progress(frame + 1, len(fused_m))
     active = np.asarray(np.isfinite(positions_m).all(axis=-1))
     return Trajectory(
-        skeleton=observations.skeleton,
-        time_s=observations.frame_time_s,
+        skeleton=skeleton,
+        time_s=evidence.time_s,
         positions_m=positions_m,
-        status=joint_status(active, observations.seen.sum(axis=1) >= 2),
-        residual_px=reprojection_residual_px(observations, rig, positions_m),
+        status=joint_status(active, evidence.observed),
+        residual_px=reprojection_residual_px(undistorted_px, rig, positions_m),
         camera_names=rig.names,
         convergence=Convergence.worst(solutions),
         config=config,

@@ -24,6 +24,7 @@ from fgpose.estimation.uncertainty import doubt, with_correlated_errors, with_sw
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly, usual_step_s
+from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Trajectory, joint_status
 
 Progress = Callable[[int, int], None]
@@ -67,10 +68,16 @@ def smooth(
         ValueError: the cameras of the observations and of the rig differ.
     """
     config = config or Config()
-    evidence = gather(observations, rig, config)
+    return smooth_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
+
+
+def smooth_evidence(
+    evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config, progress: Progress | None = None
+) -> Trajectory:
+    """smooth for a recording whose evidence is gathered already."""
+    n_frames = len(evidence.time_s)
     active = active_joints(evidence.guess_m, evidence.time_s, config.motion)
     evidence = replace(evidence, guess_m=fill_gaps(evidence.guess_m, evidence.time_s))
-    skeleton = observations.skeleton
 
     def segment(frames: slice | np.ndarray, lengths: _Lengths) -> Segment:
         part = evidence.frames(frames), active[frames]
@@ -80,13 +87,13 @@ def smooth(
     spans = _spans(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     lengths = _Lengths(median_lengths(skeleton, evidence.guess_m), config.prior.length_sigma_m)
     if len(spans) > 1:
-        sample = _sampled(segment(spread_evenly(observations.n_frames, _SAMPLE_FRAMES), lengths))
+        sample = _sampled(segment(spread_evenly(n_frames, _SAMPLE_FRAMES), lengths))
         lengths = _Lengths(_first_known([sample.lengths_m, lengths.lengths_m]), _HELD_LENGTH_SIGMA_M)
     solved = []
     for span in spans:
         solved.append(_cut(_solve(segment(span.solve, lengths), config.solver.covariance), span))
         if progress:
-            progress(span.keep.stop, observations.n_frames)
+            progress(span.keep.stop, n_frames)
     positions_m = np.concatenate([part.positions_m for part in solved])
     covariance_m2 = None
     if config.solver.covariance:

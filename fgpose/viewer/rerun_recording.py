@@ -84,10 +84,13 @@ class RerunRecording(Recording):
         return sinks
 
     def log_observations(
-        self, observations: Observations, weights: Float[np.ndarray, "frame camera joint"] | None = None
+        self,
+        observations: Observations,
+        weights: Float[np.ndarray, "frame camera joint"] | None = None,
+        undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
     ) -> None:
         self._check_observations(observations, weights)
-        self._send(observation_rows(observations, self._rig, weights), observations.frame_time_s)
+        self._send(observation_rows(observations, self._rig, weights, undistorted_px), observations.frame_time_s)
 
     def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
         self._check_trajectory(name, trajectory)

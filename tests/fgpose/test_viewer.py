@@ -56,7 +56,7 @@ def trajectory(rig: CameraRig, observations: Observations) -> Trajectory:
     status[3, LEFT_ELBOW] = Status.PREDICTED
     covariance_m2 = np.broadcast_to(np.diag([1e-4, 4e-4, 9e-4]), (*status.shape, 3, 3)).copy()
     covariance_m2[2:4, LEFT_WRIST] = np.nan
-    residual_px = reprojection_residual_px(observations, rig, positions_m)
+    residual_px = reprojection_residual_px(rig.undistort(observations.points2d_px), rig, positions_m)
     return Trajectory(SKELETON, time_s(), positions_m, status, covariance_m2, residual_px, rig.names)
 
 
