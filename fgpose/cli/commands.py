@@ -105,13 +105,13 @@ class Track(EstimatorOptions):
         outputs = self.checked_outputs("smoothed", "online")
         source = self.load()
         with live_viewer(source, ("smoothed", "online"), outputs, grows=True) as viewer:
-            on_update = None if viewer is None else self._shower(source, viewer)
+            on_update = None if viewer is None else self._frame_display(source, viewer)
             with progress_bar("tracking") as progress:
                 result = run_track(source, self.parameters, progress, on_update)
             # A live viewer has seen every frame already.
             deliver(result, outputs, viewer, show if viewer is None else lambda result, viewer: None)
 
-    def _shower(self, source: Source, viewer: Recording) -> OnUpdate:
+    def _frame_display(self, source: Source, viewer: Recording) -> OnUpdate:
         """What shows each frame in a live viewer."""
         weights = source.evidence(self.parameters).weights
 

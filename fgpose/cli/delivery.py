@@ -19,7 +19,7 @@ def deliver(
     result: Result,
     outputs: Outputs,
     viewer: Recording | None = None,
-    shower: Callable[[Result, Recording], None] = show,
+    display: Callable[[Result, Recording], None] = show,
     summary: Summary | None = None,
 ) -> None:
     """Write a result, show it and say what it is; then serve the viewers of a live one until Ctrl-C.
@@ -29,7 +29,7 @@ def deliver(
     """
     summary = summary or (lambda result, written: print_result(new_console(), result, written))
     try:
-        written = write_outputs(result, outputs, viewer, shower)
+        written = write_outputs(result, outputs, viewer, display)
     except OutputError as error:
         summary(result, error.written)
         raise

@@ -174,7 +174,7 @@ def write_outputs(
     result: Result,
     outputs: Outputs,
     viewer: Recording | None = None,
-    shower: Callable[[Result, Recording], None] = show,
+    display: Callable[[Result, Recording], None] = show,
 ) -> tuple[Path, ...]:
     """Write a result in every format wanted and show it; each file appears whole or not at all.
 
@@ -182,7 +182,7 @@ def write_outputs(
         result: of a run.
         outputs: where it goes.
         viewer: a recording that is open already, with its .rrd file, and stays open; by default one is made.
-        shower: shows the result in it.
+        display: how the result is shown in it.
 
     Returns:
         The files; without the .rrd file of a recording that stays open.
@@ -196,9 +196,9 @@ def write_outputs(
         if name in result.trajectories
     }
     if viewer is not None:
-        writers["the viewer"] = partial(_show_or_discard, result, viewer, shower)
+        writers["the viewer"] = partial(_show_or_discard, result, viewer, display)
     elif "rrd" in outputs.formats:
-        writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, shower)
+        writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, display)
     return write_all(writers)
 
 
@@ -224,17 +224,17 @@ def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path,
     return tuple(written)
 
 
-def _write_rrd(result: Result, outputs: Outputs, shower: Callable[[Result, Recording], None]) -> None:
+def _write_rrd(result: Result, outputs: Outputs, display: Callable[[Result, Recording], None]) -> None:
     observations, names = result.source.observations, tuple(result.trajectories)
     recording = outputs.open_viewer(result.source.rig, observations.skeleton, names, observations.n_frames)
-    _show_or_discard(result, recording, shower)
+    _show_or_discard(result, recording, display)
     recording.close()
 
 
-def _show_or_discard(result: Result, recording: Recording, shower: Callable[[Result, Recording], None]) -> None:
+def _show_or_discard(result: Result, recording: Recording, display: Callable[[Result, Recording], None]) -> None:
     """Closing a recording that is shown by half would leave half a file."""
     try:
-        shower(result, recording)
+        display(result, recording)
     except BaseException:
         recording.discard()
         raise

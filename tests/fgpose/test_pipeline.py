@@ -177,7 +177,7 @@ def test_interrupted_viewer_leaves_no_file(tmp_path: Path, smoothed: Result) -> 
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        write_outputs(smoothed, Outputs(tmp_path, "walk", ("rrd",)), shower=interrupted)
+        write_outputs(smoothed, Outputs(tmp_path, "walk", ("rrd",)), display=interrupted)
     assert list(tmp_path.iterdir()) == []
 
 
