@@ -143,7 +143,7 @@ class Info(RecordingOptions):
         source = self.load()
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
-            # What is said of time and of small moves rests on a calibration that is right on the whole.
+            # Time offsets and small moves can only be judged where the calibration is roughly right.
             faults = () if info.suspected_calibration else camera_faults(source.observations, source.rig)
         print_info(new_console(), info, faults)
 

@@ -68,7 +68,7 @@ class VideoOptions:
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """What the joints of a metrabs file are."""
     people: Annotated[int, arg(metavar="N")] = 1
-    """How many people to look for in each image. More take longer; look for all who come near the person."""
+    """How many people to look for in each image: the wanted person and all who come near. More take longer."""
     person_region: Annotated[
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
     ] = None
@@ -82,7 +82,7 @@ class VideoOptions:
     """Keep no detections, and use none that were kept."""
 
     def detect(self, console: Console) -> Detected:
-        """All people in all images; says how far it is. Everything is checked before the work begins."""
+        """All people in all images, with a progress bar. Everything is checked before the work begins."""
         from fgpose.monocular.detection import detect
 
         _quieten_decoder()
@@ -111,7 +111,7 @@ class VideoOptions:
             )
 
     def wanted(self, detected: Detected, console: Console) -> Mended:
-        """The wanted person as each camera saw them, left and right put right; says what was found."""
+        """The wanted person as each camera saw them, with left and right corrected; prints what was found."""
         from fgpose.monocular.flips import mend_flips
 
         region = None if self.person_region is None else parse_region(self.person_region)
@@ -199,14 +199,15 @@ def parse_region(text: str) -> PersonRegion:
 
 
 def print_detected(console: Console, detected: Detected, cache: Path | None) -> None:
-    """How much was looked at, and what was known."""
+    """How many images there were, and how many came from the cache."""
     n_known = detected.n_images - detected.n_new_images
     known = f", {n_known} of them known from {cache}" if n_known else ""
     console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
 
 
 def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "frame camera"]) -> None:
-    """In how many frames each camera saw the person, how often left and right were exchanged, what troubled its 3D."""
+    """In how many frames each camera saw the person, how often left and right were exchanged, why 3D is missing or
+    doubtful."""
     from fgpose.cli.tables import new_table
 
     observations = mended.observations
@@ -222,6 +223,7 @@ def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "
 
 
 def _quieten_decoder() -> None:
-    """FFmpeg and OpenCV write to stderr what fgpose says in one line of its own. Their variables override this."""
+    """Silence FFmpeg and OpenCV on stderr: fgpose reports the same errors in one line. Their own variables override
+    this."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")

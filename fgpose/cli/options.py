@@ -103,11 +103,11 @@ class ParameterOptions(OutputOptions):
     parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
     """All parameters, with their units."""
     refine_calibration: bool = False
-    """First move the cameras a little, so that they agree on the person (--calibration.*). Writes the calibration
-    that results as NAME_calibration.toml."""
+    """First refine the poses of the cameras on the person (--calibration.*). Writes the new calibration as
+    NAME_calibration.toml."""
     estimate_time_offsets: bool = False
-    """First estimate by how much each camera's clock is off, from the motion itself. The calibration that is written
-    carries the offsets. With --refine-calibration both are found together."""
+    """First estimate the time offset of each camera from the motion. The offsets are written with the calibration, as
+    NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
 def first_frames(source: Source, frames: int | None) -> Source:

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 class Run(ParameterOptions, VideoOptions):
     """From the videos of calibrated cameras to the smoothed 3D motion of one person: detect, fuse, smooth, save.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the output folder. What the network finds
-    is kept: another run with other parameters, or one that goes on after Ctrl-C, does not need it again. The first run
-    fetches the weights (fgpose models pull).
+    Writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the output folder. Detections are cached: a
+    run with other parameters, or after Ctrl-C, does not repeat them. The first run fetches the weights
+    (fgpose models pull).
 
     Example: fgpose run videos/ --rig Calib.qca.txt -o out
     """
@@ -33,7 +33,7 @@ class Run(ParameterOptions, VideoOptions):
     images: bool = True
     """Show the images in the .rrd file and with --live."""
     image_width: Annotated[int, arg(metavar="PX")] = 640
-    """To how many pixels at most the width of the images in the .rrd file is reduced."""
+    """Largest width of the images in the .rrd file, pixels; larger ones are shrunk."""
 
     def run(self) -> None:
         from fgpose.cli.delivery import deliver
@@ -62,7 +62,7 @@ class Run(ParameterOptions, VideoOptions):
 
 
 def show_images(detected: Detected, result: Result, recording: Recording) -> None:
-    """Show the images of every camera in the frames that they belong to; they are decoded again for it."""
+    """Show the images of every camera, each in its frame; the videos are decoded again."""
     time_s = result.source.observations.frame_time_s
     image = detected.frames.image[: len(time_s)]
     if not any(recording.wants_image(name, 0) for name in detected.rig.names):

@@ -81,7 +81,7 @@ class View:
 
 
 def onlooker(trajectory: Trajectory) -> CameraRig:
-    """A camera that looks at the person from the side, where no calibration is given: the viewer needs one."""
+    """A camera that looks at the person from the side. The viewer needs one, and no calibration was given."""
     from fgpose.geometry.camera import Camera, CameraRig
 
     known = trajectory.positions_m[np.isfinite(trajectory.positions_m).all(axis=-1)]

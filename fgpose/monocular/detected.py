@@ -1,4 +1,4 @@
-"""The people that a network found in all images, and the observations of the wanted one of them."""
+"""The people that a network found in all images, and the observations of one of them."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Detected:
     views: tuple[ViewDetections, ...]
     """Of each camera of the rig, in the camera frame."""
     n_new_images: int
-    """How many went through the network now; the others were known."""
+    """How many were run through the network this time; the others came from the cache."""
 
     @property
     def rig(self) -> CameraRig:
@@ -86,8 +86,8 @@ class Detected:
     def follow(self, person: int | PersonRegion = 0) -> FollowedPerson:
         """What the cameras saw of one person.
 
-        People are followed through views and frames together, see track_people. Where no image has more than one, that
-        is the one.
+        People are followed through views and frames together, see track_people; not needed where no image shows more
+        than one.
 
         Args:
             person: 0 for the one who is seen most, 1 for the next, ...; or the one in a region.

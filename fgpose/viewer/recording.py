@@ -1,4 +1,4 @@
-"""What the rest of fgpose shows its data to. Does not import Rerun."""
+"""The interface through which the rest of fgpose shows its data. Does not import Rerun."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class Recording:
             image: RGB, as the camera took it.
 
         Raises:
-            ValueError: the camera is unknown or the picture has another size than the calibration.
+            ValueError: the camera is unknown, or the size of the picture differs from that of the calibration.
             OSError: the disk is full, or so slow that pictures would pile up in memory.
         """
 

@@ -25,12 +25,12 @@ from fgpose.viewer.rows import Rows, scalar_rows
 from fgpose.viewer.scene import log_picture_style, log_residual_styles, log_scene
 
 _HOST = "127.0.0.1"
-# What late viewers can still be sent beside the pictures; the oldest frames are dropped first.
+# Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped first.
 _SERVER_MB = 256.0
-# So many pictures may wait for a slow disk before logging waits too: else they pile up in memory.
+# This many bytes of pictures may wait for a slow disk; beyond that, logging waits, so that memory does not fill.
 _UNFLUSHED_BYTES = 8e6
 _FLUSH_TIMEOUT_S = 10.0
-# A viewer that hangs holds the server up for 25 s, until it is dropped.
+# A viewer that hangs blocks the server for 25 s, until it is dropped.
 _LIVE_FLUSH_TIMEOUT_S = 60.0
 _JPEG = "image/jpeg"
 _EARLIER_THICKNESS = 0.5
@@ -119,7 +119,7 @@ class RerunRecording(Recording):
             log_picture_style(self._open_stream, camera, pictures.shrink)
             self._shown.add(camera)
         jpeg = pictures.jpeg(image)
-        # The last picture would stay under the points of all later frames.
+        # Otherwise the last picture would stay under the points of all later frames.
         picture = rr.Clear(recursive=False) if pictures.full else rr.EncodedImage(contents=jpeg, media_type=_JPEG)
         self._set_time(frame, time_s)
         self._open_stream.log(paths.picture(camera), picture)
@@ -177,7 +177,7 @@ class RerunRecording(Recording):
         stream, self._stream = self._stream, None
         stream.disconnect()
         self.viewer_url = None
-        # An error makes replacing drop its temporary file.
+        # An exception makes replacing delete its temporary file.
         discarded = RuntimeError("discarded")
         try:
             self._file.__exit__(RuntimeError, discarded, None)
