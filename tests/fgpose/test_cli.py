@@ -366,15 +366,18 @@ def test_traceback_on_request(
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_ctrl_c_leaves_nothing(
-    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("live", [False, True])
+def test_ctrl_c_leaves_what_was_there(
+    live: bool, source: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("fgpose.pipeline.run_smooth", interrupted)
-    assert main(["smooth", *source, "--output", str(tmp_path)]) == 130
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "walk.rrd").write_bytes(b"of the run before")
+    options = ["--live", "--port", "0"] if live else []
+    assert main(["smooth", *source, "--output", str(tmp_path), *options]) == 130
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"of the run before"]
 
 
 def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path) -> None:
@@ -386,9 +389,11 @@ def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path
     assert np.isfinite(load_trajectory(tmp_path / "walk.npz").positions_m).any()
 
 
+@pytest.mark.parametrize("live", [False, True])
 @pytest.mark.parametrize("formats", [("c3d", "npz", "rrd"), ("npz", "rrd", "c3d")])
 def test_a_format_that_fails_does_not_take_the_others_along(
     formats: tuple[str, ...],
+    live: bool,
     source: list[str],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -398,12 +403,13 @@ def test_a_format_that_fails_does_not_take_the_others_along(
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("fgpose.io.trajectories.write_c3d", full)
-    assert main(["smooth", *source, "--output", str(tmp_path), "--formats", *formats]) == 2
+    options = ["--output", str(tmp_path), "--formats", *formats, *(["--live", "--port", "0"] if live else [])]
+    assert main(["smooth", *source, *options]) == 2
     printed = capsys.readouterr()
     assert f"fgpose: error: cannot write {tmp_path / 'walk.c3d'}: No space left on device" in printed.err
     assert {path.name for path in tmp_path.iterdir()} == {"walk.npz", "walk.rrd"}
-    for name in ("walk.npz", "walk.rrd"):
-        assert f"wrote {tmp_path / name}" in printed.out
+    assert f"wrote {tmp_path / 'walk.npz'}" in printed.out
+    assert (tmp_path / "walk.rrd").stat().st_size > 1000
 
 
 @pytest.mark.parametrize("live", [False, True])
