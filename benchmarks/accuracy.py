@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from fgpose.metrics import mpjpe_m
+from fgpose.assessment.metrics import mpjpe_m
 from jaxtyping import Float
 from metric import Metric
 from scenario import scene

@@ -25,6 +25,7 @@ FLOORS = (
     {"monocular", "viewer", "synthetic"},
     {"assessment"},
     {"io"},
+    {"association"},
     {"geometry"},
     {"trajectory", "observations", "skeleton", "config", "sampling"},
 )

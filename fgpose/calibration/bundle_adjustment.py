@@ -9,7 +9,6 @@ move, which shifts the world (25 mm instead of 12 mm on simulated recordings wit
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -17,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.sightings import Sightings
 from fgpose.config import Config
-from fgpose.estimation.elimination import eliminate_joints
+from fgpose.estimation.elimination import ReducedSystem, eliminate_joints
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_factors import projection_residual, robust_loss, robust_weight
@@ -35,12 +34,6 @@ class Calibration:
 
     changes: Float[np.ndarray, "camera 7"]
     """Of each camera in standard deviations of its prior: rotation, translation (in its own frame), time offset."""
-    joints_m: Float[np.ndarray, "frame joint 3"]
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    changes: Float[np.ndarray, "camera 7"]
     joints_m: Float[np.ndarray, "frame joint 3"]
 
 
@@ -70,15 +63,37 @@ class BundleProblem:
         of_poses = float(np.sum(robust_loss(self._moved_squared(state), "cauchy", scale)))
         return of_detections + of_poses + 0.5 * float(np.sum(state.changes[:, _CLOCK] ** 2))
 
-    def linearize(self, state: Calibration) -> _Linearized:
-        return _Linearized(self, state)
+    @property
+    def step_tolerance(self) -> float:
+        return _STEP_TOLERANCE
 
-    def moved(self, state: Calibration, step: _Step, fraction: float) -> Calibration:
-        return Calibration(state.changes + fraction * step.changes, state.joints_m + fraction * step.joints_m)
+    @property
+    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
+        return np.ones(self.free.size + self._sightings.velocities_mps.size)
 
-    def is_small(self, step: _Step) -> bool:
-        """Whether the calibration hardly changes."""
-        return bool(np.abs(step.changes).max() < _STEP_TOLERANCE)
+    def gradient(self, state: Calibration) -> Float[np.ndarray, " unknown"]:
+        residual_px, by_joint, by_camera, weights = self.projection_terms(state)
+        pull = weights[..., None] * residual_px
+        by_changes = np.einsum("tcji,tcjik->ck", pull, by_camera).ravel() + self.prior_terms(state)[1]
+        return np.append(by_changes, np.einsum("tcji,tcjia->tja", pull, by_joint))
+
+    def factorized(self, state: Calibration, damping: float) -> _Factorized:
+        return _Factorized(
+            eliminate_joints(*self.projection_terms(state), damping),
+            self.prior_terms(state)[0] + damping,
+            self.free,
+        )
+
+    def moved(self, state: Calibration, step: Float[np.ndarray, " unknown"]) -> Calibration:
+        changes, of_joints_m = step[: self.free.size], step[self.free.size :]
+        return Calibration(
+            state.changes + changes.reshape(state.changes.shape),
+            state.joints_m + of_joints_m.reshape(state.joints_m.shape),
+        )
+
+    def step_size(self, step: Float[np.ndarray, " unknown"]) -> float:
+        """The largest change of the calibration, in standard deviations of the priors."""
+        return float(np.abs(step[: self.free.size]).max())
 
     def solve(self, start: Calibration) -> Solution[Calibration]:
         """The minimum that is reached from a start."""
@@ -87,7 +102,7 @@ class BundleProblem:
     def sigmas(self, state: Calibration) -> Float[np.ndarray, "camera 7"]:
         """Marginal standard deviations of the changes, in those of the priors; zero for what is held."""
         sigmas = np.zeros(len(self.free))
-        sigmas[self.free] = np.sqrt(np.diag(self.linearize(state).covariance()))
+        sigmas[self.free] = np.sqrt(np.diag(self.factorized(state, 0.0).covariance()))
         return sigmas.reshape(-1, _N_UNKNOWNS)
 
     def prior_terms(self, state: Calibration) -> tuple[Float[np.ndarray, " unknown"], Float[np.ndarray, " unknown"]]:
@@ -154,46 +169,28 @@ class BundleProblem:
 
 
 @dataclass(frozen=True, eq=False)
-class _Linearized:
+class _Factorized:
     """Gauss-Newton's system around a state."""
 
-    problem: BundleProblem
-    state: Calibration
-
-    @cached_property
-    def _terms(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        return self.problem.projection_terms(self.state)
-
-    @cached_property
-    def _prior(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.problem.prior_terms(self.state)
+    reduced: ReducedSystem
+    prior: Float[np.ndarray, " unknown"]
+    """Information of the priors on the changes, and damping."""
+    free: Bool[np.ndarray, " unknown"]
 
     def covariance(self) -> Float[np.ndarray, "free free"]:
         """Of what is free, in standard deviations of the priors; the joints are marginalised."""
-        return np.linalg.inv(self._of_free(eliminate_joints(*self._terms).information))
+        return np.linalg.inv(self._information())
 
-    def solve(self, damping: float) -> _Step | None:
-        free = self.problem.free
-        system = eliminate_joints(*self._terms, damping)
-        information = self._of_free(system.information) + damping * np.eye(int(free.sum()))
-        changes = np.zeros(len(free))
-        changes[free] = -np.linalg.solve(information, (system.gradient + self._prior[1])[free])
-        joints_m = system.joint_steps_m(changes)
-        if not np.isfinite(changes).all() or not np.isfinite(joints_m).all():
-            return None
-        return _Step(changes.reshape(self.state.changes.shape), joints_m)
+    def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        n_changes = self.free.size
+        of_joints = right_hand_side[n_changes:].reshape(*self.reduced.by_step.shape[:2], 3)
+        eliminated = self.reduced.eliminated(right_hand_side[:n_changes], of_joints)
+        changes = np.zeros(n_changes)
+        changes[self.free] = np.linalg.solve(self._information(), eliminated[self.free])
+        return np.append(changes, self.reduced.joint_steps_m(changes, of_joints))
 
-    def foreseen_decrease(self, step: _Step, fraction: float) -> float:
-        """Without damping H s = -g, so that g s + s H s / 2 is half of g s."""
-        residual_px, by_joint, by_camera, weights = self._terms
-        moved_px = np.einsum("tcjia,tja->tcji", by_joint, step.joints_m)
-        moved_px += np.einsum("tcjik,ck->tcji", by_camera, step.changes)
-        slope = np.sum(weights[..., None] * residual_px * moved_px) + np.vdot(self._prior[1], step.changes)
-        return -float(slope) * fraction * (1 - fraction / 2)
-
-    def _of_free(self, information: np.ndarray) -> np.ndarray:
-        free = self.problem.free
-        return (information + np.diag(self._prior[0]))[np.ix_(free, free)]
+    def _information(self) -> Float[np.ndarray, "free free"]:
+        return (self.reduced.information + np.diag(self.prior))[np.ix_(self.free, self.free)]
 
 
 def prior_sigmas(config: Config) -> Float[np.ndarray, " 7"]:

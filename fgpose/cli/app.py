@@ -32,7 +32,7 @@ FGPOSE_TRACEBACK=1) shows where an error comes from.
 """
 
 FAILED = 2
-"""Exit code after an error that the user can do something about, one line of it on stderr."""
+"""Exit code after an error of the input or the system, which is one line on stderr."""
 INTERRUPTED = 130
 _BROKEN_PIPE = 141
 _COMMANDS = {
@@ -96,7 +96,7 @@ def _parse(arguments: list[str]) -> Command:
     for name, command in _COMMANDS.items():
         description = (command.__doc__ or "").partition("\n")[0] if brief else None
         if name in _ESTIMATORS:
-            # What --config says is the default of every parameter, so that the command line overrides it.
+            # The values of --config become the defaults of the options, so that the command line overrides them.
             command = _with_defaults(command, config)
         commands.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
     any_command: Any = Union[tuple(commands)]  # noqa: UP007

@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from fgpose.cli.calibration import calibrated
-from fgpose.cli.options import OutputOptions, ParameterOptions, RecordingOptions, new_console, progress_bar
+from fgpose.cli.options import ParameterOptions, RecordingOptions, new_console, progress_bar
 
 if TYPE_CHECKING:
-    from fgpose.pipeline import Outputs, Result, Source
+    from fgpose.observations import Observations
+    from fgpose.pipeline import OnUpdate, Outputs, Source
+    from fgpose.trajectory import Estimate
+    from fgpose.viewer import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +35,8 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
     def checked_outputs(self, *saved: str) -> Outputs:
         """Where the results go, once it is certain that they can be written there."""
         outputs = self.outputs(self.keypoints)
-        outputs.check(saved, (self.keypoints, self.rig))
+        calibration = self.refine_calibration or self.estimate_time_offsets
+        outputs.check(saved, (self.keypoints, self.rig), calibration=calibration)
         return outputs
 
 
@@ -47,13 +51,17 @@ class Smooth(EstimatorOptions):
     """
 
     def run(self) -> None:
+        from fgpose.cli.delivery import deliver
+        from fgpose.cli.live import live_viewer
         from fgpose.pipeline import run_smooth
 
         outputs = self.checked_outputs("smoothed")
         source = self.load()
-        with progress_bar("smoothing") as progress:
-            result = run_smooth(source, self.parameters, progress, compare="rrd" in self.formats or self.live)
-        finish(result, outputs, self)
+        names = ("fused", "refined", "smoothed") if outputs.shown else ("smoothed",)
+        with live_viewer(source, names, outputs) as viewer:
+            with progress_bar("smoothing") as progress:
+                result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
+            deliver(result, outputs, viewer)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,13 +75,16 @@ class Refine(EstimatorOptions):
     """
 
     def run(self) -> None:
+        from fgpose.cli.delivery import deliver
+        from fgpose.cli.live import live_viewer
         from fgpose.pipeline import run_refine
 
         outputs = self.checked_outputs("refined")
         source = self.load()
-        with progress_bar("refining") as progress:
-            result = run_refine(source, self.parameters, progress)
-        finish(result, outputs, self)
+        with live_viewer(source, ("fused", "refined"), outputs) as viewer:
+            with progress_bar("refining") as progress:
+                result = run_refine(source, self.parameters, progress)
+            deliver(result, outputs, viewer)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,36 +98,27 @@ class Track(EstimatorOptions):
     """
 
     def run(self) -> None:
-        from fgpose.pipeline import run_track
+        from fgpose.cli.delivery import deliver
+        from fgpose.cli.live import live_viewer
+        from fgpose.pipeline import run_track, show
 
-        outputs = self.checked_outputs("online", "smoothed")
+        outputs = self.checked_outputs("smoothed", "online")
         source = self.load()
-        if self.live:
-            self._run_live(source, outputs)
-            return
-        with progress_bar("tracking") as progress:
-            result = run_track(source, self.parameters, progress)
-        finish(result, outputs, self)
-
-    def _run_live(self, source: Source, outputs: Outputs) -> None:
-        from fgpose.cli.live import live_recording, wait_for_viewers
-        from fgpose.cli.tables import print_result
-        from fgpose.estimation.evidence import gather
-        from fgpose.pipeline import run_track, save_trajectories
-
-        weights = gather(source.observations, source.rig, self.parameters).weights
-        with live_recording(source, ("smoothed", "online"), outputs, self.port) as recording:
+        with live_viewer(source, ("smoothed", "online"), outputs, grows=True) as viewer:
+            on_update = None if viewer is None else self._frame_display(source, viewer)
             with progress_bar("tracking") as progress:
-                result = run_track(
-                    source,
-                    self.parameters,
-                    progress,
-                    lambda seen, estimate, update_ms: recording.log_estimate(
-                        estimate, seen, weights[estimate.frame], update_ms=update_ms
-                    ),
-                )
-            print_result(new_console(), result, save_trajectories(result, outputs))
-            wait_for_viewers(outputs)
+                result = run_track(source, self.parameters, progress, on_update)
+            # A live viewer has seen every frame already.
+            deliver(result, outputs, viewer, show if viewer is None else lambda result, viewer: None)
+
+    def _frame_display(self, source: Source, viewer: Recording) -> OnUpdate:
+        """What shows each frame in a live viewer."""
+        weights = source.evidence(self.parameters).weights
+
+        def on_update(seen: Observations, estimate: Estimate, update_ms: float) -> None:
+            viewer.log_estimate(estimate, seen, weights[estimate.frame], update_ms=update_ms)
+
+        return on_update
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +143,7 @@ class Info(RecordingOptions):
         source = self.load()
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
-            # What is said of time and of small moves rests on a calibration that is right on the whole.
+            # Time offsets and small moves can only be judged where the calibration is roughly right.
             faults = () if info.suspected_calibration else camera_faults(source.observations, source.rig)
         print_info(new_console(), info, faults)
 
@@ -170,18 +172,3 @@ class Evaluate:
 
         estimate, reference = load_trajectory(self.estimate), load_trajectory(self.reference)
         print_evaluation(new_console(), evaluate(estimate, reference, self.offset_s))
-
-
-def finish(result: Result, outputs: Outputs, options: OutputOptions) -> None:
-    """Write a result and say what it is; with --live, let viewers see it first."""
-    from fgpose.cli.live import live_recording, wait_for_viewers
-    from fgpose.cli.tables import print_result
-    from fgpose.pipeline import save_trajectories, show, write_outputs
-
-    if not options.live:
-        print_result(new_console(), result, write_outputs(result, outputs))
-        return
-    with live_recording(result.source, tuple(result.trajectories), outputs, options.port) as recording:
-        show(result, recording)
-        print_result(new_console(), result, save_trajectories(result, outputs))
-        wait_for_viewers(outputs)

@@ -72,28 +72,33 @@ class Demo:
 
     def _run_from_detections(self) -> None:
         from fgpose.cli.calibration import calibrated
-        from fgpose.cli.tables import latency_table, print_source, result_table
+        from fgpose.cli.delivery import deliver
+        from fgpose.cli.tables import print_source
         from fgpose.config import Config
         from fgpose.io.recordings import load_recording
-        from fgpose.pipeline import Outputs, Source, write_outputs
+        from fgpose.pipeline import Outputs, Source
 
         outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"))
-        outputs.check(("smoothed",))
+        outputs.check(("smoothed",), calibration=True)
         console = new_console()
         source = first_frames(Source(*load_recording(self.recording)), self.frames)
         console.print(f"{self.recording}: real detections of a man balancing on one leg")
         print_source(console, source)
         source = calibrated(source, Config(), outputs, console, poses=True, clocks=False)
         result, batch_s = _run(source)
-        write_outputs(result, outputs)
-        headings = {"refined": "each frame alone", "online": "online", "smoothed": "smoothed"}
-        console.print(result_table(result, headings))
-        console.print(
-            f"batch smoother with covariance: {1000 * batch_s / source.observations.n_frames:.1f} ms per frame"
-        )
-        assert result.update_ms is not None
-        console.print(latency_table(result.update_ms))
+        deliver(result, outputs, summary=lambda result, written: _print_summary(console, result, batch_s))
         _say_how_to_open(console, outputs)
+
+
+def _print_summary(console: Console, result: Result, batch_s: float) -> None:
+    from fgpose.cli.tables import latency_table, result_table
+
+    headings = {"refined": "each frame alone", "online": "online", "smoothed": "smoothed"}
+    console.print(result_table(result, headings))
+    n_frames = result.source.observations.n_frames
+    console.print(f"batch smoother with covariance: {1000 * batch_s / n_frames:.1f} ms per frame")
+    assert result.update_ms is not None
+    console.print(latency_table(result.update_ms))
 
 
 def _run(source: Source) -> tuple[Result, float]:

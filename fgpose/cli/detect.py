@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -17,10 +19,12 @@ from fgpose.cli.options import new_console, progress_bar
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected, PersonRegion
     from fgpose.monocular.flips import Mended
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
+    from fgpose.pipeline import Outputs
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _VIDEOS = (
@@ -64,7 +68,7 @@ class VideoOptions:
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """What the joints of a metrabs file are."""
     people: Annotated[int, arg(metavar="N")] = 1
-    """How many people to look for in each image. More take longer; look for all who come near the person."""
+    """How many people to look for in each image: the wanted person and all who come near. More take longer."""
     person_region: Annotated[
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
     ] = None
@@ -78,7 +82,7 @@ class VideoOptions:
     """Keep no detections, and use none that were kept."""
 
     def detect(self, console: Console) -> Detected:
-        """All people in all images; says how far it is. Everything is checked before the work begins."""
+        """All people in all images, with a progress bar. Everything is checked before the work begins."""
         from fgpose.monocular.detection import detect
 
         _quieten_decoder()
@@ -107,7 +111,7 @@ class VideoOptions:
             )
 
     def wanted(self, detected: Detected, console: Console) -> Mended:
-        """The wanted person as each camera saw them, left and right put right; says what was found."""
+        """The wanted person as each camera saw them, with left and right corrected; prints what was found."""
         from fgpose.monocular.flips import mend_flips
 
         region = None if self.person_region is None else parse_region(self.person_region)
@@ -151,9 +155,9 @@ class Detect(VideoOptions):
     """parquet is a table that any data tool reads, npz is for NumPy."""
 
     def run(self) -> None:
-        from fgpose.io.calibration import load_rig, save_rig
+        from fgpose.io.calibration import load_rig
         from fgpose.io.keypoints import save_observations
-        from fgpose.pipeline import Outputs
+        from fgpose.pipeline import Outputs, write_all
 
         console = new_console()
         # dict: each format once.
@@ -162,15 +166,20 @@ class Detect(VideoOptions):
         outputs.check(("detected",), (self.rig,))
         detected = self.detect(console)
         observations = self.wanted(detected, console).observations
-        paths = [outputs.path(file_format) for file_format in outputs.formats]
-        for path in paths:
-            save_observations(observations, path)
+        writers: dict[Path | str, Callable[[], object]] = {
+            path: partial(save_observations, observations, path) for path in outputs.trajectory_paths(("detected",))
+        }
         calibrated = load_rig(self.rig, self.unit).subset(detected.rig.names)
         if any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, detected.rig.cameras, strict=True)):
-            paths.append(outputs.folder / f"{outputs.name}_calibration.toml")
-            save_rig(detected.rig, paths[-1])
-        for path in paths:
+            writers[outputs.calibration] = partial(self._save_calibration, detected.rig, outputs)
+        for path in write_all(writers):
             console.print(f"wrote {path}", soft_wrap=True)
+
+    def _save_calibration(self, rig: CameraRig, outputs: Outputs) -> None:
+        from fgpose.io.calibration import save_rig
+
+        outputs.check((), (self.rig,), calibration=True)
+        save_rig(rig, outputs.calibration)
 
 
 def parse_region(text: str) -> PersonRegion:
@@ -191,14 +200,15 @@ def parse_region(text: str) -> PersonRegion:
 
 
 def print_detected(console: Console, detected: Detected, cache: Path | None) -> None:
-    """How much was looked at, and what was known."""
+    """How many images there were, and how many came from the cache."""
     n_known = detected.n_images - detected.n_new_images
     known = f", {n_known} of them known from {cache}" if n_known else ""
     console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
 
 
 def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "frame camera"]) -> None:
-    """In how many frames each camera saw the person, how often left and right were exchanged, what troubled its 3D."""
+    """In how many frames each camera saw the person, how often left and right were exchanged, why 3D is missing or
+    doubtful."""
     from fgpose.cli.tables import new_table
 
     observations = mended.observations
@@ -214,6 +224,7 @@ def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "
 
 
 def _quieten_decoder() -> None:
-    """FFmpeg and OpenCV write to stderr what fgpose says in one line of its own. Their variables override this."""
+    """Silence FFmpeg and OpenCV on stderr: fgpose reports the same errors in one line. Their own variables override
+    this."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")

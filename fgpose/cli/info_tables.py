@@ -64,9 +64,10 @@ def hints(info: RecordingInfo) -> Iterator[str]:
 
 
 def _fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
-    """Cameras that are late or were moved, and the options that put them right."""
+    """Cameras that are late or were moved, and the options that correct it."""
     late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
-    # Each alone would explain the other with it: a camera that was moved looks late while the person walks one way.
+    # The two faults resemble each other, and each option alone would explain both: a camera that was moved looks late
+    # while the person walks one way.
     both = " and --refine-calibration together" if moved else ""
     for fault in late:
         ms, sigma_ms = 1000 * abs(fault.offset_s), 1000 * fault.offset_sigma_s
@@ -79,7 +80,7 @@ def _fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
     for fault in sorted(moved, key=lambda fault: -fault.rotation_deg):
         yield (
             f"{fault.name} seems to have been moved since it was calibrated, by about {fault.rotation_deg:.1f} degrees "
-            f"and {100 * fault.translation_m:.0f} cm; a wrong principal point or image size looks alike. "
+            f"and {100 * fault.translation_m:.0f} cm; a wrong principal point or image size looks the same. "
             f"Use --refine-calibration{together}."
         )
 

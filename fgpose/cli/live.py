@@ -7,40 +7,46 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from fgpose.cli.options import new_console
-from fgpose.pipeline import Outputs, Source, up_axis
-from fgpose.viewer import Recording, open_recording
+from fgpose.pipeline import OutputError, Outputs, Source
+from fgpose.viewer import Recording
 
 
 @contextmanager
-def live_recording(
-    source: Source, trajectories: tuple[str, ...], outputs: Outputs, port: int, image_width_px: int | None = None
-) -> Iterator[Recording]:
-    """A recording that viewers can connect to, and the .rrd file if it is among the formats. Says how to connect.
+def live_viewer(
+    source: Source, trajectories: tuple[str, ...], outputs: Outputs, *, grows: bool = False
+) -> Iterator[Recording | None]:
+    """What viewers can connect to from now on, with the .rrd file if that is wanted; None without --live.
+
+    Args:
+        source: the recording.
+        trajectories: names of those that will be shown.
+        outputs: where the results go.
+        grows: it is shown frame by frame, so that Ctrl-C leaves a file of what was there.
 
     Raises:
         ImportError: Rerun is not installed.
         OSError: the port is taken, or the file cannot be written.
     """
-    path = outputs.path("rrd") if "rrd" in outputs.formats else None
-    up = up_axis(outputs.world_up)
-    skeleton, n_frames = source.observations.skeleton, source.observations.n_frames
-    with open_recording(
-        path,
-        source.rig,
-        skeleton,
-        trajectories,
-        live=True,
-        port=port,
-        up=up,
-        image_width_px=image_width_px,
-        n_frames=n_frames,
-    ) as recording:
+    if outputs.live_port is None:
+        yield None
+        return
+    observations = source.observations
+    with outputs.open_viewer(source.rig, observations.skeleton, trajectories, observations.n_frames) as recording:
         new_console(stderr=True).print(
             f"Viewers of this computer connect with: rerun {recording.viewer_url}\n"
             f"From another one, first: ssh -L {_port(recording)}:localhost:{_port(recording)} THIS_COMPUTER",
             soft_wrap=True,
         )
-        yield recording
+        try:
+            yield recording
+        except KeyboardInterrupt:
+            if not grows:
+                recording.discard()
+            raise
+        except OutputError:
+            # Another file could not be written.
+            recording.close()
+            raise
 
 
 def _port(recording: Recording) -> str:

@@ -91,7 +91,9 @@ class OutputOptions:
 
         # dict: each format once.
         formats = tuple(dict.fromkeys(self.formats))
-        return Outputs(self.output, self.name or Path(os.path.realpath(source)).stem, formats, self.world_up)
+        port = self.port if self.live else None
+        name = self.name or Path(os.path.realpath(source)).stem
+        return Outputs(self.output, name, formats, self.world_up, port)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +105,11 @@ class ParameterOptions(OutputOptions):
     parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
     """All parameters, with their units."""
     refine_calibration: bool = False
-    """First move the cameras a little, so that they agree on the person (--calibration.*). Writes the calibration
-    that results as NAME_calibration.toml."""
+    """First refine the poses of the cameras on the person (--calibration.*). Writes the new calibration as
+    NAME_calibration.toml."""
     estimate_time_offsets: bool = False
-    """First estimate by how much each camera's clock is off, from the motion itself. The calibration that is written
-    carries the offsets. With --refine-calibration both are found together."""
+    """First estimate the time offset of each camera from the motion. The offsets are written with the calibration, as
+    NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
 def first_frames(source: Source, frames: int | None) -> Source:

@@ -71,7 +71,7 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
 
 
 def calibration_table(source: Source, refinement: RigRefinement | None, offsets: TimeOffsets | None) -> Table:
-    """How far each camera was moved and what that did to its error, and by how much its clock is off.
+    """How far each camera was moved, its error before and after, and its time offset.
 
     Args:
         source: the recording.

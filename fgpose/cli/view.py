@@ -46,15 +46,13 @@ class View:
             self._open(self.file)
             return
         with tempfile.TemporaryDirectory(prefix="fgpose-") as folder:
-            path = Path(folder) / f"{self.file.stem}.rrd"
-            self._make_rrd(path)
-            self._open(path)
+            self._open(self._made_rrd(Path(folder)))
 
-    def _make_rrd(self, path: Path) -> None:
+    def _made_rrd(self, folder: Path) -> Path:
+        """A .rrd file of a trajectory file."""
         from fgpose.io.calibration import load_rig
         from fgpose.io.trajectories import load_trajectory
-        from fgpose.pipeline import up_axis
-        from fgpose.viewer import open_recording
+        from fgpose.pipeline import Outputs
 
         trajectory = load_trajectory(self.file, world_up=self.world_up)
         if self.rig is None:
@@ -64,9 +62,10 @@ class View:
             rig = load_rig(self.rig)
             if trajectory.camera_names and trajectory.camera_names != rig.names:
                 rig = rig.subset(trajectory.camera_names)
-        skeleton, up = trajectory.skeleton, up_axis(self.world_up)
-        with open_recording(path, rig, skeleton, (self.file.stem,), up=up) as recording:
+        outputs = Outputs(folder, self.file.stem, ("rrd",), self.world_up)
+        with outputs.open_viewer(rig, trajectory.skeleton, (self.file.stem,)) as recording:
             recording.log_trajectory(self.file.stem, trajectory)
+        return outputs.path("rrd")
 
     def _open(self, path: Path) -> None:
         if not self.web and not _has_display():
@@ -82,7 +81,7 @@ class View:
 
 
 def onlooker(trajectory: Trajectory) -> CameraRig:
-    """A camera that looks at the person from the side, where no calibration is given: the viewer needs one."""
+    """A camera that looks at the person from the side. The viewer needs one, and no calibration was given."""
     from fgpose.geometry.camera import Camera, CameraRig
 
     known = trajectory.positions_m[np.isfinite(trajectory.positions_m).all(axis=-1)]

@@ -16,12 +16,28 @@ class ReducedSystem:
 
     information: Float[np.ndarray, "unknown unknown"]
     gradient: Float[np.ndarray, " unknown"]
-    _by_step: Float[np.ndarray, "frame joint unknown 3"]
-    _by_themselves_m: Float[np.ndarray, "frame joint 3"]
+    joint_covariance_m2: Float[np.ndarray, "frame joint 3 3"]
+    """Of each joint with the cameras as they are."""
+    by_step: Float[np.ndarray, "frame joint unknown 3"]
+    """What a step of the cameras takes off each joint."""
 
-    def joint_steps_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "frame joint 3"]:
-        """The step of every joint that goes with a step of the cameras (back-substitution)."""
-        return -self._by_themselves_m - np.einsum("tjua,u->tja", self._by_step, step)
+    def eliminated(
+        self, of_cameras: Float[np.ndarray, " unknown"], of_joints: Float[np.ndarray, "frame joint 3"]
+    ) -> Float[np.ndarray, " unknown"]:
+        """A right-hand side of the whole system without the joints."""
+        return of_cameras - np.einsum("tjua,tja->u", self.by_step, of_joints)
+
+    def joint_steps_m(
+        self, step: Float[np.ndarray, " unknown"], of_joints: Float[np.ndarray, "frame joint 3"]
+    ) -> Float[np.ndarray, "frame joint 3"]:
+        """The solution for the joints that goes with that of the cameras (back-substitution).
+
+        Args:
+            step: solution for the cameras.
+            of_joints: the joints' part of the right-hand side.
+        """
+        own_m = (self.joint_covariance_m2 @ of_joints[..., None])[..., 0]
+        return own_m - np.einsum("tjua,u->tja", self.by_step, step)
 
 
 def eliminate_joints(
@@ -53,5 +69,4 @@ def eliminate_joints(
     of_cameras[cameras, :, cameras] = np.einsum("tcjik,tcjil->ckl", weighted, by_camera)
     eliminated = np.tensordot(by_step, across, axes=((0, 1, 3), (0, 1, 3)))
     gradient = np.einsum("tcji,tcjik->ck", residual_px, weighted).ravel() - np.einsum("tjua,tja->u", by_step, pull)
-    by_themselves_m = (inverse @ pull[..., None])[..., 0]
-    return ReducedSystem(of_cameras.reshape(eliminated.shape) - eliminated, gradient, by_step, by_themselves_m)
+    return ReducedSystem(of_cameras.reshape(eliminated.shape) - eliminated, gradient, inverse, by_step)

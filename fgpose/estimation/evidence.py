@@ -32,6 +32,8 @@ class Evidence:
     """Weight in (0, 1] of each detection; see fgpose.estimation.weights."""
     n_views: Int[np.ndarray, "frame joint"]
     """How many cameras detected the joint."""
+    fused_m: Float[np.ndarray, "frame joint 3"]
+    """The fused pose (eq. 1-2); see fgpose.estimation.fusion."""
     guess_m: Float[np.ndarray, "frame joint 3"]
     """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
     anchored: Bool[np.ndarray, "frame joint"]
@@ -102,6 +104,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         undistorted_px=undistorted_px,
         weights=detection_weights(fusion, observations.confidence, config.projection),
         n_views=observations.seen.sum(axis=1),
+        fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
         anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1) & ~has_depth,
         views_m=views_m,

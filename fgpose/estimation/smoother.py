@@ -65,13 +65,13 @@ def smooth(
         UserWarning: a window did not converge within solver.max_iterations.
     """
     config = config or Config()
-    return smooth_evidence(gather(observations, rig, config), rig, observations.skeleton, config, progress)
+    return smooth_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
 
 
 def smooth_evidence(
-    evidence: Evidence, rig: CameraRig, skeleton: Skeleton, config: Config, progress: Progress | None = None
+    evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config, progress: Progress | None = None
 ) -> Trajectory:
-    """smooth, from evidence that is gathered already."""
+    """smooth for a recording whose evidence is gathered already."""
     recording = Segment.of_recording(evidence, rig, skeleton, config)
     windows = cut_windows(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     if len(windows) > 1:

@@ -1,9 +1,10 @@
 """From the pose that a network gives relative to the root to absolute joints in front of one camera.
 
-The joints X are metric but relative to the root; the place of the root is unknown. The translation t is that from which
-the joints project onto their landmarks, (X + t)_xy = u (X + t)_z, with u the undistorted landmarks at depth one. Then
-each joint keeps its depth and takes its place across from its own landmark: the landmark is several times better than
-the network's X there. So only the depth of the result is new information, and that is poor: the covariance says so.
+The joints X are metric but relative to the root, whose position is unknown. We look for the translation t with which
+the joints project onto their landmarks: (X + t)_xy = u (X + t)_z, with u the undistorted landmarks at depth one. Each
+joint keeps the depth that this gives; across the ray it is put onto its landmark, which is several times more accurate
+than the network's X there. So only the depth is new information, and its standard deviation is large; the covariance
+says so.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from fgpose.geometry.camera import Camera
 from fgpose.skeleton import Skeleton
 
 # Depth of a joint relative to the body, SD in metres, measured with BlazePose (heavy) on 400 views of one man, the
-# balance recordings. A joint that is not among them takes no part in finding the translation: the eleven landmarks of a
-# face would count eleven times for one error, and hands are the network's worst.
+# balance recordings. Only these joints are used to find the translation. The eleven landmarks of a face share one error
+# and would count eleven times; hands are the least accurate.
 _DEPTH_SIGMA_M = {
     "hip": 0.055,
     "pelvis": 0.055,
@@ -31,26 +32,27 @@ _DEPTH_SIGMA_M = {
     "wrist": 0.150,
 }
 _OTHER_DEPTH_SIGMA_M = 0.12
-# The network does not know how large the person is; adults differ by 4 to 5 % (SD) in height, and the error of depth of
-# one person lasts. Measured: 4.3 % of the distance.
+# The network does not know how tall the person is. Adults differ by 4 to 5 % (SD) in height, so one person's error of
+# depth is constant. Measured: 4.3 % of the distance.
 _SCALE_SIGMA = 0.045
-# Sideways, X fits the landmarks three times better than its depth is known (medians of 400 views: 0.32 and 0.29).
+# Residuals of X across the ray, over the depth sigmas (medians of 400 views: 0.32 and 0.29).
 _FIT_RATIO = 0.33
 _FIT_PRIOR_JOINTS = 4.0
-"""How many joints the expected fit counts for: few joints always fit well."""
-# Across the ray: the error of a landmark is a share of the body, whose crop the network always sees at the same size,
-# and of the pixels of the image. Its variance goes with 1 / confidence (17 mm at 1, 26 at 0.4, 50 at 0.2 measured
-# at 3.5 m; of the pixels' share an assumption, for people far away).
+"""The expected fit counts as this many joints: a few joints alone always fit well."""
+# Across the ray, the error of a landmark has two parts. One is a share of the body, as the network sees every body in a
+# crop of the same size; the other, for people far away, is assumed to be constant in pixels. The variance is inversely
+# proportional to the confidence (measured at 3.5 m: 17 mm at confidence 1, 26 at 0.4, 50 at 0.2).
 _LATERAL_SIGMA_M = 0.020
 _PIXEL_SIGMA_PX = 1.5
 
 _MIN_JOINTS = 6
 _MIN_CONFIDENCE = 0.1
 _BORDER_SHARE = 0.01
-"""Of the longer side of the image: networks put a joint that is out of sight at the edge as often as beyond it."""
+"""Share of the longer side of the image. Networks put a joint that is out of sight at the edge as often as beyond
+it."""
 _MAX_CUT_SHARE = 0.25
 _MAX_DISTANCE_SIGMA = 0.2
-"""Standard deviation of the distance, as a share of it, beyond which there is no absolute pose to speak of."""
+"""Largest relative standard deviation of the distance: beyond it the pose counts as unknown."""
 _MAX_FIT_RATIO = 4 * _FIT_RATIO
 _MIN_DEPTH_M = 0.1
 _ITERATIONS = 10
@@ -69,8 +71,8 @@ class AbsolutePose:
     points3d_m: Float[np.ndarray, "joint 3"]
     """Camera frame; NaN where it cannot be had."""
     covariance_m2: Float[np.ndarray, "joint 3 3"]
-    """Camera frame; long along the ray, short across it; NaN where points3d_m is. The errors of the joints of one view
-    have most of their depth error in common, and it lasts for many frames."""
+    """Camera frame; large along the ray, small across it; NaN where points3d_m is. The depth errors of the joints of
+    one view are strongly correlated, with each other and from frame to frame."""
     problem: str
     """Empty when all is well; else why the pose is NaN or doubtful: "few joints", "cut by the border", "behind the
     camera", "ill-conditioned" or "poor fit", then a colon and the figures."""
@@ -105,7 +107,7 @@ def absolute_pose(
         confidence: in [0, 1]; 0 = missing.
         camera: the camera of the image.
         skeleton: tells which joints find the translation (hips, shoulders, limbs) and how well the depth of each is
-            known. Without it all count alike.
+            known. Without it all have the same weight.
 
     Returns:
         AbsolutePose; a missing joint is NaN, all are NaN where no translation can be had, and problem then says why.
@@ -140,13 +142,13 @@ def absolute_pose(
 def _depth_sigmas(
     skeleton: Skeleton | None, n_joints: int
 ) -> tuple[Float[np.ndarray, " joint"], Bool[np.ndarray, " joint"]]:
-    """SD of the depth of each joint relative to the body, and whether the joint takes part in the solve."""
+    """SD of the depth of each joint relative to the body, and whether it is used to find the translation."""
     sigma_m, solves = np.full(n_joints, _OTHER_DEPTH_SIGMA_M), np.zeros(n_joints, dtype=bool)
     for joint, name in enumerate(skeleton.joints if skeleton else ()):
         part = name.rsplit("_", maxsplit=1)[-1]
         if part in _DEPTH_SIGMA_M:
             sigma_m[joint], solves[joint] = _DEPTH_SIGMA_M[part], True
-    # A skeleton with names of its own: its joints are as good as any.
+    # Too few joints have names that are known here: all are used.
     solves = solves if solves.sum() >= _MIN_JOINTS else np.ones(n_joints, dtype=bool)
     sigma_m.setflags(write=False)
     solves.setflags(write=False)
@@ -238,7 +240,8 @@ def _covariance(
     sigma_m = sigma_m * max(1.0, found.fit_ratio / _FIT_RATIO)
     depth_variance = found.distance_sigma_m**2 + (_SCALE_SIGMA * depth_m) ** 2 + sigma_m**2
     landmark_variance = _LATERAL_SIGMA_M**2 + (_PIXEL_SIGMA_PX * depth_m / camera.K[0, 0]) ** 2
-    # A guessed landmark (out of sight, beyond the border) is no worse across the ray than the network's depth is along.
+    # The error of a hallucinated landmark (out of sight, beyond the border) across the ray is at most that of the
+    # network's depth along it.
     lateral_variance = landmark_variance / np.maximum(confidence, landmark_variance / sigma_m**2)
     along = depth_variance[:, None, None] * rays[:, :, None] * rays[:, None, :]
     return along + lateral_variance[:, None, None] * np.diag([1.0, 1.0, 0.0])

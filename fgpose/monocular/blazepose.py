@@ -21,7 +21,8 @@ from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.sessions import identity
 
 _SEARCH_EVERY = 5
-"""Images from one search for further people to the next, while some are tracked: a search costs as much as a person."""
+"""While somebody is tracked, the detector looks for further people once in so many images: it takes as long as a
+person."""
 # As shares of the side of a region. Measured: regions around one person lie within 0.06 of each other and differ by a
 # factor of up to 1.27 (400 views). The median distance of the joints of two results for one person is 0.1 at most, of
 # two people who stand side by side 0.2 at least (149 pairs). The overlap of the regions tells them apart less well.
@@ -73,8 +74,9 @@ class BlazePose:
 class BlazePoseTracker:
     """Follows people through the images of one camera.
 
-    The detector runs when nobody is tracked, in the very image in which a track is lost, and now and then while fewer
-    people than wanted are tracked. A track is lost when the landmark network sees no person, or one tracked already.
+    The detector runs when nobody is tracked, in the image in which a track is lost, and in every fifth image while
+    fewer people than wanted are tracked. A track is lost when the landmark network sees no person, or one who is
+    tracked already.
     """
 
     def __init__(self, network: BlazePose, camera: Camera) -> None:

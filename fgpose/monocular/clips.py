@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 VIDEO_SUFFIXES = frozenset((".mp4", ".avi", ".mov", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".mts", ".wmv"))
 IMAGE_SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"))
 
-# Cameras are decoded beside each other: more threads for each of them would only take turns.
+# Cameras are decoded in parallel; more threads for each would only wait for each other.
 _DECODER_THREADS = 1
-# Containers without a rate state one of their clock's ticks instead.
+# Containers without a frame rate state the rate of their clock instead.
 _MAX_FPS = 2000.0
 # Numbers with larger gaps than this between the images are not frame numbers.
 _MAX_FRAMES_PER_IMAGE = 1000
@@ -54,7 +54,7 @@ class Clip:
     fps: float
     """Images per second."""
     given_fps: float | None = None
-    """Said by the user: it counts more than what the file says."""
+    """Given by the user; overrides what the file says."""
     files: tuple[Path, ...] = ()
     """Of a folder of images, in natural order; empty for a video."""
 
@@ -120,7 +120,8 @@ class Clip:
 
         video = _open_video(self.path)
         try:
-            # Decoded up to the start and not sought: where a seek ends depends on the container.
+            # The images before the start are decoded, not skipped by seeking: where a seek ends depends on the
+            # container.
             for _ in range(start):
                 if not video.grab():
                     return
@@ -137,7 +138,7 @@ class Clip:
 
 
 def open_clip(name: str, path: Path, fps: float | None = None) -> Clip:
-    """Look into a video or a folder of images: size, number and rate of its images. The first one is decoded.
+    """Probe a video or a folder of images: size, number and rate of its images. The first one is decoded.
 
     Args:
         name: of the camera.
@@ -174,7 +175,7 @@ def _open_folder(name: str, path: Path, fps: float | None) -> Clip:
 def _open_file(name: str, path: Path, fps: float | None) -> Clip:
     import cv2
 
-    # FFmpeg calls whatever it cannot open no video: what the system says is clearer.
+    # FFmpeg calls every file that it cannot open invalid; the message of the system is clearer.
     with path.open("rb") as stream:
         if not stream.read(1):
             raise ValueError(f"{path}: the video is empty")

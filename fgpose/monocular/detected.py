@@ -1,4 +1,4 @@
-"""The people that a network found in all images, and the observations of the wanted one of them."""
+"""The people that a network found in all images, and the observations of one of them."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
+from fgpose.association.people import track_people
+from fgpose.association.person import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.people import NOBODY, choose_person
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.frame_matching import NO_IMAGE, MatchedFrames, match_frames
 from fgpose.monocular.network import People
-from fgpose.monocular.person_tracking import track_people
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -63,7 +63,7 @@ class Detected:
     views: tuple[ViewDetections, ...]
     """Of each camera of the rig, in the camera frame."""
     n_new_images: int
-    """How many went through the network now; the others were known."""
+    """How many were run through the network this time; the others came from the cache."""
 
     @property
     def rig(self) -> CameraRig:
@@ -86,8 +86,8 @@ class Detected:
     def follow(self, person: int | PersonRegion = 0) -> FollowedPerson:
         """What the cameras saw of one person.
 
-        People are followed through views and frames together, see track_people. Where no image has more than one, that
-        is the one.
+        People are followed through views and frames together, see track_people; not needed where no image shows more
+        than one.
 
         Args:
             person: 0 for the one who is seen most, 1 for the next, ...; or the one in a region.
@@ -160,45 +160,15 @@ def _chosen(candidates: _Candidates, detected: Detected, person: int | PersonReg
         return np.where(present[:, :, 0], 0, NOBODY)
     points2d_px, confidence = candidates.points2d_px, candidates.confidence
     people = track_people(points2d_px, confidence, detected.frames.frame_time_s, detected.rig, detected.skeleton)
-    if not people and present.any():
-        # No two views agree on anybody: one camera only, perhaps.
-        people = [choose_person(points2d_px, confidence, detected.rig)]
     if isinstance(person, PersonRegion):
-        passing = _passing(people, candidates, _in_region(candidates, detected, person))
-        if passing is None:
+        frame, camera, candidate = _in_region(candidates, detected, person)
+        wanted = [chosen for chosen in people if chosen[frame, camera] == candidate]
+        if not wanted:
             raise ValueError(f"region {person}: no other camera agrees on the person who is there")
-        return passing
+        return wanted[0]
     if not 0 <= person < len(people):
         raise ValueError(f"there is no person {person}: {len(people)} were found, counted from 0")
     return people[person]
-
-
-def _passing(
-    people: list[Int[np.ndarray, "frame camera"]], candidates: _Candidates, start: tuple[int, int, int]
-) -> Int[np.ndarray, "frame camera"] | None:
-    """Who a candidate of a frame and camera is, or becomes: until a second view sees them, one camera follows them."""
-    frame, camera, candidate = start
-    last_px = candidates.points2d_px[start]
-    for later in range(frame, len(candidates.points2d_px)):
-        points2d_px = candidates.points2d_px[later, camera]
-        if later > frame:
-            candidate = _nearest(points2d_px, last_px)
-        if candidate != NOBODY:
-            for person in people:
-                if person[later, camera] == candidate:
-                    return person
-            last_px = points2d_px[candidate]
-    return None
-
-
-def _nearest(points2d_px: Float[np.ndarray, "person joint 2"], last_px: Float[np.ndarray, "joint 2"]) -> int:
-    """Who is where somebody was before; NOBODY if all are farther than half the size of that person."""
-    offset_px = np.linalg.norm(points2d_px - last_px, axis=-1)
-    common = np.isfinite(offset_px)
-    total_px, count = np.where(common, offset_px, 0.0).sum(axis=-1), common.sum(axis=-1)
-    mean_px = np.divide(total_px, count, out=np.full(len(offset_px), np.inf), where=count > 0)
-    nearest = int(np.argmin(mean_px))
-    return nearest if mean_px[nearest] < np.hypot(*_box(last_px)[2:]) / 2 else NOBODY
 
 
 def _in_region(candidates: _Candidates, detected: Detected, region: PersonRegion) -> tuple[int, int, int]:

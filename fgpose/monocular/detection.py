@@ -1,4 +1,4 @@
-"""Every image of every camera through a network, on all cores, keeping what was found."""
+"""Running every image of every camera through a network, on all cores, with a cache of the detections."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from fgpose.monocular.sources import Sources
 Progress = Callable[[int, int], None]
 """Called with the number of images done and the number of images in all."""
 
-# Cameras take turns of so many images, so that all cores are busy until the end whatever the number of cameras.
+# Threads change between cameras after so many images: all cores are busy until the end, however few cameras there are.
 _TURN_IMAGES = 10
-# A file is written again when it has grown by so many images, and by a tenth: then the time for it stays in proportion.
+# A file is written anew after at least this many new images, and a tenth more than it has: so writing takes a constant
+# share of the time.
 _STORE_IMAGES = 100
 _STORE_GROWTH = 0.1
 # The number of images that a container states is often off by one or two.

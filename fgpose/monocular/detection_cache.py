@@ -1,4 +1,4 @@
-"""What a network found in a camera's images, kept in a file, so that no image goes through the network twice."""
+"""The detections in a camera's images, kept in a file so that no image is run through the network twice."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def cache_path(folder: Path, clip: Clip, network: Network, camera: Camera) -> Pa
 
 @cache
 def _code_digest() -> str:
-    """Of the modules around this one: a release may read images or place joints otherwise."""
+    """Digest of the modules of this package: another release may give other detections."""
     modules = (file for file in resources.files("fgpose.monocular").iterdir() if file.name.endswith(".py"))
     digest = hashlib.sha256()
     for module in sorted(modules, key=lambda file: file.name):

@@ -1,10 +1,10 @@
-"""Views in which the network took the left side of the body for the right one, found and put right.
+"""Finding and correcting views in which the network has exchanged the left and right side of the body.
 
 A flip is a state of one camera that begins and ends: a hidden Markov model over time, whose state says which cameras
 are flipped. Three things tell how probable a state is: how well the limbs of all views meet in space when the sides of
 the flipped views are exchanged; how far the joints of a camera jump between frames, exchanged or not; and that flips
 are rare. The forward-backward algorithm (Rabiner 1989) gives the probability that a view is flipped, given the whole
-recording. Where left and right coincide in the image nothing speaks for a flip, and none is found.
+recording. Where left and right coincide in the image there is no evidence of a flip, and none is found.
 """
 
 from __future__ import annotations
@@ -21,19 +21,21 @@ from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
 # Limbs of views that agree miss each other by 10 to 40 mm, calibration errors included; left and right are 200 to 400
-# mm apart. A detection that misses by this or more makes a state less probable by the factor e, however far off it is.
+# mm apart. A detection that misses by this or more makes a state less probable by the factor e, whatever its distance.
 _AGREEMENT_M = 0.10
 _STILL_M = 0.05
 _SPEED_M_PER_S = 1.5
-"""A joint is expected within _STILL_M + _SPEED_M_PER_S * dt of where it was; after 0.3 s time says nothing of sides."""
+"""A joint is expected within _STILL_M + _SPEED_M_PER_S * dt of where it was; after 0.3 s this no longer tells the sides
+apart."""
 _BEGIN_PER_S = 0.2
 _END_PER_S = 2.0
-"""How often a flip begins and ends: it lasts half a second on average, and one view in eleven is flipped, about as many
-as the poorest network measured flips."""
+"""Rates at which flips begin and end: a flip lasts 0.5 s on average, and one view in eleven is flipped, as measured
+with the poorest network."""
 _SURE = 0.9
-"""Probability from which a view is mended; down to its complement the view is doubtful."""
+"""A view that is flipped with at least this probability is corrected; between its complement and this a view is
+doubtful."""
 _MIN_SHARE = 0.1
-"""Of its confidence that even a view as likely flipped as not keeps: its joints still show where the limbs are."""
+"""Smallest factor on the confidence of a doubtful view: its joints still show where the limbs are."""
 _MAX_FLIPPED_AT_ONCE = 2
 _ROUNDS = 3
 _MAX_PAIRS = 15
@@ -49,16 +51,16 @@ class Mended:
     flipped: Bool[np.ndarray, "frame camera"]
     """Views whose left and right were exchanged."""
     doubtful: Bool[np.ndarray, "frame camera"]
-    """Views that may be flipped or not: as with two cameras that contradict each other all the time."""
+    """Views of which it is not known, as with two cameras that always contradict each other."""
 
 
 def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
     """Exchange left and right of the views that are flipped as a whole, and trust the doubtful ones less.
 
-    A camera can only be judged by others: with one camera nothing is done, with two that disagree only time can tell
-    which is wrong. The confidence of a doubtful view is multiplied by |2 p - 1|, p the probability of a flip. A view in
-    which only the legs or only the arms are exchanged counts as whichever fits better: that is rare (2 of 1,200 real
-    views), and robust estimation takes care of it.
+    A camera can only be judged by others. With one camera nothing is done; with two that disagree, only the frames
+    before and after tell which one is wrong. The confidence of a doubtful view is multiplied by |2 p - 1|, p the
+    probability of a flip. A view in which only the legs or only the arms are exchanged counts as whichever fits better:
+    that is rare (2 of 1,200 real views), and the robust kernels of the estimator cope with it.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
@@ -66,7 +68,7 @@ def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
     observations.check_cameras(rig.names)
     probability = flip_probability(observations, rig)
     flipped = np.zeros(probability.shape, dtype=bool)
-    # Of a large rig few cameras are tried at once; what is mended then helps to find the rest.
+    # Of a large rig only a few flipped cameras are considered at once; correcting them helps to find the others.
     for _ in range(_ROUNDS):
         found = probability > _SURE
         if not found.any():
@@ -104,8 +106,8 @@ def _parts(n_frames: int) -> list[slice]:
 
 
 def _limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
-    """Left and right joints of the limbs; of all pairs where a skeleton has no limbs. Faces and fingers, being many and
-    small, would outvote them."""
+    """Left and right joints of the limbs, or of all pairs where a skeleton has no limbs. Faces and fingers are left
+    out: many small parts would outvote the limbs."""
     ends = [ends for left, right in skeleton.limb_pairs for ends in zip(left, right, strict=True)]
     return np.array(list(dict.fromkeys(ends)) or skeleton.left_right, dtype=int).reshape(-1, 2)
 
@@ -147,7 +149,8 @@ def _disagreement(
     rig: CameraRig,
     states: Int[np.ndarray, "state camera"],
 ) -> Float[np.ndarray, "frame state"]:
-    """How badly the views meet in every state: the weights of the detections that miss, a near miss in part.
+    """How badly the views agree in every state: the sum of the weights of the detections that miss; a near miss counts
+    in part.
 
     Every two views propose a point, with either side of each; the proposal with which most views agree counts (MSAC).
     """
@@ -171,8 +174,8 @@ def _missed(
     rig: CameraRig,
     pairs: Int[np.ndarray, "proposal 2"],
 ) -> Float[np.ndarray, "frame proposal pair side_a side_b camera side"]:
-    """What each detection costs if the joint were where two views, each with one of its sides, see it: from 0 to its
-    weight. Infinite for a proposal that cannot be made."""
+    """Cost of each detection if the joint were where two views, each with one of its sides, see it: from 0 to its
+    weight. Infinite where the proposal is missing."""
     first, second = pairs.T
     shape = (len(points_px), len(pairs), points_px.shape[2], 2, 2)
     two_px = np.stack(
@@ -203,8 +206,8 @@ def _change(
     metres_per_px: Float[np.ndarray, "frame camera"],
     time_s: Float[np.ndarray, " frame"],
 ) -> Float[np.ndarray, "frame camera before after"]:
-    """Log probability that each camera is flipped or not, given whether it was in the frame before: of flips beginning
-    and ending, and of the jumps of its joints, exchanged or not, since each was last seen."""
+    """Log probability that each camera is flipped or not, given whether it was in the frame before. It counts how often
+    flips begin and end, and how far each joint has jumped since it was last seen, exchanged or not."""
     last = _last_seen(weights > 0)
     known, last = last >= 0, np.maximum(last, 0)
     before_px = np.take_along_axis(points_px, last[..., None], axis=0)

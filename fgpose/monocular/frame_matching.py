@@ -10,10 +10,10 @@ from jaxtyping import Float, Int
 
 NO_IMAGE = -1
 
-# An image belongs to the frame nearest in time, half a frame away at most; a tenth more, for containers that round
-# their time stamps to milliseconds.
+# An image belongs to the nearest frame, at most half a frame away; a tenth more, as containers round time stamps to
+# milliseconds.
 _REACH = 0.6
-# A person who walks moves by 2 mm meanwhile.
+# A walking person moves by 2 mm in this time.
 _SAME_TIME_S = 1e-3
 
 
@@ -62,12 +62,12 @@ def match_frames(times_s: Sequence[Float[np.ndarray, " _images"]]) -> MatchedFra
 
 
 def _interval_s(own_s: np.ndarray) -> float:
-    """Mean time between images, as stamps may be rounded."""
+    """Mean time between images: single stamps may be rounded."""
     return float((own_s[-1] - own_s[0]) / (len(own_s) - 1)) if len(own_s) > 1 else np.inf
 
 
 def _clock(times_s: Sequence[np.ndarray], reach_s: float) -> np.ndarray:
-    """All images' times, but those in reach of one of a faster camera."""
+    """Times of all images but those within reach of an image of a faster camera."""
     by_rate = sorted(times_s, key=lambda own_s: (_interval_s(own_s), -len(own_s)))
     clock_s = np.zeros(0)
     for own_s in by_rate:

@@ -24,7 +24,7 @@ from fgpose.monocular.yolox import person_detector
 from fgpose.skeleton import Skeleton
 
 CONFIDENCE = 0.5
-"""Of every joint inside the image when there is no augmentation: MeTRAbs itself gives none."""
+"""Confidence of every joint inside the image where there is no augmentation: MeTRAbs itself gives none."""
 # Spread over the augmentations, whole-body shift apart, at which confidence is a half. MeTRAbs's own check of
 # plausibility calls a joint inconsistent from 200 mm on, which is then 0.2.
 _HALF_CONFIDENCE_M = 0.1
@@ -123,7 +123,7 @@ class MeTRAbs:
         mean_m = answers_m.mean(axis=0)
         points2d_px = view.project(mean_m)
         absolute = absolute_pose(mean_m, points2d_px, np.ones(len(mean_m)), view.camera, self.skeleton)
-        # A joint beyond the border is a guess in 3D, and nothing that was seen in 2D.
+        # A joint beyond the border is hallucinated: its 3D is kept, its 2D point is no detection.
         seen = np.all((points2d_px >= 0) & (points2d_px <= np.subtract(view.camera.size_px, 1)), axis=1)
         confidence = np.where(seen, agreement(answers_m), 0.0)
         absolute = replace(absolute, covariance_m2=absolute.covariance_m2 + _spread_m2(answers_m))
@@ -152,7 +152,7 @@ def agreement(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np.
 
 
 def _spread_m2(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np.ndarray, "joint 3 3"]:
-    """Covariance over the augmentations. They err together, so their mean is not taken to be the better for it."""
+    """Covariance over the augmentations. Their errors are correlated, so it is not divided by their number."""
     deviation_m = answers_m - answers_m.mean(axis=0)
     return np.einsum("aji,ajk->jik", deviation_m, deviation_m) / max(len(answers_m) - 1, 1)
 
@@ -176,9 +176,8 @@ class _View:
         return np.concatenate([u, np.ones((len(u), 1))], axis=1)
 
     def sample(self, rays: Float[np.ndarray, "point 3"]) -> Float[np.ndarray, "point 2"]:
-        """Pixels of the original image of rays; far outside it where there is none.
-
-        Well beyond its edge a lens model turns back, and would show the image a second time.
+        """Pixels of rays in the original image; far outside it where there is none. Well beyond its edge a distortion
+        model is no longer monotonic and would show the image a second time.
         """
         undistorted_px = self._pinhole(rays)
         shown = np.all((undistorted_px >= self._low_px) & (undistorted_px <= self._high_px), axis=1)
@@ -243,7 +242,7 @@ def _look_at(forward: Float[np.ndarray, 3], up: Float[np.ndarray, 3]) -> Float[n
     """Rotation to axes of which z points forward and y away from up."""
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, up)
-    if np.linalg.norm(x) < 1e-9:  # looking straight up or down: any x across will do, this is MeTRAbs's
+    if np.linalg.norm(x) < 1e-9:  # looking straight up or down any horizontal x is right; this is the choice of MeTRAbs
         x = np.array([z[2], 0.0, -z[0]])
     x /= np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z])

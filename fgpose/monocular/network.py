@@ -30,7 +30,7 @@ def checked_image(image: np.ndarray, camera: Camera) -> Image:
 
 @dataclass(frozen=True, eq=False)
 class People:
-    """The people that a network found in one image. What it does not know of a joint is NaN, its confidence then 0."""
+    """The people that a network found in one image. What is unknown of a joint is NaN, with confidence 0."""
 
     boxes: Float[np.ndarray, "person 5"]
     """Left, top, width, height in pixels of the original image, and confidence in [0, 1]."""
@@ -87,7 +87,7 @@ class People:
 
 @runtime_checkable
 class Tracker(Protocol):
-    """Sees the images of one camera in the order of time, and may use what it saw before."""
+    """Takes the images of one camera in order of time; may use what it saw before."""
 
     def detect(self, image: Image) -> People:
         """The people in the next image, the most confident first.

@@ -22,7 +22,7 @@ def open_network(
     max_people: int = 1,
     progress: Say | None = None,
 ) -> Network:
-    """A network with one thread for each run, for cameras that are worked on beside each other.
+    """A network with one thread for each run, as cameras are processed in parallel.
 
     Args:
         model: the name of a model that can be pulled, which is done if it is not in the cache; or an ONNX file.

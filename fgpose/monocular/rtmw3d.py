@@ -32,11 +32,11 @@ _DEPTH_RANGE_M = 2.1744869
 
 HEIGHT_M = 1.70
 """Standing height that is assumed unless the user says better."""
-# Share of the standing height (Drillis and Contini 1966, as in Winter, "Biomechanics and Motor Control of Human
+# Shares of the standing height (Drillis and Contini 1966, as in Winter, "Biomechanics and Motor Control of Human
 # Movement", fig. 4.1).
 _SHARE_OF_HEIGHT = dict(zip(LIMBS, (0.186, 0.146, 0.245, 0.246), strict=True))
 _TRUNK_SHARE = 0.288  # hip to shoulder of one side
-# How much the shares differ: from person to person by some 5 %, and as much by where a data set takes a joint to be.
+# The shares differ by some 5 % from person to person, and by as much with where a data set defines a joint.
 _LENGTH_SIGMA = 0.10
 # Difference of depth of two joints; RTMW3D's mean error on H3WB is 57 mm over the three axes.
 _DEPTH_SIGMA_M = 0.06
@@ -134,7 +134,7 @@ def root_depth(
     With joints at u (Z + z), a bone has the length L where |(u_a - u_b) Z + u_a z_a - u_b z_b|^2 + (z_a - z_b)^2 = L^2:
     each gives one Z, and those that disagree with the others count little. On three captured walks (CMU) at 4.5 m, the
     height known, z wrong by 45 mm and u by 4 px, the error is 0.11 to 0.15 m (SD), with a mean of up to 0.15 m of its
-    own for each subject and pose. That the height is not known comes on top, and is not counted here.
+    own for each subject and pose. The unknown height adds to this and is not included.
 
     Args:
         u: undistorted image points at depth one.

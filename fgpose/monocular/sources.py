@@ -15,7 +15,7 @@ from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 # Video encoders work on blocks of 16 x 16 px: they pad an image on the right and at the bottom, or drop what is left.
 _BLOCK_PX = 16
 _ASPECT_TOLERANCE = 0.01
-# Cameras that are stopped one after the other end within a few frames of each other.
+# Cameras that are stopped one after the other end within a few frames.
 _EARLY_S = 0.1
 
 
@@ -24,7 +24,7 @@ class Sources:
     """What the cameras of a rig recorded."""
 
     rig: CameraRig
-    """Its intrinsics are those of the images, see fitted_camera."""
+    """With the intrinsics of the images, see fitted_camera."""
     clips: tuple[Clip, ...]
     """In the order of the rig."""
 
@@ -37,7 +37,7 @@ class Sources:
 def open_sources(
     path: str | Path, rig: CameraRig, *, fps: float | None = None, cameras: tuple[str, ...] = ()
 ) -> Sources:
-    """Find the videos of a rig and look into each: size, number and rate of its images.
+    """Find the videos of a rig and probe each: size, number and rate of its images.
 
     Args:
         path: a folder with one video per camera (``cam01.mp4``) or one folder per camera, which holds its images in
@@ -47,7 +47,7 @@ def open_sources(
         cameras: use only these, in this order. The calibration may then have cameras that the videos lack.
 
     Warns:
-        UserWarning: a video has another size than its calibration, or ends early.
+        UserWarning: the size of a video differs from that of its calibration, or it ends early.
 
     Raises:
         ValueError: there are no videos, they are not those of the calibration, one is damaged or empty, an image cannot
@@ -113,14 +113,14 @@ def _matched(
 
 
 def fitted_camera(camera: Camera, size_px: tuple[int, int], where: str | Path) -> Camera:
-    """The camera of images that have another size than its calibration.
+    """The camera of images whose size differs from that of its calibration.
 
     - At most 16 px wider, narrower, higher or lower: the encoder cut or padded the image on the right and at the
-      bottom, as they do to fill blocks of 16 x 16. Pixels stay where they are, and so do the intrinsics. (Two cameras
-      of Pose2Sim's demonstration have 1080 px and were calibrated with 1088. The reprojection errors of BlazePose are
-      lowest so, with a mean of 12.8 px; 13.4 if the image were resized, 13.6 if cut on both sides, 14.5 on the left.)
-    - Otherwise the same aspect ratio within 1 %: the image was resized, and the intrinsics are with it.
-    - Otherwise nobody knows which part of the image is left.
+      bottom, as they do to fill blocks of 16 x 16. The intrinsics are unchanged. (Two cameras of Pose2Sim's
+      demonstration have 1080 px and were calibrated with 1088. This assumption gives the lowest reprojection errors of
+      BlazePose, with a mean of 12.8 px; 13.4 if the image were resized, 13.6 if cut on both sides, 14.5 on the left.)
+    - Otherwise the same aspect ratio within 1 %: the image was resized, so the intrinsics are scaled.
+    - Otherwise it is not known which part of the image is left.
 
     Args:
         camera: as calibrated.

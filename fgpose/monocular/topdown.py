@@ -20,9 +20,10 @@ Boxes = Float[np.ndarray, "person 5"]
 # While following: a joint counts from here on (mmpose draws from 0.3), and half of the joints make a person.
 _MIN_CONFIDENCE = 0.3
 _MIN_SHARE = 0.5
-# The joints end short of the crown, the hands and the feet; trained on boxes of whole people, a network sees them so.
+# The joints do not reach to the top of the head, the fingertips and the soles, but networks are trained on boxes of
+# whole people.
 _JOINTS_TO_PERSON = 1.25
-# People who come in are found, and a box that has lost an arm is put right, after this many images at the latest.
+# Newcomers are found, and boxes that have become too small corrected, after this many images at the latest.
 _DETECT_EVERY = 10
 _SAME_PERSON_OVERLAP = 0.65
 _MIN_SIDE_PX = 1.0
@@ -124,7 +125,7 @@ def follow(people: People, size_px: tuple[int, int]) -> Boxes | None:
     if not found or len(found) < len(boxes):
         return None
     stacked = np.stack(found)
-    # Two boxes that have come to one person are seen twice from then on.
+    # Two boxes that have drifted to the same person would stay there.
     return stacked[suppress(stacked, _SAME_PERSON_OVERLAP)]
 
 

@@ -120,7 +120,7 @@ def _decoded(
     cells, strides = _grid(side)
     values = raw[0].astype(float)
     center = (values[:, :2] + cells) * strides
-    with np.errstate(over="ignore"):  # an empty cell may say anything; an infinite box is not usable
+    with np.errstate(over="ignore"):  # the numbers of an empty cell mean nothing and may overflow
         half = np.exp(values[:, 2:4]) * strides / 2
     return np.concatenate([center - half, center + half], axis=1), values[:, 4] * values[:, 5 + _PERSON]
 

@@ -18,7 +18,7 @@ from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.scene import viewing_distance_m, viewing_target_m
 
 _EYE_ELEVATION_RAD = math.radians(22)
-# As far as the cameras are: those on the other side are in the view, with their pictures.
+# The eye is as far away as the cameras: those on the other side are then in view, with their pictures.
 _EYE_DISTANCE_SHARE = 1.0
 _FRUSTUM_DETECTION_RADIUS = rr.Radius.ui_points(1.2)
 
@@ -72,7 +72,8 @@ def _scene_view(rig: CameraRig, trajectories: Sequence[str], up: UpAxis) -> rrb.
 
 
 def _small(cameras: Sequence[str]) -> dict[Any, list[rr.Points2D]]:
-    """The detections in a frustum, which is small: as large as elsewhere they hide the person in its picture."""
+    """Detections in a frustum are drawn smaller than elsewhere: the picture is small there, and they would hide the
+    person."""
     return {paths.detections(camera): [rr.Points2D.from_fields(radii=_FRUSTUM_DETECTION_RADIUS)] for camera in cameras}
 
 
@@ -84,7 +85,7 @@ def _image_view(camera: str, trajectories: Sequence[str]) -> rrb.Spatial2DView:
 
 
 def _hidden(cameras: Sequence[str], trajectories: Sequence[str]) -> dict[Any, list[rrb.EntityBehavior]]:
-    """The reprojections of all results but the last: on top of each other they hide the detections."""
+    """The reprojections of all results but the last: all of them together would hide the detections."""
     earlier = [paths.reprojections(camera, name) for camera in cameras for name in trajectories[:-1]]
     return {path: [rrb.EntityBehavior(visible=False)] for path in earlier}
 
@@ -119,7 +120,7 @@ def _up_vector(up: UpAxis) -> Float[np.ndarray, 3]:
 
 
 def _eye(rig: CameraRig, up: UpAxis) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
-    """Position and target of the eye: it stands in the widest gap between two cameras, so that none is in its way."""
+    """Position and target of the eye: in the widest gap between two cameras, so that none of them hides the person."""
     vertical = _up_vector(up)
     target_m = viewing_target_m(rig)
     first = np.roll(vertical, 1)
@@ -127,7 +128,7 @@ def _eye(rig: CameraRig, up: UpAxis) -> tuple[Float[np.ndarray, 3], Float[np.nda
     offsets_m = np.stack([camera.position_m - target_m for camera in rig.cameras])
     azimuth = np.sort(np.arctan2(offsets_m @ second, offsets_m @ first))
     gaps = np.diff(np.append(azimuth, azimuth[0] + 2 * np.pi))
-    # One camera has all the circle as its gap: not from behind the person, but from beside the camera.
+    # With one camera the gap is the whole circle, and its middle is behind the person: stand beside the camera instead.
     middle = azimuth[np.argmax(gaps)] + (gaps.max() / 2 if len(azimuth) > 1 else 0.5)
     outward = np.cos(_EYE_ELEVATION_RAD) * (np.cos(middle) * first + np.sin(middle) * second)
     outward = outward + np.sin(_EYE_ELEVATION_RAD) * vertical

@@ -25,11 +25,14 @@ _NOTABLE_SIGMAS = 2.0
 
 
 def observation_rows(
-    observations: Observations, rig: CameraRig, weights: Float[np.ndarray, "frame camera joint"] | None
+    observations: Observations,
+    rig: CameraRig,
+    weights: Float[np.ndarray, "frame camera joint"] | None,
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
 ) -> Iterator[Rows]:
     """Detections in every camera, the views' own 3D poses, the share of each view."""
     assert observations.confidence is not None
-    undistorted_px = rig.undistort(observations.points2d_px)
+    undistorted_px = rig.undistort(observations.points2d_px) if undistorted_px is None else undistorted_px
     if weights is None:
         relative, share = observations.confidence, observations.confidence
     else:

@@ -1,4 +1,4 @@
-"""Opening a recording that is seen: imports Rerun only then."""
+"""Opening a recording; imports Rerun only if something will be shown."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ _CAMERAS: tuple[Colour, ...] = (
     (175, 155, 255),
     (150, 190, 90),
 )
-# Warm colours and white, which no camera has; the final result stands before everything else.
+# Warm colours and white, which no camera has; the final result stands out most.
 _TRAJECTORIES: dict[str, Colour] = {
     "fused": (240, 228, 66),
     "refined": (230, 110, 30),
@@ -54,7 +54,7 @@ def factor_colours(factors: Sequence[str], cameras: Sequence[str]) -> list[Colou
 
 
 def faded(colour: Colour, share: float = 0.55) -> Colour:
-    """The colour on its way into the background."""
+    """The colour, mixed with the background."""
     mixed = (round(a + (b - a) * share) for a, b in zip(colour, BACKGROUND, strict=True))
     red, green, blue = mixed
     return red, green, blue

@@ -1,4 +1,4 @@
-"""One camera's pictures as a recording shows them: small, undistorted, compressed, and not without end."""
+"""One camera's pictures as a recording shows them: small, undistorted, compressed, up to a limit."""
 
 from __future__ import annotations
 
@@ -58,14 +58,13 @@ class CameraPictures:
 
     @property
     def full(self) -> bool:
-        """Whether the limit is exceeded: the last picture is one too many, and no other will follow."""
+        """Whether the limit is exceeded: the last picture was one too many, and no other will be shown."""
         return self._used_bytes > self._limit_bytes
 
     def wants(self, frame: int) -> bool:
         """Whether the picture of a frame fits in.
 
-        Where the number of frames is known, every part of the recording gets its part of the limit: too many pictures
-        are thinned out evenly.
+        Where the number of frames is known, pictures are thinned out evenly over the recording.
         """
         if self._options.n_frames is None or self.full:
             return not self.full
@@ -73,7 +72,7 @@ class CameraPictures:
         return self._used_bytes + self._last_bytes <= share * self._limit_bytes
 
     def check(self, frame: int, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        """Raises ValueError if an image has another size than the calibration."""
+        """Raises ValueError if the size of an image differs from that of the calibration."""
         width, height = self._camera.size_px
         if image.shape[:2] != (height, width):
             raise ValueError(

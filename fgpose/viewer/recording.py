@@ -1,4 +1,4 @@
-"""What the rest of fgpose shows its data to. Does not import Rerun."""
+"""The interface through which the rest of fgpose shows its data. Does not import Rerun."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ class Recording:
     """Where a viewer connects (``rerun URL``) while a live recording is open."""
 
     def log_observations(
-        self, observations: Observations, weights: Float[np.ndarray, "frame camera joint"] | None = None
+        self,
+        observations: Observations,
+        weights: Float[np.ndarray, "frame camera joint"] | None = None,
+        undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
     ) -> None:
         """Show a recording's detections in every camera, the views' own 3D poses and the weight of each view.
 
@@ -33,6 +36,7 @@ class Recording:
             observations: the whole recording; its skeleton and cameras are those the recording was opened with.
             weights: of every detection, in any unit (those of eq. 2, say); 0 or NaN where there is none. Colours
                 are relative to the best view of the same joint and frame. Without them: the detector's confidence.
+            undistorted_px: the same detections in the undistorted images, if they are known already.
 
         Raises:
             ValueError: the skeleton, the cameras or the shape of the weights differ.
@@ -85,7 +89,7 @@ class Recording:
             image: RGB, as the camera took it.
 
         Raises:
-            ValueError: the camera is unknown or the picture has another size than the calibration.
+            ValueError: the camera is unknown, or the size of the picture differs from that of the calibration.
             OSError: the disk is full, or so slow that pictures would pile up in memory.
         """
 

@@ -28,12 +28,12 @@ from fgpose.viewer.scene import log_picture_style, log_residual_styles, log_scen
 
 _HOST = "127.0.0.1"
 _MAX_PORT = 65535
-# What late viewers can still be sent beside the pictures; the oldest frames are dropped first.
+# Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped first.
 _SERVER_MB = 256.0
-# So many pictures may wait for a slow disk before logging waits too: else they pile up in memory.
+# This many bytes of pictures may wait for a slow disk; beyond that, logging waits, so that memory does not fill.
 _UNFLUSHED_BYTES = 8e6
 _FLUSH_TIMEOUT_S = 10.0
-# A viewer that hangs holds the server up for 25 s, until it is dropped.
+# A viewer that hangs blocks the server for 25 s, until it is dropped.
 _LIVE_FLUSH_TIMEOUT_S = 60.0
 # Magic bytes of a file, and of its footer with a checksum behind them (Rerun 0.41).
 _FILE_START, _FILE_END, _FILE_END_BYTES = b"RRF2", b"RRF2FOOT", 12
@@ -93,10 +93,13 @@ class RerunRecording(Recording):
         return sinks
 
     def log_observations(
-        self, observations: Observations, weights: Float[np.ndarray, "frame camera joint"] | None = None
+        self,
+        observations: Observations,
+        weights: Float[np.ndarray, "frame camera joint"] | None = None,
+        undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
     ) -> None:
         self._check_observations(observations, weights)
-        self._send(observation_rows(observations, self._rig, weights), observations.frame_time_s)
+        self._send(observation_rows(observations, self._rig, weights, undistorted_px), observations.frame_time_s)
 
     def log_trajectory(self, name: str, trajectory: Trajectory) -> None:
         self._check_trajectory(name, trajectory)
@@ -125,7 +128,7 @@ class RerunRecording(Recording):
             log_picture_style(self._open_stream, camera, pictures.shrink)
             self._shown.add(camera)
         jpeg = pictures.jpeg(image)
-        # The last picture would stay under the points of all later frames.
+        # Otherwise the last picture would stay under the points of all later frames.
         picture = rr.Clear(recursive=False) if pictures.full else rr.EncodedImage(contents=jpeg, media_type=_JPEG)
         self._set_time(frame, time_s)
         self._open_stream.log(paths.picture(camera), picture)
@@ -183,7 +186,7 @@ class RerunRecording(Recording):
         stream, self._stream = self._stream, None
         stream.disconnect()
         self.viewer_url = None
-        # An error makes replacing drop its temporary file.
+        # An exception makes replacing delete its temporary file.
         discarded = RuntimeError("discarded")
         try:
             self._file.__exit__(RuntimeError, discarded, None)

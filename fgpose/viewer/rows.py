@@ -102,9 +102,8 @@ def scalar_rows(path: str, values: Float[np.ndarray, "frame ..."]) -> Rows:
 
 
 def status_rows(path: str, status: np.ndarray, before: int = Status.OBSERVED) -> Rows:
-    """The frames in which the status (T,) of a joint is another than in the one before, and the new status.
-
-    Observed is a gap, so that a recording shows at a glance when which joint was missing.
+    """The frames in which the status (T,) of a joint changes, and its new status. Observed is shown as a gap: one sees
+    at a glance when a joint was missing.
     """
     changes = np.flatnonzero(status != np.concatenate([[before], status[:-1]]))
     names = ["" if value == Status.OBSERVED else Status(value).name.lower() for value in status[changes]]

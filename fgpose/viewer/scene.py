@@ -17,7 +17,7 @@ from fgpose.viewer.recording import UpAxis
 _DETECTION_CLASS = 0
 _DETECTION_RADIUS = rr.Radius.ui_points(3.5)
 _REPROJECTION_RADIUS = rr.Radius.ui_points(1.5)
-# A little darker than they are, behind everything: white skeletons and yellow points stand out.
+# Pictures are a little darker, so that white skeletons and yellow points stand out.
 _PICTURE_OPACITY = 0.7
 _PICTURE_DRAW_ORDER = -10.0
 _VIEW_RADIUS_M = 0.008
@@ -43,12 +43,12 @@ def log_scene(
 
 
 def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, 3]:
-    """Where the cameras look: the point nearest to all their optical axes, weakly tied to a point in front of them."""
+    """Where the cameras look: the point nearest to all optical axes, with a weak prior at a point in front of them."""
     forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     position_m = np.stack([camera.position_m for camera in rig.cameras])
     ahead_m = (position_m + _DEFAULT_DISTANCE_M * forward).mean(axis=0)
     across = np.eye(3) - forward[:, :, None] * forward[:, None]
-    # The tie settles the depth of a single camera and of parallel ones.
+    # The prior determines the depth where there is one camera, or where all are parallel.
     tie = 0.01 * np.eye(3)
     return np.linalg.solve(
         across.sum(axis=0) + tie, (across @ position_m[:, :, None]).sum(axis=0)[:, 0] + tie @ ahead_m

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
+import socket
 import subprocess
 import sys
 from dataclasses import replace
@@ -118,7 +120,7 @@ def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.Ca
     rig = load_rig(tmp_path / "mine_calibration.toml")
     trajectory = load_trajectory(tmp_path / "mine.npz")
     observations = load_recording("balance_openpose")[1].frames(slice(0, trajectory.n_frames))
-    residual_px = reprojection_residual_px(observations, rig, trajectory.positions_m)
+    residual_px = reprojection_residual_px(rig.undistort(observations.points2d_px), rig, trajectory.positions_m)
     # The file has 15 digits; the keypoints were stored as float32, which rounds by 1e-4 px.
     assert trajectory.residual_px is not None
     np.testing.assert_allclose(residual_px, trajectory.residual_px, atol=1e-3)
@@ -400,15 +402,18 @@ def test_traceback_on_request(
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_ctrl_c_leaves_nothing(
-    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("live", [False, True])
+def test_ctrl_c_leaves_what_was_there(
+    live: bool, source: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*arguments: object, **options: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("fgpose.pipeline.run_smooth", interrupted)
-    assert main(["smooth", *source, "--output", str(tmp_path)]) == 130
-    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "walk.rrd").write_bytes(b"of the run before")
+    options = ["--live", "--port", "0"] if live else []
+    assert main(["smooth", *source, "--output", str(tmp_path), *options]) == 130
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"of the run before"]
 
 
 def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path) -> None:
@@ -418,3 +423,89 @@ def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path
     run = subprocess.run(command, env=environment, capture_output=True, check=False)
     assert run.returncode == 0, run.stderr
     assert np.isfinite(load_trajectory(tmp_path / "walk.npz").positions_m).any()
+
+
+@pytest.mark.parametrize("live", [False, True])
+@pytest.mark.parametrize("formats", [("c3d", "npz", "rrd"), ("npz", "rrd", "c3d")])
+def test_a_format_that_fails_does_not_take_the_others_along(
+    formats: tuple[str, ...],
+    live: bool,
+    source: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def full(*arguments: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("fgpose.io.trajectories.write_c3d", full)
+    options = ["--output", str(tmp_path), "--formats", *formats, *(["--live", "--port", "0"] if live else [])]
+    assert main(["smooth", *source, *options]) == 2
+    printed = capsys.readouterr()
+    assert f"fgpose: error: cannot write {tmp_path / 'walk.c3d'}: No space left on device" in printed.err
+    assert {path.name for path in tmp_path.iterdir()} == {"walk.npz", "walk.rrd"}
+    assert f"wrote {tmp_path / 'walk.npz'}" in printed.out
+    assert (tmp_path / "walk.rrd").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_a_viewer_file_that_fails_does_not_take_the_others_along(
+    live: bool,
+    source: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from fgpose.viewer.rerun_recording import RerunRecording
+
+    def broken(*arguments: object) -> None:
+        raise RuntimeError("the viewer's library is broken")
+
+    monkeypatch.setattr(RerunRecording, "log_trajectory", broken)
+    options = ["--output", str(tmp_path), "--formats", "rrd", "npz", *(["--live", "--port", "0"] if live else [])]
+    assert main(["smooth", *source, *options]) == 2
+    what = "the viewer" if live else tmp_path / "walk.rrd"
+    assert f"fgpose: error: cannot write {what}: the viewer's library is broken" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.npz"]
+
+
+@pytest.mark.parametrize("command", ["smooth", "refine", "track"])
+def test_a_port_that_is_taken_is_found_before_the_work(
+    command: str,
+    source: list[str],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def no_work(*arguments: object, **options: object) -> None:
+        raise AssertionError("estimated before the port was tried")
+
+    monkeypatch.setattr(f"fgpose.pipeline.run_{command}", no_work)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        line = failure([command, *source, "--output", str(tmp_path), "--live", "--port", port], capsys)
+    assert f":{port}" in line
+
+
+def test_a_recording_shorter_than_the_lag_does_not_replace_its_input(folder: Path, tmp_path: Path) -> None:
+    """It has no lagged estimates, so one trajectory is written alone: still under its own name."""
+    for name in ("walk.npz", "Calib.toml"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    source = [str(tmp_path / "walk.npz"), "--rig", str(tmp_path / "Calib.toml"), "--skeleton", "body_25b"]
+    assert main(["track", *source, "--output", str(tmp_path), "--formats", "npz", "--online.lag-s", "5"]) == 0
+    assert (tmp_path / "walk.npz").read_bytes() == (folder / "walk.npz").read_bytes()
+    assert load_trajectory(tmp_path / "walk_online.npz").n_frames == 10
+
+
+def test_the_calibration_that_is_read_is_not_replaced(
+    source: list[str], folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "walk_calibration.toml"
+    rig.write_bytes((folder / "Calib.toml").read_bytes())
+    arguments = [source[0], "--rig", str(rig), *source[3:], "--output", str(tmp_path), "--formats", "npz"]
+    line = failure(["smooth", *arguments, "--refine-calibration"], capsys)
+    assert "walk_calibration.toml would replace an input" in line
+    assert main(["smooth", *arguments]) == 0
+    assert rig.read_bytes() == (folder / "Calib.toml").read_bytes()

@@ -61,7 +61,7 @@ def truth_m(squares: SquaresScene, person: int = 0) -> np.ndarray:
 
 
 def failure(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line of an error; what was printed on the way is no part of it."""
+    """The one line of an error, without what was printed before it."""
     assert main(arguments) == 2
     (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("fgpose: error: ")]
     return line

@@ -1,24 +1,31 @@
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config, MotionConfig
+from fgpose.estimation import evidence as evidence_module
+from fgpose.estimation import fusion
 from fgpose.estimation.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import Camera
+from fgpose.geometry.triangulation import Triangulation
 from fgpose.io.calibration import save_rig
 from fgpose.io.content import read_content
 from fgpose.io.keypoints import detections, save_observations
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory
+from fgpose.observations import Observations
 from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, run_smooth, run_track, write_outputs
 from fgpose.trajectory import Estimate, Status
-from fgpose.viewer import Recording
+from fgpose.viewer import Recording, open_recording
 
 SHORT_LAG = replace(Config(), online=replace(Config().online, lag_s=0.1))
 
@@ -86,7 +93,7 @@ def test_recording_shorter_than_the_lag_has_no_lagged_estimates(source: Source) 
 def test_each_update_is_reported(source: Source) -> None:
     seen: list[int] = []
 
-    def on_update(frame: pipeline.Observations, estimate: Estimate, update_ms: float) -> None:
+    def on_update(frame: Observations, estimate: Estimate, update_ms: float) -> None:
         assert frame.n_frames == 1
         assert update_ms > 0
         seen.append(estimate.frame)
@@ -112,13 +119,39 @@ def test_several_trajectories_have_files_of_their_own(tmp_path: Path, tracked: R
     assert {path.name for path in written} == {"walk_online.npz", "walk_smoothed.npz"}
 
 
+def test_a_recording_is_undistorted_and_triangulated_once(source: Source, monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many methods are compared and shown; the second run with the same parameters needs nothing anew."""
+    undistorted: Counter[str] = Counter()
+    triangulated: list[int] = []
+    undistort, triangulate_robust = Camera.undistort, evidence_module.triangulate_robust
+
+    def counting_undistort(camera: Camera, points_px: np.ndarray) -> np.ndarray:
+        undistorted[camera.name] += points_px.size
+        return undistort(camera, points_px)
+
+    def counting_triangulate(undistorted_px: np.ndarray, *arguments: Any) -> Triangulation:
+        triangulated.append(undistorted_px.size)
+        return triangulate_robust(undistorted_px, *arguments)
+
+    monkeypatch.setattr(Camera, "undistort", counting_undistort)
+    for module in (evidence_module, fusion):
+        monkeypatch.setattr(module, "triangulate_robust", counting_triangulate)
+    source = Source(source.rig, source.observations)
+    for result in (run_smooth(source, Config()), run_refine(source, Config())):
+        with open_recording(None, source.rig, source.observations.skeleton, live=True, port=0) as recording:
+            pipeline.show(result, recording)
+    points2d_px = source.observations.points2d_px
+    assert undistorted == dict.fromkeys(source.rig.names, points2d_px[:, 0].size)
+    assert triangulated == [points2d_px.size]
+
+
 class Spy(Recording):
     """Remembers what is shown."""
 
     def __init__(self) -> None:
         self.shown: dict[str, object] = {}
 
-    def log_observations(self, observations: object, weights: object = None) -> None:
+    def log_observations(self, observations: object, weights: object = None, undistorted_px: object = None) -> None:
         self.shown["weights"] = weights
 
     def log_trajectory(self, name: str, trajectory: object) -> None:
@@ -140,13 +173,12 @@ def test_everything_is_shown(smoothed: Result, tracked: Result) -> None:
     assert set(spy.shown) == {"weights", "online", "smoothed", "residuals", "update_ms"}
 
 
-def test_interrupted_viewer_leaves_no_file(tmp_path: Path, smoothed: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupted_viewer_leaves_no_file(tmp_path: Path, smoothed: Result) -> None:
     def interrupted(result: Result, recording: Recording) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "show", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        write_outputs(smoothed, Outputs(tmp_path, "walk", ("rrd",)))
+        write_outputs(smoothed, Outputs(tmp_path, "walk", ("rrd",)), display=interrupted)
     assert list(tmp_path.iterdir()) == []
 
 

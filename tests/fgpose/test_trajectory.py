@@ -84,7 +84,9 @@ def test_residuals_are_distances_to_the_detections(walking_scene: Scene) -> None
     exact_px = walking_scene.rig.project(walking_scene.truth_m) + shift_px
     exact_px[2, 1, 5] = np.nan
     shifted = Observations(observed.skeleton, observed.time_s, exact_px, camera_names=observed.camera_names)
-    residual_px = reprojection_residual_px(shifted, walking_scene.rig, walking_scene.truth_m)
+    residual_px = reprojection_residual_px(
+        walking_scene.rig.undistort(shifted.points2d_px), walking_scene.rig, walking_scene.truth_m
+    )
     assert np.isnan(residual_px[2, 1, 5])
     # 3-4-5; rounding of pixels of order 1e3.
     np.testing.assert_allclose(residual_px[np.isfinite(residual_px)], 5.0, atol=1e-9)

@@ -56,7 +56,7 @@ def trajectory(rig: CameraRig, observations: Observations) -> Trajectory:
     status[3, LEFT_ELBOW] = Status.PREDICTED
     covariance_m2 = np.broadcast_to(np.diag([1e-4, 4e-4, 9e-4]), (*status.shape, 3, 3)).copy()
     covariance_m2[2:4, LEFT_WRIST] = np.nan
-    residual_px = reprojection_residual_px(observations, rig, positions_m)
+    residual_px = reprojection_residual_px(rig.undistort(observations.points2d_px), rig, positions_m)
     return Trajectory(SKELETON, time_s(), positions_m, status, covariance_m2, residual_px, rig.names)
 
 
@@ -344,7 +344,7 @@ def test_pictures_coincide_with_their_points(
     offset_px = static_value(path, entity, "Transform3D:translation")[0]
     shown_px = np.stack([shown_at_px(picture, shrink, offset_px, near_px) for near_px in undistorted_px])
     # The lens bends the dot, of 10 px, so that its middle moves a little; blocks of 4 px and JPEG add some. Half a
-    # pixel of offset, the usual mistake, would show in all dots alike.
+    # pixel of offset, the usual mistake, would show in all dots.
     np.testing.assert_allclose(shown_px, undistorted_px, atol=0.5)
     np.testing.assert_allclose((shown_px - undistorted_px).mean(axis=0), 0.0, atol=0.15)
 
@@ -572,7 +572,7 @@ def test_interrupted_live_session_keeps_its_file(tmp_path: Path, rig: CameraRig)
     assert "/world" in entities(path)
 
 
-@pytest.mark.skipif(os.name != "posix", reason="a file as a folder fails alike on every POSIX system")
+@pytest.mark.skipif(os.name != "posix", reason="a file as a folder fails the same way on every POSIX system")
 def test_unwritable_path_is_named(tmp_path: Path, rig: CameraRig) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OSError, match=r"cannot write results into .*file"):

@@ -23,7 +23,7 @@ class GraphProblem:
 
     def __init__(self, factors: gtsam.NonlinearFactorGraph, step_tolerance_m: float) -> None:
         self.graph = factors
-        self.step_tolerance_m = step_tolerance_m
+        self.step_tolerance = step_tolerance_m
         self._ordering: gtsam.Ordering | None = None
         self._linearized: tuple[gtsam.Values, gtsam.GaussianFactorGraph] | None = None
 
@@ -54,7 +54,7 @@ class GraphProblem:
     def moved(self, state: gtsam.Values, step: Float[np.ndarray, " unknown"]) -> gtsam.Values:
         return state.retract(_by_key(step, state))
 
-    def largest_move_m(self, step: Float[np.ndarray, " unknown"]) -> float:
+    def step_size(self, step: Float[np.ndarray, " unknown"]) -> float:
         return float(np.linalg.norm(self.moves_m(step), axis=1).max(initial=0.0))
 
     def moves_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "point 3"]:

@@ -52,8 +52,8 @@ class Problem(Protocol[State]):
     """
 
     @property
-    def step_tolerance_m(self) -> float:
-        """Converged when an iteration moves no joint by more than this."""
+    def step_tolerance(self) -> float:
+        """Converged when a step is smaller than this."""
         ...
 
     @property
@@ -71,8 +71,8 @@ class Problem(Protocol[State]):
 
     def moved(self, state: State, step: Vector) -> State: ...
 
-    def largest_move_m(self, step: Vector) -> float:
-        """How far the joint goes that goes farthest."""
+    def step_size(self, step: Vector) -> float:
+        """Of what matters in the problem, the largest: how far the joint goes that goes farthest, metres."""
         ...
 
 
@@ -85,13 +85,13 @@ class Solution(Generic[State]):
 
 
 def levenberg_marquardt(problem: Problem[State], initial: State, max_iterations: int) -> Solution[State]:
-    """Descend until an iteration, all but undamped, moves no joint by more than the problem's tolerance."""
+    """Descend until a step, all but undamped, is smaller than the problem's tolerance."""
     search = _Search(problem, initial)
     initial_error = search.error
     for iteration in range(1, max_iterations + 1):
-        move_m = search.descend()
-        if move_m is None or move_m < problem.step_tolerance_m:
-            return Solution(search.state, Convergence(move_m is not None, iteration, initial_error, search.error))
+        size = search.descend()
+        if size is None or size < problem.step_tolerance:
+            return Solution(search.state, Convergence(size is not None, iteration, initial_error, search.error))
     return Solution(search.state, Convergence(False, max_iterations, initial_error, search.error))
 
 
@@ -104,14 +104,14 @@ class _Search(Generic[State]):
         self._damping, self._growth = 0.0, _DAMPING_GROWTH
         self._system: System | None = None
         self._acceleration = AndersonAcceleration()
-        self._last_move_m = np.inf
+        self._last_size = np.inf
         self._before = self.error
 
     def descend(self) -> float | None:
         """Take one step that lowers the error.
 
         Returns:
-            The largest move of the plain step; inf where damping shortens it, None when no damping helps.
+            The size of the plain step; inf where damping shortens it, None when no damping helps.
         """
         gradient = self._problem.gradient(self.state)
         while self._damping <= _DAMPING_MAX:
@@ -162,17 +162,17 @@ class _Search(Generic[State]):
 
     def _settled(self, step: Vector, predicted_decrease: float | None) -> float:
         """Choose the damping from the gain of a step whose system was its own, and whether that system serves on."""
-        move_m, damping = self._problem.largest_move_m(step), self._damping
+        size, damping = self._problem.step_size(step), self._damping
         if predicted_decrease and damping:
             gain = (self._before - self.error) / predicted_decrease
             decreased = damping * max(_DAMPING_MOST_DECREASE, 1 - (2 * gain - 1) ** 3)
             self._damping, self._growth = decreased if decreased >= _DAMPING_LEAST else 0.0, _DAMPING_GROWTH
         if self._damping != damping:
             self._forget()
-        elif move_m > min(_CHORD_REACH_M, _CHORD_CONTRACTION * self._last_move_m):
+        elif size > min(_CHORD_REACH_M, _CHORD_CONTRACTION * self._last_size):
             self._system = None
-        self._last_move_m = move_m
-        return move_m if damping <= _DAMPING_START else np.inf
+        self._last_size = size
+        return size if damping <= _DAMPING_START else np.inf
 
     def _damp_more(self) -> None:
         self._forget()

@@ -53,7 +53,7 @@ class NormalEquations:
         return sum(factors.error(state) for factors in self._factors)
 
     @property
-    def step_tolerance_m(self) -> float:
+    def step_tolerance(self) -> float:
         return self._segment.config.solver.step_tolerance_m
 
     @property
@@ -111,7 +111,7 @@ class NormalEquations:
         joints, lengths_m = self._split(step)
         return BatchState(state.joints + joints, state.lengths_m + lengths_m)
 
-    def largest_move_m(self, step: Float[np.ndarray, " unknown"]) -> float:
+    def step_size(self, step: Float[np.ndarray, " unknown"]) -> float:
         moves_m = np.linalg.norm(self._split(step)[0][:, 0][self._active], axis=-1)
         return float(moves_m.max(initial=0.0))
 

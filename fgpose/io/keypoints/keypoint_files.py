@@ -8,11 +8,12 @@ from typing import Literal
 
 import numpy as np
 
+from fgpose.association.people import track_people
+from fgpose.association.person import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
 from fgpose.io.keypoints import camera_files, image_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
-from fgpose.io.people import NOBODY, choose_person
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -202,7 +203,7 @@ def _observations(
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
 ) -> Observations:
-    chosen = _chosen_people(stack, rig, person)
+    chosen = _chosen_people(stack, rig, skeleton, fps, person)
     points3d = None if stack.points3d is None else _pick(stack.points3d, chosen, np.nan)
     if points3d is not None:
         points3d = points3d * _METRES[points3d_unit]
@@ -218,11 +219,12 @@ def _observations(
     )
 
 
-def _chosen_people(stack: _Stack, rig: CameraRig, person: Person) -> np.ndarray:
+def _chosen_people(stack: _Stack, rig: CameraRig, skeleton: Skeleton, fps: float, person: Person) -> np.ndarray:
     """(T, C) index of the person in each image, NOBODY where it is not there."""
     present = np.asarray((stack.confidence > 0).any(axis=-1))
     if person == "consistent" and present.shape[2] > 1:
-        return choose_person(stack.points2d_px, stack.confidence, rig)
+        people = track_people(stack.points2d_px, stack.confidence, stack.frames / fps, rig, skeleton)
+        return people[0] if people else np.full(present.shape[:2], NOBODY)
     index = 0 if person == "consistent" else person
     if index >= present.shape[2]:
         raise ValueError(f"there is no person {index}: at most {present.shape[2]} in an image, counted from 0")

@@ -209,8 +209,8 @@ def test_real_errors_are_within_the_covariance_as_often_as_it_says():
             offset_m = pose.points3d_m[limbs] - camera.to_camera_frame(reference_m[t])[limbs]
             distance2 = np.einsum("ji,jik,jk->j", offset_m, np.linalg.inv(pose.covariance_m2[limbs]), offset_m)
             inside.append(distance2 < CHI2_95)
-    # One man for 1.7 s, his errors alike throughout: a handful of independent looks. Wide, but it refuses a covariance
-    # whose standard deviations are 30 % too small (0.84 then).
+    # One man for 1.7 s: the errors are correlated, so these are a handful of independent measurements. The
+    # band is wide, but refuses a covariance whose standard deviations are 30 % too small (0.84 then).
     assert 0.92 < np.mean(inside) <= 1.0
 
 

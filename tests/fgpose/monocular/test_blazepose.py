@@ -76,7 +76,7 @@ def test_joints_and_confidence_are_those_of_the_network(files: tuple[Path, Path]
 
 
 def truth_m() -> np.ndarray:
-    """Somebody in front of the camera, of no particular shape."""
+    """Random joints in front of the camera."""
     return np.random.default_rng(5).uniform((-0.4, -0.7, 4.0), (0.4, 0.7, 4.6), (33, 3))
 
 

@@ -233,7 +233,7 @@ def test_a_video_that_ends_early_is_announced(squares: SquaresScene, tmp_path: P
         open_sources(tmp_path, squares.rig)
 
 
-# --- images of another size than the calibration ---
+# --- images whose size is not that of the calibration ---
 
 
 def test_the_same_size_keeps_the_camera() -> None:

@@ -281,7 +281,7 @@ def test_an_unknown_output_is_named() -> None:
 
 
 def refused() -> dict[str, tuple[bytes, str]]:
-    """Models that cannot be converted, and what is said about them."""
+    """Models that cannot be converted, and the error messages."""
     custom = TinyTflite()
     image, output = custom.tensor(1, 4, name="image"), custom.tensor(1, 4, name="result")
     custom.operator("CUSTOM", [image], output)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fgpose.association.people import track_people
+from fgpose.association.person import NOBODY
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.people import NOBODY
-from fgpose.monocular.person_tracking import track_people
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import ring_rig, walking
 
@@ -128,3 +130,83 @@ def test_a_camera_that_is_off_by_a_degree_is_not_lost(rig: CameraRig, skeleton: 
     for chosen in track_people(points2d_px, confidence, TIME_S, rig, skeleton):
         assert (chosen[:, 2] != NOBODY).mean() > 0.95
         assert len(set(identities(chosen, who)[chosen != NOBODY].tolist())) == 1
+
+
+def crossing_m(skeleton: Skeleton) -> np.ndarray:
+    """(T, person, J, 3) of two people who pass each other 0.7 m apart."""
+    walk_m = walking(N_FRAMES, FPS, skeleton)
+    along_m = np.linspace(-1.0, 1.0, N_FRAMES)[:, None, None] * [1.0, 0.0, 0.0]
+    local_m = walk_m - walk_m.mean(axis=1, keepdims=True) * [1.0, 1.0, 0.0]
+    aside_m = np.array([0.0, 0.35, 0.0])
+    return np.stack([local_m + along_m - aside_m, local_m * [-1.0, -1.0, 1.0] - along_m + aside_m], axis=1)
+
+
+def assert_everybody_is_followed(people: list[np.ndarray], who: np.ndarray, there: np.ndarray) -> None:
+    """Two people, each the same in all images, and found in all images in which they are."""
+    assert len(people) == 2
+    for chosen in people:
+        found = identities(chosen, who)
+        (identity,) = set(found[found != NOBODY].tolist())
+        np.testing.assert_array_equal(found == identity, (there & (who == identity)).any(axis=-1))
+
+
+@pytest.mark.parametrize("n_cameras", [1, 2, 4])
+def test_missed_detections_do_not_exchange_people(n_cameras: int, rig: CameraRig, skeleton: Skeleton) -> None:
+    """Where one of two is missed, the other is the only candidate: continuity in space says that it is not the one."""
+    rig = rig.subset(rig.names[:n_cameras])
+    points2d_px, confidence, who = candidates(crossing_m(skeleton), rig)
+    missed = np.random.default_rng(1).uniform(size=who.shape) < 0.15
+    hide(points2d_px, confidence, missed)
+    assert_everybody_is_followed(track_people(points2d_px, confidence, TIME_S, rig, skeleton), who, ~missed)
+
+
+def test_views_that_are_late_are_not_lost(rig: CameraRig, skeleton: Skeleton) -> None:
+    """By 0.2 s, in which each of them walks 0.25 m."""
+    late, positions_m = 6, people_m(skeleton, (0.0, -0.6), (0.0, 0.4))
+    points2d_px, confidence, who = candidates(positions_m, rig)
+    delayed_m = np.concatenate([positions_m[:1].repeat(late, axis=0), positions_m[:-late]])
+    delayed_px, _, _ = candidates(delayed_m, rig)
+    points2d_px[:, 1] = delayed_px[:, 1]
+    assert_everybody_is_followed(
+        track_people(points2d_px, confidence, TIME_S, rig, skeleton), who, np.ones(who.shape, dtype=bool)
+    )
+
+
+def test_a_detector_that_leaves_out_the_far_side_is_enough(rig: CameraRig, skeleton: Skeleton) -> None:
+    """And the joints without a side as well, as COCO has hardly any: no midpoint is exact."""
+    positions_m = crossing_m(skeleton)
+    points2d_px, confidence, who = candidates(positions_m, rig)
+    sides = np.array(skeleton.left_right).T
+    middle = [joint for joint in range(skeleton.n_joints) if joint not in sides]
+    points2d_px[..., middle, :], confidence[..., middle] = np.nan, 0.0
+    for c, camera in enumerate(rig.cameras):
+        distance_m = np.linalg.norm(positions_m - camera.position_m, axis=-1)
+        left_is_far = distance_m[..., sides[0]].mean(axis=-1) > distance_m[..., sides[1]].mean(axis=-1)
+        left_is_far = np.take_along_axis(left_is_far, who[:, c], axis=1)
+        for side, is_far in zip(sides, (left_is_far, ~left_is_far), strict=True):
+            hidden = np.zeros(confidence[:, c].shape, dtype=bool)
+            hidden[..., side] = is_far[..., None]
+            hide(points2d_px[:, c], confidence[:, c], hidden)
+    assert_everybody_is_followed(
+        track_people(points2d_px, confidence, TIME_S, rig, skeleton), who, np.ones(who.shape, dtype=bool)
+    )
+
+
+def test_who_is_seen_by_one_view_first_is_followed_back(rig: CameraRig, skeleton: Skeleton) -> None:
+    points2d_px, confidence, who = candidates(crossing_m(skeleton), rig)
+    hidden = who == 0
+    hidden[20:] = hidden[:, 0] = False
+    hide(points2d_px, confidence, hidden)
+    assert_everybody_is_followed(track_people(points2d_px, confidence, TIME_S, rig, skeleton), who, ~hidden)
+
+
+def test_with_a_wrong_calibration_every_camera_follows_for_itself(rig: CameraRig, skeleton: Skeleton) -> None:
+    """So that what is wrong can be seen: with one view left, nothing could be compared."""
+    points2d_px, confidence, who = candidates(crossing_m(skeleton), rig)
+    confidence[who == 1] = 0.8
+    wrong = CameraRig(
+        tuple(replace(camera, world_T_camera=np.linalg.inv(camera.world_T_camera)) for camera in rig.cameras)
+    )
+    first, second = track_people(points2d_px, confidence, TIME_S, wrong, skeleton)
+    assert set(identities(first, who).ravel().tolist()) == {0}
+    assert set(identities(second, who).ravel().tolist()) == {1}

@@ -1,0 +1,38 @@
+"""The end of every command that estimates: its result is written, shown and summed up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from fgpose.cli.live import wait_for_viewers
+from fgpose.cli.options import new_console
+from fgpose.cli.tables import print_result
+from fgpose.pipeline import OutputError, Outputs, Result, show, write_outputs
+from fgpose.viewer import Recording
+
+Summary = Callable[[Result, tuple[Path, ...]], None]
+"""Says what a result is and which files it is in."""
+
+
+def deliver(
+    result: Result,
+    outputs: Outputs,
+    viewer: Recording | None = None,
+    display: Callable[[Result, Recording], None] = show,
+    summary: Summary | None = None,
+) -> None:
+    """Write a result, show it and say what it is; then serve the viewers of a live one until Ctrl-C.
+
+    Raises:
+        OutputError: a file could not be written; the others were, and the result has been summed up.
+    """
+    summary = summary or (lambda result, written: print_result(new_console(), result, written))
+    try:
+        written = write_outputs(result, outputs, viewer, display)
+    except OutputError as error:
+        summary(result, error.written)
+        raise
+    summary(result, written)
+    if viewer is not None:
+        wait_for_viewers(outputs)

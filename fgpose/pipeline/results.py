@@ -1,0 +1,241 @@
+"""From a result to the disk and the viewer, in one way for all commands."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import Config
+from fgpose.estimation.residuals import whitened_residuals
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.atomic import check_writable
+from fgpose.io.trajectories import check_output, save_trajectory
+from fgpose.pipeline.source import Source
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Trajectory
+from fgpose.viewer import Recording, open_recording
+
+Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
+WorldUp = Literal["z", "y"]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What a run gave."""
+
+    source: Source
+    config: Config
+    trajectories: Mapping[str, Trajectory]
+    """By name ("fused", "refined", "smoothed", "online"), the most important last."""
+    saved: tuple[str, ...]
+    """Names of the trajectories to be written as files of their own; the others are shown in the .rrd. One that the
+    run did not give is left out."""
+    update_ms: Float[np.ndarray, " frame"] | None = None
+    """How long each update of the online estimator took, milliseconds."""
+
+    @property
+    def main(self) -> Trajectory:
+        """The most important trajectory."""
+        return list(self.trajectories.values())[-1]
+
+
+class OutputError(OSError):
+    """Some of the files could not be written; the others were."""
+
+    def __init__(self, failed: Mapping[Path | str, Exception], written: tuple[Path, ...]) -> None:
+        super().__init__("; ".join(f"cannot write {target}: {_reason(error)}" for target, error in failed.items()))
+        self.failed = failed
+        """Why, by file; "the viewer" for what was shown live."""
+        self.written = written
+
+
+def _reason(error: Exception) -> str:
+    return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Where results go: folder/name.format, or folder/name_trajectory.format when a run can give several."""
+
+    folder: Path
+    name: str
+    formats: tuple[Format, ...]
+    world_up: WorldUp = "z"
+    """The axis of the world that points up; for TRC, C3D and the viewer."""
+    live_port: int | None = None
+    """Where viewers can connect; 0 takes any free port. None: they cannot."""
+    image_width_px: int | None = 640
+    """To how much at most the images in the viewer are shrunk; see open_recording."""
+
+    def path(self, file_format: Format, trajectory: str = "") -> Path:
+        return self.folder / f"{self.name}{'_' if trajectory else ''}{trajectory}.{file_format}"
+
+    @property
+    def calibration(self) -> Path:
+        """Where a calibration that results goes."""
+        return self.folder / f"{self.name}_calibration.toml"
+
+    @property
+    def shown(self) -> bool:
+        """Whether anything is made for the viewer."""
+        return "rrd" in self.formats or self.live_port is not None
+
+    def check(self, saved: tuple[str, ...], inputs: tuple[Path, ...] = (), *, calibration: bool = False) -> None:
+        """Make sure, before any work is done, that everything can be written; the folder is made.
+
+        Args:
+            saved: names of the trajectories that will be saved (Result.saved).
+            inputs: files that must not be overwritten.
+            calibration: whether a calibration will result.
+
+        Raises:
+            ValueError: a result would replace an input.
+            OSError: the folder cannot be written into, or a folder has the name of a result.
+            ImportError: the package that a format needs is not installed.
+        """
+        check_writable(self.folder)
+        if self.shown:
+            _require_rerun()
+        trajectories = self.trajectory_paths(saved)
+        for path in trajectories:
+            check_output(path)
+        others = [self.path("rrd")] if "rrd" in self.formats else []
+        for path in (*trajectories, *others, *([self.calibration] if calibration else [])):
+            if path.is_dir():
+                raise OSError(f"cannot write {path}: it is a folder")
+            if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
+                raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
+
+    def trajectory_paths(self, saved: tuple[str, ...]) -> dict[Path, str]:
+        """The files of the trajectories to be saved, and which one each is of."""
+        return {
+            self.path(file_format, name if len(saved) > 1 else ""): name
+            for file_format in self.formats
+            if file_format != "rrd"
+            for name in saved
+        }
+
+    def open_viewer(
+        self, rig: CameraRig, skeleton: Skeleton, trajectories: tuple[str, ...], n_frames: int | None = None
+    ) -> Recording:
+        """The .rrd file if that is among the formats, and what viewers connect to if they can.
+
+        Args:
+            rig: the cameras.
+            skeleton: the joints.
+            trajectories: names of those that will be shown, the most important last.
+            n_frames: how many frames it will have, if that is known.
+
+        Raises:
+            ImportError: Rerun is not installed.
+            OSError: the port is taken, or the file cannot be written.
+        """
+        return open_recording(
+            self.path("rrd") if "rrd" in self.formats else None,
+            rig,
+            skeleton,
+            trajectories,
+            live=self.live_port is not None,
+            port=self.live_port or 0,
+            up="+z" if self.world_up == "z" else "+y",
+            image_width_px=self.image_width_px,
+            n_frames=n_frames,
+        )
+
+
+def _require_rerun() -> None:
+    # Looked for, not imported: that takes a second.
+    if importlib.util.find_spec("rerun") is None:
+        raise ImportError("a .rrd file needs Rerun: pip install 'fgpose[viewer]'; or leave rrd out of the formats")
+
+
+def show(result: Result, recording: Recording) -> None:
+    """Show everything that is known of a result; see fgpose.viewer."""
+    observations, evidence = result.source.observations, result.source.evidence(result.config)
+    recording.log_observations(observations, evidence.weights, evidence.undistorted_px)
+    for name, trajectory in result.trajectories.items():
+        recording.log_trajectory(name, trajectory)
+    # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
+    if "refined" not in result.saved:
+        main = result.main
+        recording.log_residuals(main.time_s, whitened_residuals(main, evidence, result.config))
+    if result.update_ms is not None:
+        recording.log_update_times(observations.frame_time_s, result.update_ms)
+
+
+def write_outputs(
+    result: Result,
+    outputs: Outputs,
+    viewer: Recording | None = None,
+    display: Callable[[Result, Recording], None] = show,
+) -> tuple[Path, ...]:
+    """Write a result in every format wanted and show it; each file appears whole or not at all.
+
+    Args:
+        result: of a run.
+        outputs: where it goes.
+        viewer: a recording that is open already, with its .rrd file, and stays open; by default one is made.
+        display: how the result is shown in it.
+
+    Returns:
+        The files; without the .rrd file of a recording that stays open.
+
+    Raises:
+        OutputError: a file could not be written, whatever the reason. All others were.
+    """
+    writers: dict[Path | str, Callable[[], object]] = {
+        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up)
+        for path, name in outputs.trajectory_paths(result.saved).items()
+        if name in result.trajectories
+    }
+    if viewer is not None:
+        writers["the viewer"] = partial(_show_or_discard, result, viewer, display)
+    elif "rrd" in outputs.formats:
+        writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, display)
+    return write_all(writers)
+
+
+def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path, ...]:
+    """Call what writes each of several files, or shows something; where one fails the others are still called.
+
+    Returns:
+        The files.
+
+    Raises:
+        OutputError: at least one has failed.
+    """
+    written, failed = [], {}
+    for target, write in writers.items():
+        try:
+            write()
+        except Exception as error:  # Whatever it is: a result must not be lost because another cannot be written.
+            failed[target] = error
+        else:
+            written += [target] if isinstance(target, Path) else []
+    if failed:
+        raise OutputError(failed, tuple(written)) from next(iter(failed.values()))
+    return tuple(written)
+
+
+def _write_rrd(result: Result, outputs: Outputs, display: Callable[[Result, Recording], None]) -> None:
+    observations, names = result.source.observations, tuple(result.trajectories)
+    recording = outputs.open_viewer(result.source.rig, observations.skeleton, names, observations.n_frames)
+    _show_or_discard(result, recording, display)
+    recording.close()
+
+
+def _show_or_discard(result: Result, recording: Recording, display: Callable[[Result, Recording], None]) -> None:
+    """Closing a recording that is shown by half would leave half a file."""
+    try:
+        display(result, recording)
+    except BaseException:
+        recording.discard()
+        raise

@@ -1,0 +1,168 @@
+"""Reading a recording, and running the estimators over it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from fgpose.config import Config
+from fgpose.estimation.estimator import Estimator
+from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.refinement import refine_evidence
+from fgpose.estimation.smoother import smooth_evidence
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
+from fgpose.io.calibration import load_rig
+from fgpose.io.camera_names import seen_cameras
+from fgpose.io.keypoints import keypoint_cameras, load_observations
+from fgpose.observations import Observations
+from fgpose.pipeline.results import Result
+from fgpose.pipeline.source import Source
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Estimate, Status, Trajectory, joint_status
+
+Progress = Callable[[int, int], None]
+"""Called with the number of frames done and the number of frames in all."""
+
+OnUpdate = Callable[[Observations, Estimate, float], None]
+"""Called after each update with the frame, the estimate and the milliseconds that it took."""
+
+
+def load_source(
+    keypoints: Path,
+    calibration: Path,
+    skeleton: str | Path | Skeleton,
+    *,
+    cameras: tuple[str, ...] = (),
+    fps: float | None = None,
+    unit: Literal["auto", "m", "mm"] = "auto",
+    points3d_frame: Literal["camera", "world"] = "camera",
+    points3d_unit: Literal["mm", "m"] = "mm",
+) -> Source:
+    """Read a recording: load_rig and load_observations, which say what is read and what each argument means.
+
+    Args:
+        keypoints: folder or file of the detected joints.
+        calibration: file of the cameras.
+        skeleton: what the keypoints are.
+        cameras: use only these, in this order. The calibration may then have cameras that the keypoints lack.
+
+    Raises:
+        ValueError: something is wrong with a file, or a camera is unknown; the message names it.
+        OSError: a file cannot be read.
+    """
+    rig = load_rig(calibration, unit)
+    if cameras:
+        rig.subset(cameras)
+        # All cameras that saw something, also those not wanted: together they tell best which person is the subject.
+        seen = seen_cameras(keypoint_cameras(keypoints), rig.names)
+        rig = rig.subset(name for name in rig.names if name in seen or name in cameras)
+    observations = load_observations(
+        keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit
+    )
+    return Source(rig, observations).subset(cameras)
+
+
+def run_smooth(source: Source, config: Config, progress: Progress | None = None, *, compare: bool = True) -> Result:
+    """The batch smoother over a whole recording.
+
+    Args:
+        source: the recording.
+        config: the parameters.
+        progress: told how far the smoother is.
+        compare: also give the fused and the refined poses of every frame alone, to be seen beside the result.
+    """
+    given = source.evidence(config), source.observations.skeleton, source.rig, config
+    smoothed = smooth_evidence(*given, progress)
+    before = {"fused": fused_trajectory(*given), "refined": refine_evidence(*given)} if compare else {}
+    return Result(source, config, {**before, "smoothed": smoothed}, ("smoothed",))
+
+
+def run_refine(source: Source, config: Config, progress: Progress | None = None) -> Result:
+    """The paper's method: each frame alone."""
+    given = source.evidence(config), source.observations.skeleton, source.rig, config
+    trajectories = {"fused": fused_trajectory(*given), "refined": refine_evidence(*given, progress)}
+    return Result(source, config, trajectories, ("refined",))
+
+
+def fused_trajectory(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config) -> Trajectory:
+    """The fused pose (eq. 1-2) of every frame; robust triangulation where there is no per-view 3D."""
+    known = np.asarray(np.isfinite(evidence.fused_m).all(axis=-1))
+    return Trajectory(
+        skeleton=skeleton,
+        time_s=evidence.time_s,
+        positions_m=evidence.fused_m,
+        status=joint_status(known, evidence.observed),
+        residual_px=reprojection_residual_px(evidence.undistorted_px, rig, evidence.fused_m),
+        camera_names=rig.names,
+        config=config,
+    )
+
+
+def run_track(
+    source: Source, config: Config, progress: Progress | None = None, on_update: OnUpdate | None = None
+) -> Result:
+    """The online estimator, fed with a recording frame by frame as if it were live.
+
+    Returns:
+        "online": the newest estimate after each update; "smoothed": the estimate of each frame one lag later, up to
+        the last frame that is that old (no such trajectory when the recording is shorter than the lag).
+    """
+    observations, rig = source.observations, source.rig
+    estimator = Estimator(rig, observations.skeleton, config)
+    estimates, smoothed = [], {}
+    update_ms = np.empty(observations.n_frames)
+    for frame, seen in enumerate(observations):
+        start_s = time.perf_counter()
+        estimate = estimator.update(seen)
+        update_ms[frame] = 1000 * (time.perf_counter() - start_s)
+        estimates.append(estimate)
+        if estimate.smoothed is not None:
+            smoothed[estimate.smoothed.frame] = estimate.smoothed
+        if on_update:
+            on_update(seen, estimate, float(update_ms[frame]))
+        if progress:
+            progress(frame + 1, observations.n_frames)
+    trajectories = {"online": _stacked(estimates, source, config)}
+    if smoothed:
+        trajectories = {"smoothed": _lagged(smoothed, source, config), **trajectories}
+    return Result(source, config, trajectories, ("smoothed", "online"), update_ms)
+
+
+def _stacked(estimates: list[Estimate], source: Source, config: Config) -> Trajectory:
+    def stacked(name: str) -> np.ndarray | None:
+        arrays = [getattr(estimate, name) for estimate in estimates]
+        return None if any(array is None for array in arrays) else np.stack(arrays)
+
+    return Trajectory(
+        skeleton=source.observations.skeleton,
+        time_s=np.array([estimate.time_s for estimate in estimates]),
+        positions_m=np.stack([estimate.positions_m for estimate in estimates]),
+        status=np.stack([estimate.status for estimate in estimates]),
+        covariance_m2=stacked("covariance_m2"),
+        residual_px=stacked("residual_px"),
+        camera_names=source.rig.names,
+        config=config,
+    )
+
+
+def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Trajectory:
+    """Frames from the first to the last that is old enough; one that was skipped (uneven times) is unobservable."""
+    evidence = source.evidence(config).frames(slice(0, max(smoothed) + 1))
+    positions_m = np.full(evidence.guess_m.shape, np.nan)
+    status = np.full(positions_m.shape[:2], Status.UNOBSERVABLE, dtype=np.int8)
+    for frame, estimate in smoothed.items():
+        positions_m[frame], status[frame] = estimate.positions_m, estimate.status
+    return Trajectory(
+        skeleton=source.observations.skeleton,
+        time_s=evidence.time_s,
+        positions_m=positions_m,
+        status=status,
+        residual_px=reprojection_residual_px(evidence.undistorted_px, source.rig, positions_m),
+        camera_names=source.rig.names,
+        config=config,
+    )

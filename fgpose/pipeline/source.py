@@ -1,0 +1,34 @@
+"""A recording in memory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from fgpose.config import Config
+from fgpose.estimation.evidence import Evidence, gather
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A recording: its cameras and what they saw."""
+
+    rig: CameraRig
+    observations: Observations
+    _evidence: dict[Config, Evidence] = field(default_factory=dict, init=False, repr=False)
+
+    def evidence(self, config: Config) -> Evidence:
+        """The evidence of the recording: gathered once, whoever asks for it; that of the newest config is kept.
+
+        Raises:
+            ValueError: the cameras of observations and rig differ.
+        """
+        if config not in self._evidence:
+            self._evidence.clear()
+            self._evidence[config] = gather(self.observations, self.rig, config)
+        return self._evidence[config]
+
+    def subset(self, cameras: tuple[str, ...]) -> Source:
+        """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
+        return Source(self.rig.subset(cameras), self.observations.subset(cameras)) if cameras else self
