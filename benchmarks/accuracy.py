@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from fgpose.assessment.metrics import mpjpe_m
 from jaxtyping import Float
 from metric import Metric
 from scenario import scene
 from timing import timed
 
 import fgpose
+from fgpose.assessment.metrics import mpjpe_m
 from fgpose.benchmark.peer import Peer, PeerSettings, running_peer
 from fgpose.synthetic import Scene
 

@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.skeleton import Skeleton
 
 _BIN_M = 1e-3
 _MAX_LENGTH_M = 2.0
-# Detection errors last for about this many frames at video rate: so many samples count as one.
-_CORRELATED_SAMPLES = 10
 # Half the interquartile range of a Gaussian, in sigmas.
 _QUARTILE = 0.6745
 
@@ -26,23 +25,34 @@ class RunningLengths:
         self._skeleton = skeleton
         self._length_of_bone = np.array(skeleton.length_of_bone, dtype=int)
         self._counts = np.zeros((skeleton.n_lengths, int(_MAX_LENGTH_M / _BIN_M)), dtype=np.int64)
+        self._independent = np.zeros(skeleton.n_lengths)
 
-    def add(self, positions_m: Float[np.ndarray, "joint 3"], trusted: Bool[np.ndarray, " joint"]) -> None:
-        """Count the bones of one frame whose two joints are trusted."""
+    def add(
+        self, step_s: float, positions_m: Float[np.ndarray, "joint 3"], trusted: Bool[np.ndarray, " joint"]
+    ) -> None:
+        """Count the bones of one frame whose two joints are trusted.
+
+        Args:
+            step_s: time since the frame before; inf for the first one.
+            positions_m: world frame; NaN where a joint is not known.
+            trusted: whether to count a joint.
+        """
         bones = np.array(self._skeleton.bones, dtype=int).reshape(-1, 2)
         lengths_m = self._skeleton.bone_lengths(positions_m)
         sampled = trusted[bones].all(axis=1) & (lengths_m < _MAX_LENGTH_M)
-        np.add.at(self._counts, (self._length_of_bone[sampled], (lengths_m[sampled] / _BIN_M).astype(int)), 1)
+        lengths = self._length_of_bone[sampled]
+        np.add.at(self._counts, (lengths, (lengths_m[sampled] / _BIN_M).astype(int)), 1)
+        np.add.at(self._independent, lengths, 1 / correlated_frames(step_s, CORRELATION_S))
 
     def median_m(self) -> Float[np.ndarray, " length"]:
         """Median of the samples; NaN where there is none."""
         return self._quantile_m(0.5)
 
     def sigma_m(self) -> Float[np.ndarray, " length"]:
-        """Standard deviation of the median: that of one sample (from the quartiles) by the root of their number."""
+        """Standard deviation of the median: that of one sample (from the quartiles) by the root of the number
+        of independent ones, for errors of detections are correlated in time."""
         spread_m = (self._quantile_m(0.75) - self._quantile_m(0.25)) / (2 * _QUARTILE) + _BIN_M
-        independent = np.maximum(self._counts.sum(axis=1) / _CORRELATED_SAMPLES, 1.0)
-        return np.sqrt(np.pi / 2) * spread_m / np.sqrt(independent)
+        return np.sqrt(np.pi / 2) * spread_m / np.sqrt(np.maximum(self._independent, 1.0))
 
     def _quantile_m(self, quantile: float) -> np.ndarray:
         cumulative = np.cumsum(self._counts, axis=1)

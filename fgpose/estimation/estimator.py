@@ -92,7 +92,8 @@ class Estimator:
         now = FrameTime(self._n_frames, float(evidence.time_s[0]))
         active = self._active(evidence, now.time_s)
         state = self._predicted(before, now, active, evidence)
-        self._lengths.add(evidence.guess_m[0], evidence.observed[0])
+        step_s = np.inf if before is None else now.time_s - before.at.time_s
+        self._lengths.add(step_s, evidence.guess_m[0], evidence.observed[0])
         self._add(before, state, evidence)
         state = self._read(state)
         self._window.append(state)

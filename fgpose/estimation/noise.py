@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+CORRELATION_S = 0.15
+"""Time over which the errors of a pose network are correlated, measured on a monocular network."""
+
 
 def correlated_frames(
     step_s: float | Float[np.ndarray, " frame"], correlation_s: float

@@ -45,8 +45,9 @@ def process_density(
     if not is_adaptive(config) or len(time_s) < 3:
         return np.full(positions_m.shape[:2], initial_density(config))
     velocity_mps = np.gradient(positions_m, time_s, axis=0)
-    squared = np.nan_to_num(np.mean(np.gradient(velocity_mps, time_s, axis=0) ** 2, axis=-1))
-    return _density(_mean_nearby(squared, time_s, config.nearby_s), LEAST_DENSITY, config)
+    squared = np.mean(np.gradient(velocity_mps, time_s, axis=0) ** 2, axis=-1)
+    density = _density(_mean_nearby(squared, time_s, config.nearby_s), LEAST_DENSITY, config)
+    return np.where(np.isnan(density), initial_density(config), density)
 
 
 class RunningDensity:
@@ -84,10 +85,17 @@ def _density(squared: np.ndarray, least: float, config: MotionConfig) -> np.ndar
 def _mean_nearby(
     values: Float[np.ndarray, "frame joint"], time_s: Float[np.ndarray, " frame"], reach_s: float
 ) -> Float[np.ndarray, "frame joint"]:
-    """Mean over the time from reach_s before each frame to reach_s after it."""
-    steps_s = np.diff(time_s, prepend=time_s[0])
-    between = (values + np.roll(values, 1, axis=0)) / 2
-    integral = np.cumsum(between * steps_s[:, None], axis=0)
+    """Mean of what is known from reach_s before each frame to reach_s after it; NaN where nothing is."""
     first_s, last_s = np.maximum(time_s - reach_s, time_s[0]), np.minimum(time_s + reach_s, time_s[-1])
-    of_joints = [np.interp(last_s, time_s, total) - np.interp(first_s, time_s, total) for total in integral.T]
-    return np.stack(of_joints, axis=1) / (last_s - first_s)[:, None]
+
+    def integral(values: np.ndarray) -> np.ndarray:
+        between = (values[1:] + values[:-1]) / 2 * np.diff(time_s)[:, None]
+        totals = np.cumsum(np.vstack([np.zeros_like(between[:1]), between]), axis=0)
+        return np.stack([np.interp(last_s, time_s, total) - np.interp(first_s, time_s, total) for total in totals.T], 1)
+
+    known = np.isfinite(values)
+    known_s = integral(known.astype(float))
+    # Of differences of cumulated times, what is left by rounding is nothing.
+    enough = known_s > 1e-9 * (last_s - first_s)[:, None]
+    nothing = np.full(values.shape, np.nan)
+    return np.divide(integral(np.where(known, values, 0.0)), known_s, out=nothing, where=enough)

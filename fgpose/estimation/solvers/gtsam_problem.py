@@ -76,8 +76,11 @@ class FactorizedGraph:
     values: gtsam.Values
 
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
-        forward = self.bayes_net.backSubstituteTranspose(_by_key(right_hand_side, self.values))
-        return self.bayes_net.backSubstitute(forward).vector()
+        try:
+            forward = self.bayes_net.backSubstituteTranspose(_by_key(right_hand_side, self.values))
+            return self.bayes_net.backSubstitute(forward).vector()
+        except RuntimeError:  # gtsam.IndeterminantLinearSystemException, which elimination alone does not raise for NaN
+            return np.full_like(right_hand_side, np.nan)
 
 
 def _by_key(vector: Float[np.ndarray, " unknown"], values: gtsam.Values) -> gtsam.VectorValues:

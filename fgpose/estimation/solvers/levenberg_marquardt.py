@@ -40,7 +40,9 @@ Vector = Float[np.ndarray, " unknown"]
 class System(Protocol):
     """The factorised normal equations around a state, H + damping D."""
 
-    def solve(self, right_hand_side: Vector) -> Vector: ...
+    def solve(self, right_hand_side: Vector) -> Vector:
+        """Not finite where the equations do not determine a solution."""
+        ...
 
 
 @runtime_checkable
