@@ -223,7 +223,7 @@ class Estimator:
         elif config.symmetry.form == "shared_length":
             sigmas_m = np.hypot(config.symmetry.sigma_m, self._lengths.sigma_m())
             yield from frame_factors.known_length_factors(
-                self.skeleton, frame, state.active, self._lengths.median_m(), sigmas_m
+                self.skeleton, frame, state.active, state.positions_m, self._lengths.median_m(), sigmas_m
             )
         entering = state.active
         if before is not None and config.motion.model != "none":
