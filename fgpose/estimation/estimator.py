@@ -79,6 +79,11 @@ class Estimator:
             "Start a new one and feed it the last few seconds again."
         )
 
+    @property
+    def repairs(self) -> int:
+        """How often iSAM2 failed and the window was rebuilt from its own estimates."""
+        return self._smoother.repairs
+
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
 
@@ -226,8 +231,7 @@ class Estimator:
     def _points(self, key: Callable[[int, int], int], state: _State) -> Float[np.ndarray, "joint 3"]:
         """Current positions or velocities of a frame in the window; NaN where a joint takes no part."""
         points = np.full((self.skeleton.n_joints, 3), np.nan)
-        for joint in state.joints:
-            points[joint] = self._smoother.point(key(joint, state.at.frame))
+        points[state.active] = self._smoother.points([key(joint, state.at.frame) for joint in state.joints])
         return points
 
     def _estimate(self, state: _State, evidence: Evidence) -> Estimate:

@@ -161,7 +161,7 @@ def _informed(segment: Segment, solution: Solution) -> Segment:
     positions_m, time_s = solution.positions_m, evidence.time_s
     undistorted_px = evidence.undistorted_px - image_motion_px(positions_m, time_s, evidence.delay_s, segment.rig)
     error_px = np.linalg.norm(segment.rig.project(positions_m) - undistorted_px, axis=-1)
-    trust = persistence_weights(error_px, usual_step_s(time_s), config.projection)
+    trust = persistence_weights(error_px, time_s, config.projection)
     informed = replace(
         evidence,
         undistorted_px=undistorted_px,
