@@ -8,8 +8,6 @@ one lag old and has seen everything since), and how far both are from the batch 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import tyro
 
@@ -30,10 +28,7 @@ def main(frames: int = 100, lag_s: float = 0.5) -> None:
     """
     rig, observations = fgpose.load_recording("balance_openpose")
     observations = observations.frames(slice(0, frames))
-    config = fgpose.Config()
-    config = replace(config, online=replace(config.online, lag_s=lag_s))
-
-    estimator = fgpose.Estimator(rig, observations.skeleton, config)
+    estimator = fgpose.Estimator(rig, observations.skeleton, fgpose.Config(online={"lag_s": lag_s}))
     newest: dict[int, np.ndarray] = {}
     lagged: dict[int, np.ndarray] = {}
     for frame in observations:  # in a live system: whatever the cameras saw since the last time

@@ -19,7 +19,7 @@ from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, ru
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import Recording
 
-SHORT_LAG = replace(Config(), online=replace(Config().online, lag_s=0.1))
+SHORT_LAG = Config(online={"lag_s": 0.1})
 
 
 @pytest.fixture(scope="module")
