@@ -231,27 +231,10 @@ def run_track(
             on_update(seen, estimate, float(update_ms[frame]))
         if progress:
             progress(frame + 1, observations.n_frames)
-    trajectories = {"online": _stacked(estimates, source, config)}
+    trajectories = {"online": Trajectory.from_estimates(estimates, rig.names, config)}
     if smoothed:
         trajectories = {"smoothed": _lagged(smoothed, source, config), **trajectories}
     return Result(source, config, trajectories, tuple(trajectories), update_ms)
-
-
-def _stacked(estimates: list[Estimate], source: Source, config: Config) -> Trajectory:
-    def stacked(name: str) -> np.ndarray | None:
-        arrays = [getattr(estimate, name) for estimate in estimates]
-        return None if any(array is None for array in arrays) else np.stack(arrays)
-
-    return Trajectory(
-        skeleton=source.observations.skeleton,
-        time_s=np.array([estimate.time_s for estimate in estimates]),
-        positions_m=np.stack([estimate.positions_m for estimate in estimates]),
-        status=np.stack([estimate.status for estimate in estimates]),
-        covariance_m2=stacked("covariance_m2"),
-        residual_px=stacked("residual_px"),
-        camera_names=source.rig.names,
-        config=config,
-    )
 
 
 def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Trajectory:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fgpose import pipeline
-from fgpose.config import Config, MotionConfig
+from fgpose.config import Config
 from fgpose.estimation.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import smooth
@@ -191,7 +191,7 @@ def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> N
 def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: Source, smoothed: Result) -> None:
     """White noise on the acceleration, integrated twice in fine steps: the residual's mean square is 3."""
     rng = np.random.default_rng(0)
-    config, n_frames, fine = Config(motion=MotionConfig(adaptive=False)), 400, 50
+    config, n_frames, fine = Config(motion={"adaptive": False}), 400, 50
     step_s = 1 / (60 * fine)
     shape = (n_frames * fine, 25, 3)
     acceleration = rng.normal(scale=np.sqrt(config.motion.acceleration_density / step_s), size=shape)
@@ -201,6 +201,7 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: So
         time_s=np.arange(n_frames) / 60,
         positions_m=positions_m,
         status=np.full((n_frames, 25), Status.OBSERVED),
+        covariance_m2=None,
         residual_px=None,
     )
     motion = whitened_residuals(trajectory, gather(source.observations, source.rig, config), config)["motion"]
