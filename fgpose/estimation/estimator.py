@@ -55,7 +55,7 @@ class Estimator:
 
     The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
     range factors, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also learns how
-    late each camera is; its rig then changes.
+    late each camera is (rig_with_offsets).
 
     It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
     feed it the last few seconds again; it settles within a second.
@@ -63,6 +63,7 @@ class Estimator:
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
+        self._rig = rig
         self._lengths = RunningLengths(skeleton)
         self._smoother = FixedLagSmoother(self.config.online.relinearize_m)
         self._window: deque[_State] = deque()
@@ -79,6 +80,11 @@ class Estimator:
             "an Estimator cannot be saved: GTSAM's fixed-lag smoother has no serialisation. "
             "Start a new one and feed it the last few seconds again."
         )
+
+    @property
+    def rig_with_offsets(self) -> CameraRig:
+        """The rig with the time offsets learned so far; as it was given unless online.estimate_time_offsets."""
+        return self._rig
 
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
@@ -114,7 +120,7 @@ class Estimator:
                 f"time must increase: got a frame at {frame.frame_time_s[0]:g} s after one at "
                 f"{self._window[-1].at.time_s:g} s; it was not used"
             )
-        return gather(frame.with_cameras(self.rig.names), self.rig, self.config)
+        return gather(frame.with_cameras(self._rig.names), self._rig, self.config)
 
     def _on_time(self, before: _State | None, evidence: Evidence) -> Evidence:
         """The detections where they would be if all cameras were synchronous, as the motion so far foresees."""
@@ -123,15 +129,15 @@ class Estimator:
             return evidence
         foreseen_m = before.positions_m + before.velocities_mps * (evidence.time_s[0] - before.at.time_s)
         at_camera_m = foreseen_m + before.velocities_mps * delay_s[:, None, None]
-        moved_px = np.nan_to_num(self.rig.project_each(at_camera_m) - self.rig.project(foreseen_m))
+        moved_px = np.nan_to_num(self._rig.project_each(at_camera_m) - self._rig.project(foreseen_m))
         return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
 
     def _learn_offsets(self, step_s: float, state: _State, evidence: Evidence) -> None:
         detections = evidence.undistorted_px[0], evidence.weights[0]
-        self._offsets.add(step_s, state.positions_m, state.velocities_mps, *detections, self.rig)
+        self._offsets.add(step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
         # A new rig costs a millisecond, and offsets change slowly.
         if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
-            self.rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
+            self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
 
     def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
         """Joints that take part: triangulated now or, with a motion model, not too long ago."""
@@ -159,7 +165,7 @@ class Estimator:
     def _image_error(self, positions_m: np.ndarray, evidence: Evidence) -> Float[np.ndarray, " joint"]:
         """Robust (Geman-McClure) reprojection error per joint, in units of the kernel's scale; inf without a point."""
         scale_px = self.config.projection.sigma_px * self.config.projection.kernel_scale
-        squared = np.sum((self.rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
+        squared = np.sum((self._rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
         # A point behind a camera that sees the joint has no image there: as bad as the farthest outlier.
         robust = np.where(np.isfinite(squared), squared / (1 + squared), 1.0)
         seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
@@ -200,7 +206,7 @@ class Estimator:
     ) -> Iterator[gtsam.NonlinearFactor]:
         config, frame = self.config, state.at.frame
         yield from frame_factors.projection_factors(
-            self.rig, frame, evidence.undistorted_px[0], evidence.weights[0], state.active, config.projection
+            self._rig, frame, evidence.undistorted_px[0], evidence.weights[0], state.active, config.projection
         )
         yield from frame_factors.anchor_factors(frame, evidence.anchored[0], evidence.guess_m[0], config.fusion)
         yield from frame_factors.depth_factors(
@@ -252,7 +258,7 @@ class Estimator:
         return points
 
     def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
-        residual_px = np.linalg.norm(self.rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
+        residual_px = np.linalg.norm(self._rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
         return Estimate(
             skeleton=self.skeleton,
             frame=state.at.frame,
@@ -285,7 +291,7 @@ class Estimator:
         joints = state.joints
         detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
         at = BatchState(state.positions_m[None, None, joints], np.zeros(0))
-        terms = projections(self.rig, *detections, self.config.projection)
+        terms = projections(self._rig, *detections, self.config.projection)
         return np.sum([term.information(at)[0] for term in terms], axis=0)
 
     def _trusted(self, evidence: Evidence) -> Evidence:

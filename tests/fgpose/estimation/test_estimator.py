@@ -12,7 +12,7 @@ from jaxtyping import Float
 import fgpose
 from fgpose.config import config_from_dict
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate, walking
+from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 from tests.conftest import MOCAP
 
 COVERED_99 = 11.34  # 99 % quantile of chi-square with 3 degrees of freedom
@@ -52,7 +52,7 @@ def hidden(
 @pytest.fixture(scope="module")
 def mocap_clear(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
     """Six seconds of real motion (motion capture), noisy, nothing occluded."""
-    from fgpose.synthetic import DetectionNoise, motion_from_npz
+    from fgpose.synthetic import motion_from_npz
 
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     return simulate(truth_m[:300], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0)
@@ -233,6 +233,18 @@ def test_bad_frames_are_refused(mocap_clear: Scene, rig: fgpose.CameraRig) -> No
     stranger = replace(observations.frames(slice(0, 1)), camera_names=("a", "b", "c", "d"))
     with pytest.raises(ValueError, match="lacks camera a, b, c, d"):
         estimator.update(stranger)
+
+
+def test_learned_time_offsets_leave_the_given_rig_alone(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    truth_m, offsets_s = walking(150, 50.0, skeleton), np.array([0.0, 0.03, -0.02, 0.01])
+    late = simulate(truth_m, skeleton, rig, 50.0, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=offsets_s)
+    estimator = fgpose.Estimator(rig, skeleton, fgpose.Config(online={"estimate_time_offsets": True}))
+    for frame in late.observations:
+        estimator.update(frame)
+    assert estimator.rig is rig
+    np.testing.assert_array_equal(rig.time_offsets_s, 0.0)
+    # A third of a frame: what three seconds of a walk with correlated errors of 5 px allow.
+    np.testing.assert_allclose(estimator.rig_with_offsets.time_offsets_s, offsets_s, atol=0.007)
 
 
 def test_it_says_why_it_cannot_be_saved(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
