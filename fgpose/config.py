@@ -210,6 +210,9 @@ class OnlineConfig:
     """A joint is linearised again when it moves by more than this, metres. Raising it is faster and less exact."""
     covariance: bool = True
     """Also give the covariance of the newest joints."""
+    smoothed_covariance: bool = False
+    """Also give the covariance of the joints that are one lag old. It is that of the whole window: an update takes two
+    to three times as long."""
     estimate_time_offsets: bool = False
     """Learn by how much each camera's clock is off from that of the first."""
 

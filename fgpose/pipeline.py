@@ -242,13 +242,17 @@ def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Tr
     n_frames, observations = max(smoothed) + 1, source.observations.frames(slice(0, max(smoothed) + 1))
     positions_m = np.full((n_frames, observations.skeleton.n_joints, 3), np.nan)
     status = np.full(positions_m.shape[:2], Status.UNOBSERVABLE, dtype=np.int8)
+    covariance_m2 = np.full((*positions_m.shape, 3), np.nan) if config.online.smoothed_covariance else None
     for frame, estimate in smoothed.items():
         positions_m[frame], status[frame] = estimate.positions_m, estimate.status
+        if covariance_m2 is not None:
+            covariance_m2[frame] = estimate.covariance_m2
     return Trajectory(
         skeleton=observations.skeleton,
         time_s=observations.frame_time_s,
         positions_m=positions_m,
         status=status,
+        covariance_m2=covariance_m2,
         residual_px=reprojection_residual_px(observations, source.rig, positions_m),
         camera_names=source.rig.names,
         config=config,

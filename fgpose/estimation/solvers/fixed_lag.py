@@ -10,11 +10,13 @@ frames and what has moved far enough to be linearised again. Measured on 17 join
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import cache
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import ThreadpoolController
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
 
@@ -72,6 +74,27 @@ class FixedLagSmoother:
         joint = self._isam.jointMarginalCovariance(list(keys))
         return np.stack([joint.at(key, key) for key in keys])
 
+    def oldest_covariances(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3 3"]:
+        """Marginal covariance of each of these positions of the oldest frame; NaN where the window does not give it.
+
+        The way from the oldest frame to the root leads through all others: in the Bayes tree it costs ten to fifteen
+        updates. To eliminate the window once more, from the newest frame to the oldest, costs one or two.
+        """
+        if not keys:
+            return np.zeros((0, 3, 3))
+        frames = [frame for frame in self._frames if frame]
+        newest_first = _ordering(key for frame in reversed(frames[1:]) for key in frame)
+        window = self._isam.getFactorsUnsafe().linearize(self._isam.getLinearizationPoint())
+        try:
+            oldest = window.eliminatePartialMultifrontal(newest_first)[1] if len(frames) > 1 else window
+            information, _ = oldest.hessian(_ordering(frames[0]))
+            with _blas().limit(limits=1, user_api="blas"):
+                covariance = np.linalg.inv(information)
+        except (RuntimeError, np.linalg.LinAlgError):  # indeterminate in double precision
+            return np.full((len(keys), 3, 3), np.nan)
+        rows = [slice(3 * at, 3 * at + 3) for at in (frames[0].index(key) for key in keys)]
+        return np.stack([covariance[row, row] for row in rows])
+
     def _labels(self, count: int) -> gtsam.KeyGroupMap:
         """The newest frames last, one after the other, with labels below count; all older ones first."""
         labels = gtsam.KeyGroupMap()
@@ -94,3 +117,16 @@ class FixedLagSmoother:
         params.extraReelimKeys = everything
         self._isam.update(gtsam.NonlinearFactorGraph(), gtsam.Values(), params)
         self._ordered = True
+
+
+def _ordering(keys: Iterable[int]) -> gtsam.Ordering:
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Matrices of 100 x 100 are too small to share between cores: threads that wait for each other take longer."""
+    return ThreadpoolController()
