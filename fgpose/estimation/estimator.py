@@ -92,6 +92,11 @@ class Estimator:
         """The rig with the time offsets learned so far; as it was given unless online.estimate_time_offsets."""
         return self._rig
 
+    @property
+    def repairs(self) -> int:
+        """How often iSAM2 failed and the window was rebuilt from its own estimates."""
+        return self._smoother.repairs
+
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
 
@@ -230,7 +235,7 @@ class Estimator:
         elif config.symmetry.form == "shared_length":
             sigmas_m = np.hypot(config.symmetry.sigma_m, self._lengths.sigma_m())
             yield from frame_factors.known_length_factors(
-                self.skeleton, frame, state.active, self._lengths.median_m(), sigmas_m
+                self.skeleton, frame, state.active, state.positions_m, self._lengths.median_m(), sigmas_m
             )
         entering = state.active
         if before is not None and config.motion.model != "none":
@@ -259,8 +264,7 @@ class Estimator:
     def _points(self, key: Callable[[int, int], int], state: _State) -> Float[np.ndarray, "joint 3"]:
         """Current positions or velocities of a frame in the window; NaN where a joint takes no part."""
         points = np.full((self.skeleton.n_joints, 3), np.nan)
-        for joint in state.joints:
-            points[joint] = self._smoother.point(key(joint, state.at.frame))
+        points[state.active] = self._smoother.points([key(joint, state.at.frame) for joint in state.joints])
         return points
 
     def _estimate(self, state: _State) -> Estimate:

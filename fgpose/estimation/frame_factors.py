@@ -32,6 +32,8 @@ from fgpose_factors import (
 # A motion model that foresees a position to better than this leaves the cameras no digits of the double precision that
 # the elimination works in: GTSAM then calls the system indeterminate (seen at 4 um).
 _FINEST_STEP_M = 1e-5
+# Nearer than this two joints are at one point, as two detections at one pixel in every view make them.
+_ONE_POINT_M = 1e-9
 # Making a noise model costs as much as making a factor; sigmas that agree to a thousandth share theirs.
 _SIGMAS_PER_E_FOLD = 1000
 
@@ -226,11 +228,19 @@ def known_length_factors(
     skeleton: Skeleton,
     frame: int,
     active: Bool[np.ndarray, " joint"],
+    positions_m: Float[np.ndarray, "joint 3"],
     lengths_m: Float[np.ndarray, " length"],
     sigmas_m: Float[np.ndarray, " length"],
 ) -> Iterator[gtsam.NonlinearFactor]:
-    """Native range factors: every bone has the length that was learned for it and its mirror image."""
-    for (start, end), length in zip(skeleton.bones, skeleton.length_of_bone, strict=True):
-        if active[start] and active[end] and np.isfinite(lengths_m[length]):
+    """Native range factors: every bone has the length that was learned for it and its mirror image.
+
+    None where its joints start at one point: a distance of zero has no direction, and GTSAM's Jacobian of it is NaN.
+
+    Args:
+        positions_m: first guess of every active joint.
+    """
+    apart = skeleton.bone_lengths(positions_m) > _ONE_POINT_M
+    for (start, end), length, is_apart in zip(skeleton.bones, skeleton.length_of_bone, apart, strict=True):
+        if is_apart and active[start] and active[end] and np.isfinite(lengths_m[length]):
             keys = position_key(start, frame), position_key(end, frame)
             yield gtsam.RangeFactor3(*keys, float(lengths_m[length]), noise_model(1, float(sigmas_m[length])))

@@ -19,7 +19,7 @@ _MAX_VALUES = 32
 
 
 def persistence_weights(
-    error_px: Float[np.ndarray, "frame camera joint"], step_s: float, config: ProjectionConfig
+    error_px: Float[np.ndarray, "frame camera joint"], time_s: Float[np.ndarray, " frame"], config: ProjectionConfig
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Weight in (0, 1] of each detection: 1/2 where the median error of the detections of the same joint in the same
     camera, within memory_s before and after, is persistent_px.
@@ -29,9 +29,9 @@ def persistence_weights(
 
     Args:
         error_px: reprojection errors; NaN without a detection.
-        step_s: time from frame to frame.
+        time_s: of the frames, increasing.
     """
-    lasting_px = _running_median(error_px, round(config.memory_s / step_s))
+    lasting_px = _running_median(error_px, time_s, config.memory_s)
     of_cameras = lasting_px.swapaxes(0, 1).reshape(lasting_px.shape[1], -1)
     threshold_px = np.fmax(config.persistent_px, _median_known(of_cameras.T))[:, None]
     return _weight(lasting_px, threshold_px)
@@ -64,13 +64,20 @@ def _weight(error_px: np.ndarray, threshold_px: float | np.ndarray) -> np.ndarra
 
 
 def _running_median(
-    values: Float[np.ndarray, "frame camera joint"], reach: int
+    values: Float[np.ndarray, "frame camera joint"], time_s: Float[np.ndarray, " frame"], reach_s: float
 ) -> Float[np.ndarray, "frame camera joint"]:
-    """Median of what is known up to `reach` frames before and after; NaN where nothing is."""
-    padded = np.pad(values, ((reach, reach), (0, 0), (0, 0)), constant_values=np.nan)
-    around = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1, axis=0)
-    around = around[..., :: 1 + around.shape[-1] // _MAX_VALUES]
-    return _median_known(np.moveaxis(around, -1, 0))
+    """Median of what is known up to reach_s before and after; NaN where nothing is.
+
+    A frame stands for the time half way to its neighbours; what lies partly within reach counts.
+    """
+    between_s = (time_s[:-1] + time_s[1:]) / 2
+    first = np.searchsorted(between_s, time_s - reach_s, side="left")
+    count = np.searchsorted(between_s, time_s + reach_s, side="right") + 1 - first
+    every = 1 + count // _MAX_VALUES
+    offsets = np.arange(min(count.max(), _MAX_VALUES))[:, None] * every
+    around = values[np.minimum(first + offsets, len(values) - 1)]
+    around[offsets >= count] = np.nan
+    return _median_known(around)
 
 
 def _median_known(values: np.ndarray) -> np.ndarray:

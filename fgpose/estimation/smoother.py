@@ -193,7 +193,7 @@ def _trusting(segment: Segment, solved: _Solved) -> Segment:
     """The segment with less trust in detections that have not fitted for a while; itself where hardly any have not."""
     evidence, config = segment.evidence, segment.config.projection
     error_px = np.linalg.norm(segment.rig.project(solved.positions_m) - evidence.undistorted_px, axis=-1)
-    trust = persistence_weights(error_px, usual_step_s(evidence.time_s), config)
+    trust = persistence_weights(error_px, evidence.time_s, config)
     if np.mean(trust < _DISTRUSTED) <= _FEW:
         return segment
     weights = np.maximum(evidence.weights * trust, config.min_weight)

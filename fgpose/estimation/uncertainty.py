@@ -32,6 +32,7 @@ _CAUTION, _EQUAL_FRAMES, _TRUSTED_VIEWS = 0.8, 0.35, 1.5
 _CAUTION_ONLINE, _DOUBT_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
 _MAX_FRAMES = 1e4
 _MAX_STEP_S = 1e3
+_SHORT = 1e-4  # there both are good to 1e-7
 
 
 def with_correlated_errors(
@@ -80,7 +81,9 @@ def doubt_online(
 
 def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Mean of exp(-|a - b|) over all a and b in [0, duration]."""
-    return 2 * (duration - 1 + np.exp(-duration)) / duration**2
+    # Of a short one no digit is left after the subtractions: its series.
+    exact = 2 * (duration - 1 + np.exp(-duration)) / np.maximum(duration, _SHORT) ** 2
+    return np.where(duration > _SHORT, exact, 1 - duration / 3)
 
 
 def with_swing(

@@ -345,3 +345,50 @@ def test_a_person_behind_a_camera_that_sees_something(rig: fgpose.CameraRig, ske
     moving = replace(projected, points2d_px=np.concatenate([rig.project(fast[:5]), rig.project(truth_m[5:])]))
     estimates = [estimator.update(frame) for frame in moving]
     assert np.max(np.linalg.norm(estimates[5].positions_m - truth_m[5], axis=-1)) < 0.05
+
+
+@pytest.mark.parametrize("joints", [("left_elbow", "left_wrist"), ("left_hip", "right_hip", "pelvis", "head")])
+def test_joints_at_one_pixel_in_every_view(joints: tuple[str, ...], mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    """A bone without a length has no direction either; from the start, later, and in the frame where it begins."""
+    observations = mocap_clear.observations.frames(slice(0, 60))
+    numbers = [observations.skeleton.index(joint) for joint in joints]
+    points2d_px, confidence = observations.points2d_px.copy(), observations.confidence.copy()
+    for frames in (slice(0, 5), slice(30, 45)):
+        for number in numbers:
+            points2d_px[frames, :, number] = points2d_px[frames, :, numbers[0]]
+            confidence[frames, :, number] = confidence[frames, :, numbers[0]]
+    at_one = replace(observations, points2d_px=points2d_px, confidence=confidence, points3d_m=None)
+    estimator = fgpose.Estimator(rig, observations.skeleton)
+    estimates = [estimator.update(frame) for frame in at_one]
+    assert estimator.repairs == 0
+    assert all(np.isfinite(estimate.positions_m).all() for estimate in estimates)
+    others = np.delete(errors_m(estimates, mocap_clear.truth_m), numbers, axis=1)
+    assert np.median(others[10:]) < 0.03, "the rest of the body: 17 mm, and what pulls at it"
+    assert np.median(errors_m(estimates[52:], mocap_clear.truth_m)) < 0.03
+
+
+@pytest.mark.parametrize("jump_s", [1.0, 10.0, 3600.0, 1e6])
+@pytest.mark.parametrize("max_unseen_s", [3.0, 1e7])
+def test_a_clock_that_jumps_forward(
+    jump_s: float, max_unseen_s: float, mocap_clear: Scene, rig: fgpose.CameraRig
+) -> None:
+    clear = mocap_clear.observations.frames(slice(0, 50))
+    time_s = np.array(clear.time_s)
+    time_s[25:] += jump_s
+    estimator = fgpose.Estimator(rig, clear.skeleton, config_from_dict({"motion": {"max_unseen_s": max_unseen_s}}))
+    estimates = [estimator.update(frame) for frame in replace(clear, time_s=time_s)]
+    assert estimator.repairs == 0
+    # As after the start: 17 mm, and a little more where nothing before helps.
+    assert np.median(errors_m(estimates[25:], mocap_clear.truth_m)) < 0.025
+
+
+def test_frames_within_microseconds_for_long(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    clear = mocap_clear.observations.frames(slice(0, 50))
+    estimator = fgpose.Estimator(rig, clear.skeleton)
+    still = replace(clear, points2d_px=np.repeat(clear.points2d_px[:1], 50, axis=0), points3d_m=None)
+    for frame in replace(still, time_s=1.7e9 + 1e-6 * np.arange(50)):
+        estimate = estimator.update(frame)
+        assert estimate.covariance_m2 is not None
+        assert (np.linalg.eigvalsh(estimate.covariance_m2) > 0).all()
+        assert np.max(errors_m([replace(estimate, frame=0)], mocap_clear.truth_m)) < 0.1
+    assert estimator.repairs == 0

@@ -20,10 +20,14 @@ def errors_px(n_frames: int = 40, n_cameras: int = 3, n_joints: int = 5) -> np.n
     return np.full((n_frames, n_cameras, n_joints), 2.0)
 
 
+def weights_of(error_px: np.ndarray, step_s: float = STEP_S) -> np.ndarray:
+    return persistence_weights(error_px, step_s * np.arange(len(error_px)), CONFIG)
+
+
 def test_half_at_the_threshold_and_little_far_beyond_it() -> None:
     error_px = errors_px()
     error_px[:, 0, 1], error_px[:, 0, 2] = 12.0, 24.0
-    weights = persistence_weights(error_px, STEP_S, CONFIG)
+    weights = weights_of(error_px)
     np.testing.assert_allclose(weights[:, 0, 1], 0.5)
     np.testing.assert_allclose(weights[:, 0, 2], 1 / 17)  # twice the threshold, to the fourth power
     weights[:, 0, 1:3] = 1.0
@@ -33,15 +37,15 @@ def test_half_at_the_threshold_and_little_far_beyond_it() -> None:
 @pytest.mark.parametrize("n_bad", [1, 6])
 def test_what_passes_does_not_count(n_bad: int) -> None:
     """Fewer than half of the 13 frames around any frame: the median does not notice."""
-    error_px, usual = errors_px(), persistence_weights(errors_px(), STEP_S, CONFIG)
+    error_px, usual = errors_px(), weights_of(errors_px())
     error_px[15 : 15 + n_bad, 1, 3] = 300.0
-    np.testing.assert_array_equal(persistence_weights(error_px, STEP_S, CONFIG), usual)
+    np.testing.assert_array_equal(weights_of(error_px), usual)
 
 
 def test_what_lasts_counts_in_its_camera_and_joint_alone() -> None:
-    error_px, usual = errors_px(), persistence_weights(errors_px(), STEP_S, CONFIG)
+    error_px, usual = errors_px(), weights_of(errors_px())
     error_px[15:22, 1, 3] = 300.0
-    weights = persistence_weights(error_px, STEP_S, CONFIG)
+    weights = weights_of(error_px)
     assert weights[15:22, 1, 3].max() < 1e-5, "seven of thirteen, all of which each of the seven has around it"
     weights[15:22, 1, 3] = usual[15:22, 1, 3]
     np.testing.assert_array_equal(weights, usual)
@@ -51,14 +55,28 @@ def test_the_memory_is_a_time_not_a_number_of_frames() -> None:
     error_px = errors_px()
     error_px[20:, 0, 0] = 100.0
     for step_s in (0.02, 0.04):
-        bad = persistence_weights(error_px, step_s, CONFIG)[:, 0, 0] < 0.5
+        bad = weights_of(error_px, step_s)[:, 0, 0] < 0.5
         # the median changes where the errors do, whatever the window; before and after it nothing wavers
         np.testing.assert_array_equal(bad, np.arange(40) >= 20)
     single = errors_px()
     single[20:23, 0, 0] = 100.0
-    assert not (persistence_weights(single, 0.04, CONFIG) < 0.5).any(), "three of seven"
-    found = np.argwhere(persistence_weights(single, 0.06, CONFIG) < 0.5)
+    assert not (weights_of(single, 0.04) < 0.5).any(), "three of seven"
+    found = np.argwhere(weights_of(single, 0.06) < 0.5)
     np.testing.assert_array_equal(found, [[20, 0, 0], [21, 0, 0], [22, 0, 0]], "three of five")
+
+
+def test_frames_within_microseconds_are_not_more_of_a_memory() -> None:
+    """The window is a time: a burst of frames in it neither lengthens it elsewhere nor takes memory by their rate."""
+    time_s = np.cumsum(np.r_[np.full(20, STEP_S), np.full(30, 1e-6), np.full(20, STEP_S)])
+    error_px = errors_px(n_frames=len(time_s))
+    error_px[20:50, 0, 0] = 100.0  # the burst
+    error_px[60:63, 1, 1] = 100.0
+    weights = persistence_weights(error_px, time_s, CONFIG)
+    assert weights[14:55, 0, 0].max() < 0.01, "most frames within 0.12 s"
+    assert weights[[12, 58], 0, 0].min() > 0.99, "0.16 s before and 0.18 s after the burst"
+    assert weights[:, 1, 1].min() > 0.99, "three of thirteen"
+    error_px[:40, 0, 0] = 100.0
+    assert weights_of(error_px, 1e-9)[:, 0, 0].max() < 0.01, "all 70 frames are one moment, and 40 of them do not fit"
 
 
 def test_a_camera_with_a_constant_error_keeps_at_least_half() -> None:
@@ -67,7 +85,7 @@ def test_a_camera_with_a_constant_error_keeps_at_least_half() -> None:
     error_px = errors_px(n_joints=17)
     error_px[:, 2] = 40.0 + rng.normal(0, 5, error_px[:, 2].shape)
     error_px[:, 2, 4] = 120.0
-    weights = persistence_weights(error_px, STEP_S, CONFIG)
+    weights = weights_of(error_px)
     assert (weights[:, 2] >= 0.5).mean() >= 0.5
     # The median of 13 is known to 5 x 1.25 / sqrt(13) = 1.7 px; 46 px, at 3.5 sigma, weigh 1 / (1 + 1.15^4).
     assert np.delete(weights[:, 2], 4, axis=1).min() > 0.35
@@ -81,20 +99,20 @@ def test_without_detections() -> None:
     error_px[:, 0] = np.nan
     error_px[:, 1, 2] = 50.0
     error_px[10:14, 1, 2] = np.nan
-    weights = persistence_weights(error_px, STEP_S, CONFIG)
+    weights = weights_of(error_px)
     assert (weights[:, 0] == 1.0).all()
     np.testing.assert_allclose(weights[:, 1, 2], weights[0, 1, 2])
     assert weights[0, 1, 2] < 0.01
     error_px[:, 1, 2] = np.nan
     error_px[[20, 21], 1, 2] = 50.0, 1.0
     # Of an even number of detections the lower one of the middle two: a doubt is decided for the detection.
-    assert persistence_weights(error_px, STEP_S, CONFIG)[20, 1, 2] > 0.99
+    assert weights_of(error_px)[20, 1, 2] > 0.99
 
 
 def test_one_frame_is_judged_by_itself() -> None:
     error_px = errors_px(n_frames=1)
     error_px[0, 0, 0] = 12.0
-    assert persistence_weights(error_px, np.inf, CONFIG)[0, 0, 0] == pytest.approx(0.5)
+    assert weights_of(error_px)[0, 0, 0] == pytest.approx(0.5)
 
 
 def test_it_helps_under_occlusion(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:

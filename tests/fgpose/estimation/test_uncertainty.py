@@ -37,10 +37,11 @@ def test_errors_of_frames_far_apart_are_independent(n_frames: float, step_s: flo
 
 
 @pytest.mark.parametrize("n_frames", [1.0, 5.0, 50.0])
-def test_errors_of_frames_close_together_are_the_same(n_frames: float) -> None:
+@pytest.mark.parametrize("step_s", [1e-5, 1e-9, 1e-14])
+def test_errors_of_frames_close_together_are_the_same(n_frames: float, step_s: float) -> None:
     """What stays alike is not averaged out: with n frames its variance is n times what the graph believes."""
     expected = 1 - CORRELATED_SHARE + CORRELATED_SHARE * n_frames
-    assert scaled_by(n_frames, 1e-5) == pytest.approx(expected, rel=0.01)
+    assert scaled_by(n_frames, step_s) == pytest.approx(expected, rel=0.01)
 
 
 def test_errors_that_are_alike_for_a_while_against_simulated_ones() -> None:
