@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from metric import Metric
-from scenario import scene
+from scenario import POSITIONS_ONLY, scene
 from timing import timed
 
 import fgpose
@@ -65,7 +65,7 @@ def against_aniposelib(n_frames: int, rounds: int, sweep: Sequence[PeerSettings]
         raise FileNotFoundError(f"{_PEER} is missing: make benchmark sets it up")
     with running_peer(_PEER) as peer:
         best = _best(peer, on, sweep)
-        ours_mm = _error_mm(fgpose.smooth(on.observations, on.rig).positions_m, on)
+        ours_mm = _error_mm(fgpose.smooth(on.observations, on.rig, POSITIONS_ONLY).positions_m, on)
         metrics = [Metric("fgpose, 2D only: MPJPE", ours_mm, "mm")]
         for name, settings in (("default", DEFAULT), (f"best of sweep ({best})", best)):
             metrics += _duel(peer, on, settings, f"aniposelib {name}", ours_mm, rounds)
@@ -77,7 +77,7 @@ def _duel(peer: Peer, on: Scene, settings: PeerSettings, name: str, ours_mm: flo
     speed_limit, error_limit = (8.0, 1.0) if settings == DEFAULT else (None, None)
     ratios, theirs_ms, theirs_mm = [], [], float("nan")
     for _ in range(rounds):
-        ours, _ = timed(lambda: fgpose.smooth(on.observations, on.rig))
+        ours, _ = timed(lambda: fgpose.smooth(on.observations, on.rig, POSITIONS_ONLY))
         theirs = peer.solve(on.observations, on.rig, settings)
         ratios.append((theirs.wall_s / ours.wall_s, theirs.cpu_s / ours.cpu_s))
         theirs_ms.append(1e3 * np.array([theirs.wall_s, theirs.cpu_s]) / on.observations.n_frames)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose import load_rig, load_skeleton
+from fgpose import Config, load_rig, load_skeleton
 from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.sources import Sources, open_sources
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
@@ -17,6 +17,8 @@ from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_np
 _CLIP = Path(__file__).parents[1] / "fgpose" / "data" / "mocap_cmu" / "cmu_02_05.npz"
 _CLIP_FRAMES = 400  # as in the measurements so far: longer runs swing through the same eight seconds
 _SEED = 0
+POSITIONS_ONLY = Config(solver={"covariance": False})
+"""What aniposelib gives too; what the covariances cost is measured by itself."""
 
 
 def scene(n_frames: int) -> Scene:

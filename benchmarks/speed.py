@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import subprocess
 import sys
 
 import numpy as np
 from isolated import run_isolated
 from metric import Metric
-from scenario import scene
+from scenario import POSITIONS_ONLY, scene
 from timing import Timing, timed
 
 import fgpose
@@ -27,9 +26,9 @@ def _median_ms(timings: list[Timing], n_frames: int) -> tuple[float, float]:
 
 
 def batch(n_frames: int, runs: int) -> list[Metric]:
-    """A short recording, everything included that smooth does: triangulation, weights, graph, solution, residuals."""
+    """A short recording, everything included but the covariances, which have a metric of their own."""
     short = scene(n_frames)
-    timings = [timed(lambda: fgpose.smooth(short.observations, short.rig))[0] for _ in range(runs)]
+    timings = [timed(lambda: fgpose.smooth(short.observations, short.rig, POSITIONS_ONLY))[0] for _ in range(runs)]
     wall_ms, cpu_ms = _median_ms(timings, n_frames)
     return [Metric(f"batch, {n_frames} frames: time", wall_ms, "ms/frame", limit=3.0, cpu=cpu_ms)]
 
@@ -91,12 +90,10 @@ def online_long(n_frames: int) -> list[Metric]:
 def covariance(n_frames: int, runs: int) -> list[Metric]:
     """What the covariances of all joints in all frames cost on top of the solution; the runs alternate."""
     short = scene(n_frames)
-    plain = fgpose.Config()
-    with_covariance = dataclasses.replace(plain, solver=dataclasses.replace(plain.solver, covariance=True))
     ratios = []
     for _ in range(runs):
-        without, _ = timed(lambda: fgpose.smooth(short.observations, short.rig, plain))
-        full, _ = timed(lambda: fgpose.smooth(short.observations, short.rig, with_covariance))
+        without, _ = timed(lambda: fgpose.smooth(short.observations, short.rig, POSITIONS_ONLY))
+        full, _ = timed(lambda: fgpose.smooth(short.observations, short.rig))
         ratios.append((full.wall_s / without.wall_s - 1, full.cpu_s / without.cpu_s - 1))
     wall, cpu = np.median(ratios, axis=0)
     return [

@@ -8,8 +8,6 @@ one lag old and has seen everything since), and how far both are from the batch 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import tyro
 
@@ -30,27 +28,23 @@ def main(frames: int = 100, lag_s: float = 0.5) -> None:
     """
     rig, observations = fgpose.load_recording("balance_openpose")
     observations = observations.frames(slice(0, frames))
-    config = fgpose.Config()
-    config = replace(config, online=replace(config.online, lag_s=lag_s))
-
-    estimator = fgpose.Estimator(rig, observations.skeleton, config)
-    newest: dict[int, np.ndarray] = {}
-    lagged: dict[int, np.ndarray] = {}
+    estimator = fgpose.Estimator(rig, observations.skeleton, fgpose.Config(online={"lag_s": lag_s}))
+    newest: list[fgpose.Estimate] = []
+    lagged: list[fgpose.Estimate] = []
     for frame in observations:  # in a live system: whatever the cameras saw since the last time
         estimate = estimator.update(frame)
-        newest[estimate.frame] = estimate.positions_m
+        newest.append(estimate)
         if estimate.smoothed is not None:
-            lagged[estimate.smoothed.frame] = estimate.smoothed.positions_m
+            lagged.append(estimate.smoothed)
         if estimate.frame % 25 == 0:
-            wrist_m = estimate.positions_m[observations.skeleton.index("right_wrist")]
-            print(f"{estimate.time_s:5.2f} s  right wrist at {np.round(wrist_m, 3)} m")
+            print(f"{estimate.time_s:5.2f} s  right wrist at {np.round(estimate['right_wrist'], 3)} m")
 
     batch_m = fgpose.smooth(observations, rig).positions_m
     print(f"updates: {len(newest)}, lagged results: {len(lagged)}")
-    for name, positions_m in (("newest", newest), (f"{lag_s:g} s later", lagged)):
-        if positions_m:
-            numbers = list(positions_m)
-            difference_mm = distance_mm(np.stack(list(positions_m.values())), batch_m[numbers])
+    for name, estimates in (("newest", newest), (f"{lag_s:g} s later", lagged)):
+        if estimates:
+            online = fgpose.Trajectory.from_estimates(estimates)
+            difference_mm = distance_mm(online.positions_m, batch_m[[estimate.frame for estimate in estimates]])
             print(f"{name:12} differs from the batch result by {difference_mm:.1f} mm (median)")
 
 

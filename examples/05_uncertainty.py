@@ -1,6 +1,6 @@
 """How sure the estimate is of each joint: all cameras, one camera less, and an arm that nobody sees.
 
-What one learns: turning the covariances on, reading them as a standard deviation per joint, and telling an observed
+What one learns: reading the covariances as a standard deviation per joint, and telling an observed
 joint from a predicted one by its status.
 
     python examples/05_uncertainty.py --hide cam_02
@@ -50,15 +50,13 @@ def main(frames: int = 60, hide: str = "cam_02") -> None:
     rig, observations = fgpose.load_recording("balance_openpose")
     observations = observations.frames(slice(0, frames))
     middle = slice(frames // 3, 2 * frames // 3)
-    config = fgpose.Config()
-    config = replace(config, solver=replace(config.solver, covariance=True))
 
     recordings = {
         "all cameras": observations,
         f"without {hide}": with_hidden(observations, middle, camera=hide),
         "arm hidden": with_hidden(observations, middle, joints=ARM),
     }
-    trajectories = {name: fgpose.smooth(recording, rig, config) for name, recording in recordings.items()}
+    trajectories = {name: fgpose.smooth(recording, rig) for name, recording in recordings.items()}
 
     print(f"{'sigma, mm':16}" + "".join(f"{name:>16}" for name in trajectories))
     for joint in ("neck", "left_shoulder", *ARM, "right_wrist", "left_ankle"):

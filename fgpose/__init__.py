@@ -5,6 +5,8 @@ observations = fgpose.load_observations("pose/", rig, skeleton="body_25b", fps=6
 trajectory = fgpose.smooth(observations, rig)
 """
 
+from importlib.metadata import version as _version
+
 from fgpose.assessment.evaluation import Evaluation, evaluate
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
 from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
@@ -23,6 +25,8 @@ from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
+
+__version__ = _version("fgpose")
 
 __all__ = [
     "Camera",

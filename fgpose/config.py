@@ -9,15 +9,16 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import math
+import numbers
 import re
 import reprlib
-import sys
 import tomllib
-import types
 import typing
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, Unpack
 
 from fgpose_factors.kernels import Kernel
 
@@ -217,8 +218,8 @@ class SolverConfig:
     """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
     overlap_s: float = 0.75
     """Each window looks this far beyond its ends, seconds. Raising it makes seams smaller and takes longer."""
-    covariance: bool = False
-    """Also compute the marginal covariance of every joint in every frame."""
+    covariance: bool = True
+    """Also compute the marginal covariance of every joint in every frame; adds a quarter to the time."""
 
 
 @dataclass(frozen=True)
@@ -232,39 +233,69 @@ class OnlineConfig:
     """A joint is linearised again when it moves by more than this, metres. Raising it is faster and less exact."""
     covariance: bool = True
     """Also give the covariance of the newest joints."""
+    smoothed_covariance: bool = False
+    """Also give the covariance of the joints that are one lag old. It is that of the whole window: an update takes two
+    to three times as long."""
     estimate_time_offsets: bool = False
     """Learn by how much each camera's clock is off from that of the first."""
 
 
-@dataclass(frozen=True)
+Section = Mapping[str, Any]
+"""Some fields of a section, by name."""
+
+
+class Sections(TypedDict, total=False):
+    """The sections as keywords, each as some of its fields or as an object of its own."""
+
+    fusion: FusionConfig | Section
+    projection: ProjectionConfig | Section
+    depth: DepthConfig | Section
+    symmetry: SymmetryConfig | Section
+    motion: MotionConfig | Section
+    swing: SwingConfig | Section
+    prior: PriorConfig | Section
+    refinement: RefinementConfig | Section
+    calibration: CalibrationConfig | Section
+    solver: SolverConfig | Section
+    online: OnlineConfig | Section
+
+
+@dataclass(frozen=True, init=False)
 class Config:
-    """All parameters of fgpose. Frozen; derive another with dataclasses.replace."""
+    """All parameters of fgpose: ``Config(online={"lag_s": 0.2}, motion={"model": "random_walk"})``. Frozen.
 
-    fusion: FusionConfig = field(default_factory=FusionConfig)
-    projection: ProjectionConfig = field(default_factory=ProjectionConfig)
-    depth: DepthConfig = field(default_factory=DepthConfig)
-    symmetry: SymmetryConfig = field(default_factory=SymmetryConfig)
-    motion: MotionConfig = field(default_factory=MotionConfig)
-    swing: SwingConfig = field(default_factory=SwingConfig)
-    prior: PriorConfig = field(default_factory=PriorConfig)
-    refinement: RefinementConfig = field(default_factory=RefinementConfig)
-    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
-    solver: SolverConfig = field(default_factory=SolverConfig)
-    online: OnlineConfig = field(default_factory=OnlineConfig)
+    Raises:
+        ValueError: an unknown section or field (the nearest known one is suggested), or a value of a wrong kind.
+    """
 
-    def __post_init__(self) -> None:
-        for section in dataclasses.fields(self):
-            for name, value in dataclasses.asdict(getattr(self, section.name)).items():
-                _check_positive(f"{section.name}.{name}", value)
+    fusion: FusionConfig
+    projection: ProjectionConfig
+    depth: DepthConfig
+    symmetry: SymmetryConfig
+    motion: MotionConfig
+    swing: SwingConfig
+    prior: PriorConfig
+    refinement: RefinementConfig
+    calibration: CalibrationConfig
+    solver: SolverConfig
+    online: OnlineConfig
 
+    def __init__(self, **sections: Unpack[Sections]) -> None:
+        every_section: dict[str, Any] = {name: {} for name in _kinds(Config)}
+        for name, section in _converted(Config, every_section | {**sections}, "").items():
+            object.__setattr__(self, name, section)
 
-def _check_positive(name: str, value: object) -> None:
-    """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
-    if isinstance(value, bool | str):
-        return
-    largest = math.inf if name == "online.lag_s" else sys.maxsize if isinstance(value, int) else sys.float_info.max
-    if not isinstance(value, int | float) or not 0 < value <= largest:
-        raise ValueError(f"{name} must be a positive number, got {reprlib.repr(value)}")
+    def replace(self, **sections: Unpack[Sections]) -> Config:
+        """Another configuration with some fields changed: ``config.replace(online={"lag_s": 0.2})``.
+
+        A section that is given as an object takes the place of the whole section. Raises ValueError as Config does.
+        """
+        own = {name: vars(section) for name, section in vars(self).items()}
+        changed: dict[str, Any] = {
+            name: {**own.get(name, {}), **given} if isinstance(given, Mapping) else given
+            for name, given in sections.items()
+        }
+        return Config(**{**own, **changed})
 
 
 def load_config(path: str | Path) -> Config:
@@ -298,7 +329,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 def config_from_dict(table: dict[str, Any]) -> Config:
     """Configuration from nested tables, as read from TOML. Raises ValueError as load_config does."""
-    return _build(Config, table, "")
+    return Config(**table)
 
 
 def config_to_toml(config: Config) -> str:
@@ -308,29 +339,49 @@ def config_to_toml(config: Config) -> str:
     return tomli_w.dumps(dataclasses.asdict(config))
 
 
-def _build(cls: type, table: dict[str, Any], prefix: str) -> Any:
-    known = typing.get_type_hints(cls)
-    values = {}
-    for name, value in table.items():
+@cache
+def _kinds(cls: type) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
+
+
+def _converted(cls: type, table: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+    """The values of a table, checked against the fields of a dataclass."""
+    known = _kinds(cls)
+    for name in table:
         if name not in known:
             nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.0)[0]
             raise ValueError(f"unknown key {prefix}{name}; did you mean {prefix}{nearest}?")
-        values[name] = _convert(known[name], value, f"{prefix}{name}")
-    return cls(**values)
+    return {name: _convert(known[name], value, f"{prefix}{name}") for name, value in table.items()}
 
 
 def _convert(kind: Any, value: Any, name: str) -> Any:
     if dataclasses.is_dataclass(kind):
-        if not isinstance(value, dict):
+        table = vars(value) if isinstance(value, typing.cast(type, kind)) else value
+        if not isinstance(table, Mapping):
             raise ValueError(f"{name} is a section, got {reprlib.repr(value)}")
-        return _build(typing.cast(type, kind), value, f"{name}.")
+        return typing.cast(type, kind)(**_converted(typing.cast(type, kind), table, f"{name}."))
     if typing.get_origin(kind) is Literal:
         choices = typing.get_args(kind)
         if value not in choices:
             raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {reprlib.repr(value)}")
         return value
-    if kind is float and type(value) is int and abs(value) <= sys.float_info.max:
-        return float(value)
-    if not isinstance(kind, types.UnionType) and type(value) is not kind:
+    if kind in (int, float):
+        return _number(kind, value, name)
+    if type(value) is not kind:
         raise ValueError(f"{name} must be a {kind.__name__}, got {reprlib.repr(value)}")
     return value
+
+
+def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float:
+    """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
+    of_kind = numbers.Integral if kind is int else numbers.Real
+    if not isinstance(value, of_kind) or isinstance(value, bool):
+        raise ValueError(f"{name} must be a {kind.__name__}, got {reprlib.repr(value)}")
+    try:
+        size = float(value)
+    except OverflowError:
+        size = math.inf
+    may_be_infinite = name == "online.lag_s"
+    if not size > 0 or (math.isinf(size) and not may_be_infinite):
+        raise ValueError(f"{name} must be a positive number, got {reprlib.repr(value)}")
+    return kind(size)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -80,11 +81,12 @@ class Skeleton:
         return len(self.joints)
 
     def index(self, joint: str) -> int:
-        """Index of a joint by name. Raises ValueError for an unknown name."""
-        try:
+        """Index of a joint by name. Raises ValueError for an unknown name; it says which known one is near."""
+        if joint in self.joints:
             return self.joints.index(joint)
-        except ValueError:
-            raise ValueError(f"skeleton {self.name} has no joint {joint!r}; it has {', '.join(self.joints)}") from None
+        nearest = difflib.get_close_matches(joint, self.joints, n=1)
+        suggestion = f" (did you mean {nearest[0]}?)" if nearest else ""
+        raise ValueError(f"skeleton {self.name} has no joint {joint!r}{suggestion}; it has {', '.join(self.joints)}")
 
     def mirrored(self, bone: tuple[int, int]) -> tuple[int, int]:
         """The same bone on the other side of the body; a bone of the midline is its own mirror image."""

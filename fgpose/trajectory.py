@@ -94,6 +94,43 @@ class Trajectory:
                 raise ValueError(f"{name} must be {shape}, got {array.shape}")
             array.setflags(write=False)
 
+    @staticmethod
+    def from_estimates(
+        estimates: Sequence[Estimate], camera_names: tuple[str, ...] = (), config: Config | None = None
+    ) -> Trajectory:
+        """What the online estimator gave, as one trajectory; of several estimates of one frame the last.
+
+        Args:
+            estimates: in the order of time; covariances and residuals are kept if all have them.
+            camera_names: those of the rig; without them there are no residuals.
+            config: of the estimator.
+
+        Raises:
+            ValueError: there is no estimate, or their skeletons, joints or cameras differ.
+        """
+        frames = list({estimate.frame: estimate for estimate in estimates}.values())
+        if not frames:
+            raise ValueError("a trajectory needs at least one estimate")
+
+        def stacked(name: str) -> np.ndarray | None:
+            arrays = [getattr(estimate, name) for estimate in frames]
+            return None if any(array is None for array in arrays) else np.stack(arrays)
+
+        return Trajectory(
+            skeleton=frames[0].skeleton,
+            time_s=np.array([estimate.time_s for estimate in frames]),
+            positions_m=np.stack([estimate.positions_m for estimate in frames]),
+            status=np.stack([estimate.status for estimate in frames]),
+            covariance_m2=stacked("covariance_m2"),
+            residual_px=stacked("residual_px") if camera_names else None,
+            camera_names=camera_names,
+            config=config,
+        )
+
+    def __getitem__(self, joint: str) -> Float[np.ndarray, "frame 3"]:
+        """Positions of a joint by name, metres. Raises ValueError for an unknown name."""
+        return self.positions_m[:, self.skeleton.index(joint)]
+
     @property
     def n_frames(self) -> int:
         return len(self.time_s)
@@ -122,6 +159,10 @@ class Estimate:
     residual_px: Float[np.ndarray, "camera joint"] | None = None
     smoothed: Estimate | None = None
     """The estimate of the frame that is one lag old, which has seen everything since. None until there is one."""
+
+    def __getitem__(self, joint: str) -> Float[np.ndarray, 3]:
+        """Position of a joint by name, metres. Raises ValueError for an unknown name."""
+        return self.positions_m[self.skeleton.index(joint)]
 
     def __post_init__(self) -> None:
         # The estimator goes on from these very arrays.

@@ -2,39 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
-
 from fgpose.benchmark.methods import batch
 from fgpose.benchmark.recording import Method
-from fgpose.config import Config
+from fgpose.config import Config, Sections
 
 # A detection whose neighbours in time are off by so much does not exist.
 _NEVER_PX = 1e9
 # On the tuning clips, of 0.25 to 16 m^2/s^3.
 _BEST_DENSITY = 1.0
 
-_CHANGES: dict[str, tuple[str, dict[str, Any]]] = {
-    "as it is": ("projection", {}),
-    "no distrust of lasting errors": ("projection", {"persistent_px": _NEVER_PX}),
-    "no robust kernel": ("projection", {"kernel": "none"}),
-    "weights: confidence alone": ("projection", {"weighting": "confidence"}),
-    "weights: uniform": ("projection", {"weighting": "uniform"}),
-    "no per-view depth": ("depth", {"use": "never"}),
-    "per-view depth always": ("depth", {"use": "always"}),
-    "no bone lengths": ("symmetry", {"form": "none"}),
-    "symmetry within each frame": ("symmetry", {"form": "frame"}),
-    "one process noise for all": ("motion", {"adaptive": False, "acceleration_density": _BEST_DENSITY}),
-    "random walk": ("motion", {"model": "random_walk"}),
-    "no motion model": ("motion", {"model": "none"}),
+_CHANGES: dict[str, Sections] = {
+    "as it is": {},
+    "no distrust of lasting errors": {"projection": {"persistent_px": _NEVER_PX}},
+    "no robust kernel": {"projection": {"kernel": "none"}},
+    "weights: confidence alone": {"projection": {"weighting": "confidence"}},
+    "weights: uniform": {"projection": {"weighting": "uniform"}},
+    "no per-view depth": {"depth": {"use": "never"}},
+    "per-view depth always": {"depth": {"use": "always"}},
+    "no bone lengths": {"symmetry": {"form": "none"}},
+    "symmetry within each frame": {"symmetry": {"form": "frame"}},
+    "one process noise for all": {"motion": {"adaptive": False, "acceleration_density": _BEST_DENSITY}},
+    "random walk": {"motion": {"model": "random_walk"}},
+    "no motion model": {"motion": {"model": "none"}},
 }
 
 
 def ablations() -> list[Method]:
     """The estimator as it is, then with each change."""
-    return [batch(name, _changed(section, values)) for name, (section, values) in _CHANGES.items()]
-
-
-def _changed(section: str, values: dict[str, Any]) -> Config:
-    config = Config()
-    return replace(config, **{section: replace(getattr(config, section), **values)})
+    positions_only = Config(solver={"covariance": False})
+    return [batch(name, positions_only.replace(**changes)) for name, changes in _CHANGES.items()]

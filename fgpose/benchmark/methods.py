@@ -30,7 +30,7 @@ from fgpose.observations import Observations
 # clean recordings as good, 59 instead of 53 mm on occluded ones.)
 _RANSAC_PX = 45.0
 _MSAC_PX = 30.0
-_COVARIANCE = SolverConfig(covariance=True)
+_POSITIONS_ONLY = SolverConfig(covariance=False)
 
 Positions = Float[np.ndarray, "frame joint 3"]
 
@@ -146,14 +146,14 @@ def _batch(config: Config, recording: Recording) -> Result:
 def _self_calibrated(recording: Recording) -> Result:
     """The recording itself first corrects where the cameras are and how much their clocks are off."""
     calibrated = self_calibrate(recording.observations, recording.rig)
-    result = _smoothed(calibrated.observations, calibrated.rig, Config(solver=_COVARIANCE))
+    result = _smoothed(calibrated.observations, calibrated.rig, Config())
     return replace(result, offsets_s=calibrated.rig.time_offsets_s)
 
 
 def _synchronised(recording: Recording) -> Result:
     """The recording itself first says how much the cameras' clocks are off."""
     rig = estimate_time_offsets(recording.observations, recording.rig).rig
-    result = _smoothed(recording.observations, rig, Config(solver=_COVARIANCE))
+    result = _smoothed(recording.observations, rig, Config())
     return replace(result, offsets_s=rig.time_offsets_s)
 
 
@@ -194,11 +194,11 @@ def batch(name: str, config: Config) -> Method:
 
 
 OURS = (
-    batch("fgpose per frame", Config(motion=MotionConfig(model="none"))),
+    batch("fgpose per frame", Config(motion=MotionConfig(model="none"), solver=_POSITIONS_ONLY)),
     Method("fgpose online, lag 0", "ours", _Timed(_newest)),
     Method("fgpose online, lag 0.2 s", "ours", _Timed(partial(_lagged, 0.2))),
     Method("fgpose online, lag 0.5 s", "ours", _Timed(partial(_lagged, 0.5))),
-    batch("fgpose batch", Config(solver=_COVARIANCE)),
+    batch("fgpose batch", Config()),
     Method("fgpose batch, time offsets", "ours", _Timed(_synchronised)),
     Method("fgpose batch, self-calibrated", "ours", _Timed(_self_calibrated)),
 )
@@ -214,8 +214,7 @@ def _oracle(recording: Recording) -> Result:
     if recording.oracle_observations is None or recording.sigma_px is None:
         raise ValueError(f"nobody knows what is occluded in {recording.clip} ({recording.variant}): there is no oracle")
     known = ProjectionConfig(weighting="uniform", sigma_px=recording.sigma_px)
-    config = Config(solver=_COVARIANCE, projection=known)
-    return _smoothed(recording.oracle_observations, recording.true_rig, config)
+    return _smoothed(recording.oracle_observations, recording.true_rig, Config(projection=known))
 
 
 ORACLE = Method("oracle", "oracle", _Timed(_oracle))

@@ -88,7 +88,7 @@ def estimate(
         config: parameters; the defaults without.
         progress: called with the number of sequences done and of all.
     """
-    config = config or Config()
+    config = (config or Config()).replace(solver={"covariance": False})
     predictions = {}
     for number, sequence in enumerate(sequences):
         observations = views[sequence.key]

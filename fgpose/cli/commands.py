@@ -44,8 +44,8 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
 class Smooth(EstimatorOptions):
     """Smooth a whole recording: the most probable motion given all frames.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Add --solver.covariance for the uncertainty of
-    every joint in every frame.
+    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. With --solver.no-covariance it takes less
+    time and does not say how uncertain each joint is.
 
     Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --projection.sigma-px 4
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -107,7 +107,6 @@ def _run(source: Source) -> tuple[Result, float]:
     from fgpose.pipeline import Result, run_refine, run_smooth, run_track
 
     config = Config()
-    config = replace(config, solver=replace(config.solver, covariance=True))
     with progress_bar("each frame alone") as progress:
         refined = run_refine(source, config, progress).trajectories
     with progress_bar("batch smoother") as progress:

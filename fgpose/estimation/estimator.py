@@ -43,6 +43,12 @@ class _State:
     velocities_mps: Float[np.ndarray, "joint 3"]
     active: Bool[np.ndarray, " joint"]
     status: np.ndarray
+    evidence: Evidence
+    """Of this frame."""
+    unseen_s: Float[np.ndarray, " joint"]
+    """Time since any camera saw each joint."""
+    trust: Float[np.ndarray, " joint"]
+    """Weights of the detections of each joint that have fitted lately, summed over the cameras."""
 
     @property
     def joints(self) -> list[int]:
@@ -54,7 +60,7 @@ class Estimator:
 
     The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
     range factors, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also learns how
-    late each camera is; its rig then changes.
+    late each camera is (rig_with_offsets).
 
     It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
     feed it the last few seconds again; it settles within a second.
@@ -62,6 +68,7 @@ class Estimator:
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
+        self._rig = rig
         self._lengths = RunningLengths(skeleton)
         self._smoother = FixedLagSmoother(self.config.online.relinearize_m)
         self._window: deque[_State] = deque()
@@ -78,6 +85,11 @@ class Estimator:
             "an Estimator cannot be saved: GTSAM's fixed-lag smoother has no serialisation. "
             "Start a new one and feed it the last few seconds again."
         )
+
+    @property
+    def rig_with_offsets(self) -> CameraRig:
+        """The rig with the time offsets learned so far; as it was given unless online.estimate_time_offsets."""
+        return self._rig
 
     @property
     def repairs(self) -> int:
@@ -104,7 +116,7 @@ class Estimator:
         self._window.append(state)
         self._let_go(now.time_s)
         self._n_frames += 1
-        estimate = self._estimate(state, evidence)
+        estimate = self._estimate(state)
         if self.config.online.estimate_time_offsets and before is not None:
             self._learn_offsets(now.time_s - before.at.time_s, state, evidence)
         return estimate
@@ -119,7 +131,7 @@ class Estimator:
                 f"time must increase: got a frame at {frame.frame_time_s[0]:g} s after one at "
                 f"{self._window[-1].at.time_s:g} s; it was not used"
             )
-        return gather(frame.with_cameras(self.rig.names), self.rig, self.config)
+        return gather(frame.with_cameras(self._rig.names), self._rig, self.config)
 
     def _on_time(self, before: _State | None, evidence: Evidence) -> Evidence:
         """The detections where they would be if all cameras were synchronous, as the motion so far foresees."""
@@ -128,15 +140,15 @@ class Estimator:
             return evidence
         foreseen_m = before.positions_m + before.velocities_mps * (evidence.time_s[0] - before.at.time_s)
         at_camera_m = foreseen_m + before.velocities_mps * delay_s[:, None, None]
-        moved_px = np.nan_to_num(self.rig.project_each(at_camera_m) - self.rig.project(foreseen_m))
+        moved_px = np.nan_to_num(self._rig.project_each(at_camera_m) - self._rig.project(foreseen_m))
         return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
 
     def _learn_offsets(self, step_s: float, state: _State, evidence: Evidence) -> None:
         detections = evidence.undistorted_px[0], evidence.weights[0]
-        self._offsets.add(step_s, state.positions_m, state.velocities_mps, *detections, self.rig)
+        self._offsets.add(step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
         # A new rig costs a millisecond, and offsets change slowly.
         if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
-            self.rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
+            self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
 
     def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
         """Joints that take part: triangulated now or, with a motion model, not too long ago."""
@@ -151,20 +163,20 @@ class Estimator:
         """First guess of the newest frame: the motion carried on or, where it explains the images better, the
         triangulated point."""
         guess_m = evidence.guess_m[0]
-        status = joint_status(active, evidence.observed[0])
+        known = joint_status(active, evidence.observed[0]), evidence, now.time_s - self._last_seen_s, _total(evidence)
         if before is None:
-            return _State(now, guess_m, np.zeros_like(guess_m), active, status)
+            return _State(now, guess_m, np.zeros_like(guess_m), active, *known)
         moved_m = before.positions_m + before.velocities_mps * (now.time_s - before.at.time_s)
         entering = ~before.active | np.isnan(moved_m).any(axis=-1)
         better = self._image_error(guess_m, evidence) < self._image_error(moved_m, evidence)
         positions_m = np.where((entering | better)[:, None], guess_m, moved_m)
         velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
-        return _State(now, positions_m, velocities_mps, active, status)
+        return _State(now, positions_m, velocities_mps, active, *known)
 
     def _image_error(self, positions_m: np.ndarray, evidence: Evidence) -> Float[np.ndarray, " joint"]:
         """Robust (Geman-McClure) reprojection error per joint, in units of the kernel's scale; inf without a point."""
         scale_px = self.config.projection.sigma_px * self.config.projection.kernel_scale
-        squared = np.sum((self.rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
+        squared = np.sum((self._rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
         # A point behind a camera that sees the joint has no image there: as bad as the farthest outlier.
         robust = np.where(np.isfinite(squared), squared / (1 + squared), 1.0)
         seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
@@ -204,7 +216,7 @@ class Estimator:
         self, before: _State | None, state: _State, evidence: Evidence, values: gtsam.Values
     ) -> Iterator[gtsam.NonlinearFactor]:
         segment = Segment(
-            self.rig,
+            self._rig,
             self.skeleton,
             self.config,
             evidence,
@@ -234,45 +246,81 @@ class Estimator:
         points[state.active] = self._smoother.points([key(joint, state.at.frame) for joint in state.joints])
         return points
 
-    def _estimate(self, state: _State, evidence: Evidence) -> Estimate:
-        residual_px = np.linalg.norm(self.rig.project(state.positions_m) - evidence.undistorted_px[0], axis=-1)
+    def _estimate(self, state: _State) -> Estimate:
+        residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
+        self._persistence.add(self._usual_step_s(), residual_px)
+        state = replace(state, trust=_total(state.evidence, self._persistence.weights()))
+        self._window[-1] = state
         return Estimate(
             skeleton=self.skeleton,
             frame=state.at.frame,
             time_s=state.at.time_s,
             positions_m=state.positions_m,
             status=state.status,
-            covariance_m2=self._covariance(state, evidence, residual_px) if self.config.online.covariance else None,
+            covariance_m2=self._covariance(state) if self.config.online.covariance else None,
             residual_px=residual_px,
             smoothed=self._lagged(state.at.time_s),
         )
 
-    def _covariance(
-        self, state: _State, evidence: Evidence, residual_px: Float[np.ndarray, "camera joint"]
-    ) -> Float[np.ndarray, "joint 3 3"]:
-        joints, step_s = state.joints, usual_step_s(np.array([state.at.time_s for state in self._window]))
-        self._persistence.add(step_s, residual_px)
-        covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
-        if joints:
-            keys = [position_key(joint, state.at.frame) for joint in joints]
-            linear_m2 = self._smoother.covariances(keys)
-            detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
-            points_m = state.positions_m[None, joints]
-            alone = detection_information(self.rig, *detections, points_m, self.config.projection)[0]
-            factor = doubt_online(self._trusted(evidence).total_weight[0, joints], evidence.total_weight[0, joints])
-            covariance_m2[joints] = factor[:, None, None] * with_correlated_errors(linear_m2, alone, step_s)
-        unseen_s = state.at.time_s - self._last_seen_s
-        return with_swing(
-            covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
-        )[0]
+    def _usual_step_s(self) -> float:
+        return usual_step_s(np.array([state.at.time_s for state in self._window]))
 
-    def _trusted(self, evidence: Evidence) -> Evidence:
-        return replace(evidence, weights=evidence.weights * self._persistence.weights())
+    def _covariance(self, state: _State) -> Float[np.ndarray, "joint 3 3"]:
+        """Of the newest pose."""
+        return self._widened(state, self._smoother.covariances(self._position_keys(state)), state.unseen_s)
 
     def _lagged(self, time_s: float) -> Estimate | None:
         """The newest frame that is at least one lag old, as everything since has changed it."""
         oldest = self._window[0]
         if not self._is_lagged(oldest, time_s):
             return None
-        positions_m = self._points(position_key, oldest)
-        return Estimate(self.skeleton, oldest.at.frame, oldest.at.time_s, positions_m, oldest.status)
+        oldest = replace(oldest, positions_m=self._points(position_key, oldest))
+        wanted = self.config.online.smoothed_covariance
+        return Estimate(
+            skeleton=self.skeleton,
+            frame=oldest.at.frame,
+            time_s=oldest.at.time_s,
+            positions_m=oldest.positions_m,
+            status=oldest.status,
+            covariance_m2=self._lagged_covariance(oldest) if wanted else None,
+        )
+
+    def _lagged_covariance(self, oldest: _State) -> Float[np.ndarray, "joint 3 3"]:
+        """Of the pose that is one lag old. What follows is known, as in the batch; but what was hallucinated counts as
+        much as in the newest pose, where the batch would have noticed."""
+        linear_m2 = self._smoother.oldest_covariances(self._position_keys(oldest))
+        seen = np.stack([state.evidence.seen[0] for state in self._window])
+        until_s = np.array([state.at.time_s - oldest.at.time_s for state in self._window])
+        until_seen_s = np.where(seen, until_s[:, None], np.inf).min(axis=0)
+        return self._widened(oldest, linear_m2, np.minimum(oldest.unseen_s, until_seen_s))
+
+    def _position_keys(self, state: _State) -> list[int]:
+        return [position_key(joint, state.at.frame) for joint in state.joints]
+
+    def _widened(
+        self,
+        state: _State,
+        linear_m2: Float[np.ndarray, "active_joint 3 3"],
+        unseen_s: Float[np.ndarray, " joint"],
+    ) -> Float[np.ndarray, "joint 3 3"]:
+        """The covariance of the graph, for what the graph does not know of its errors; see uncertainty."""
+        covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
+        if state.joints:
+            correlated_m2 = with_correlated_errors(linear_m2, self._frame_information(state), self._usual_step_s())
+            factor = doubt_online(state.trust, _total(state.evidence))
+            covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
+        return with_swing(
+            covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
+        )[0]
+
+    def _frame_information(self, state: _State) -> Float[np.ndarray, "active_joint 3 3"]:
+        """Of the detections of this frame alone."""
+        joints, evidence = state.joints, state.evidence
+        detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
+        points_m = state.positions_m[None, joints]
+        return detection_information(self._rig, *detections, points_m, self.config.projection)[0]
+
+
+def _total(evidence: Evidence, share: float | Float[np.ndarray, "camera joint"] = 1.0) -> Float[np.ndarray, " joint"]:
+    """Weights of the detections of each joint in one frame, summed over the cameras, of each this share."""
+    return replace(evidence, weights=evidence.weights * share).total_weight[0]

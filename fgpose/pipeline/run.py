@@ -127,27 +127,10 @@ def run_track(
             on_update(seen, estimate, float(update_ms[frame]))
         if progress:
             progress(frame + 1, observations.n_frames)
-    trajectories = {"online": _stacked(estimates, source, config)}
+    trajectories = {"online": Trajectory.from_estimates(estimates, source.rig.names, config)}
     if smoothed:
         trajectories = {"smoothed": _lagged(smoothed, source, config), **trajectories}
     return Result(source, config, trajectories, ("smoothed", "online"), update_ms)
-
-
-def _stacked(estimates: list[Estimate], source: Source, config: Config) -> Trajectory:
-    def stacked(name: str) -> np.ndarray | None:
-        arrays = [getattr(estimate, name) for estimate in estimates]
-        return None if any(array is None for array in arrays) else np.stack(arrays)
-
-    return Trajectory(
-        skeleton=source.observations.skeleton,
-        time_s=np.array([estimate.time_s for estimate in estimates]),
-        positions_m=np.stack([estimate.positions_m for estimate in estimates]),
-        status=np.stack([estimate.status for estimate in estimates]),
-        covariance_m2=stacked("covariance_m2"),
-        residual_px=stacked("residual_px"),
-        camera_names=source.rig.names,
-        config=config,
-    )
 
 
 def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Trajectory:
@@ -155,13 +138,17 @@ def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Tr
     evidence = source.evidence(config).frames(slice(0, max(smoothed) + 1))
     positions_m = np.full(evidence.guess_m.shape, np.nan)
     status = np.full(positions_m.shape[:2], Status.UNOBSERVABLE, dtype=np.int8)
+    covariance_m2 = np.full((*positions_m.shape, 3), np.nan) if config.online.smoothed_covariance else None
     for frame, estimate in smoothed.items():
         positions_m[frame], status[frame] = estimate.positions_m, estimate.status
+        if covariance_m2 is not None:
+            covariance_m2[frame] = estimate.covariance_m2
     return Trajectory(
         skeleton=source.observations.skeleton,
         time_s=evidence.time_s,
         positions_m=positions_m,
         status=status,
+        covariance_m2=covariance_m2,
         residual_px=reprojection_residual_px(evidence.undistorted_px, source.rig, positions_m),
         camera_names=source.rig.names,
         config=config,

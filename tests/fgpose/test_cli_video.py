@@ -111,14 +111,14 @@ def test_other_parameters_need_no_network(
     capsys.readouterr()
     config = tmp_path / "mine.toml"
     config.write_text("[projection]\nsigma_px = 9.0\nkernel_scale = 2.5\n")
-    options += ["--config", str(config), "--projection.sigma-px", "7", "--solver.covariance"]
+    options += ["--config", str(config), "--projection.sigma-px", "7", "--solver.no-covariance"]
     assert main(["run", *source, "-o", str(tmp_path / "b"), *options]) == 0
     assert len(network.seen) == n_seen
     assert f"{n_seen} of them known from {no_home}" in capsys.readouterr().out
     trajectory = load_trajectory(tmp_path / "b" / "walk.npz")
     assert trajectory.config is not None
     assert (trajectory.config.projection.sigma_px, trajectory.config.projection.kernel_scale) == (7.0, 2.5)
-    assert trajectory.covariance_m2 is not None
+    assert trajectory.covariance_m2 is None
 
 
 def test_no_cache_keeps_nothing(source: list[str], network: SquaresNetwork, no_home: Path, tmp_path: Path) -> None:

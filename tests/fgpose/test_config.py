@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from fgpose.config import Config, MotionConfig, OnlineConfig, ProjectionConfig, config_to_toml, load_config, parse_toml
@@ -26,19 +28,14 @@ def test_a_file_changes_only_what_it_names(tmp_path: Path) -> None:
     config = load_config(
         written(tmp_path, '[projection]\nsigma_px = 3\nkernel = "huber"\n[online]\ncovariance = false')
     )
-    expected = dataclasses.replace(
-        Config(),
-        projection=ProjectionConfig(sigma_px=3.0, kernel="huber"),
-        online=OnlineConfig(covariance=False),
+    assert config == Config(
+        projection=ProjectionConfig(sigma_px=3.0, kernel="huber"), online=OnlineConfig(covariance=False)
     )
-    assert config == expected
     assert isinstance(config.projection.sigma_px, float), "a whole number in the file is still a length"
 
 
 def test_every_value_survives_the_way_through_toml(tmp_path: Path) -> None:
-    config = dataclasses.replace(
-        Config(), motion=MotionConfig(model="random_walk", velocity_density=0.3), online=OnlineConfig(lag_s=math.inf)
-    )
+    config = Config(motion={"model": "random_walk", "velocity_density": 0.3}, online={"lag_s": math.inf})
     assert load_config(written(tmp_path, config_to_toml(config))) == config
 
 
@@ -86,10 +83,53 @@ def test_every_number_must_be_positive_and_finite(tmp_path: Path, key: str, valu
         load_config(written(tmp_path, f"{key} = {value}"))
 
 
-@pytest.mark.parametrize("changes", [{"sigma_px": 0.0}, {"min_weight": -1.0}])
-def test_code_is_checked_as_files_are(changes: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=f"projection.{next(iter(changes))} must be a positive number"):
-        Config(projection=ProjectionConfig(**changes))
+def test_a_section_is_given_by_what_differs() -> None:
+    config = Config(online={"lag_s": 1, "covariance": False}, motion=MotionConfig(model="random_walk"))
+    assert config.online == OnlineConfig(lag_s=1.0, covariance=False)
+    assert isinstance(config.online.lag_s, float)
+    assert config.motion == MotionConfig(model="random_walk")
+    assert config.projection == ProjectionConfig()
+
+
+def test_replacing_fields_keeps_the_rest() -> None:
+    config = Config(online={"lag_s": 0.2}, projection={"sigma_px": 3.0})
+    changed = config.replace(online={"covariance": False}, solver={"max_iterations": 7})
+    assert changed == Config(
+        online={"lag_s": 0.2, "covariance": False}, projection={"sigma_px": 3.0}, solver={"max_iterations": 7}
+    )
+    assert config == Config(online={"lag_s": 0.2}, projection={"sigma_px": 3.0})
+    assert config.replace(online=OnlineConfig(covariance=False)) == config.replace(
+        online={"covariance": False, "lag_s": 0.5}
+    ), "an object is a whole section"
+    assert dataclasses.replace(config, online=OnlineConfig()) == Config(projection={"sigma_px": 3.0})
+
+
+@pytest.mark.parametrize(
+    ("sections", "message"),
+    [
+        ({"onlin": {}}, "unknown key onlin; did you mean online?"),
+        ({"online": {"lag": 0.2}}, "unknown key online.lag; did you mean online.lag_s?"),
+        ({"online": {"lag_s": "0.2"}}, "online.lag_s must be a float, got '0.2'"),
+        ({"online": {"covariance": 1}}, "online.covariance must be a bool, got 1"),
+        ({"online": 0.2}, "online is a section, got 0.2"),
+        ({"online": MotionConfig()}, "online is a section, got MotionConfig("),
+        ({"solver": {"max_iterations": 2.5}}, "solver.max_iterations must be a int, got 2.5"),
+        ({"solver": {"max_iterations": 10**400}}, "solver.max_iterations must be a positive number, got 1000"),
+        ({"projection": {"sigma_px": 10**400}}, "projection.sigma_px must be a positive number, got 1000"),
+        ({"projection": {"min_weight": -1.0}}, "projection.min_weight must be a positive number, got -1.0"),
+        ({"projection": ProjectionConfig(sigma_px=0.0)}, "projection.sigma_px must be a positive number, got 0.0"),
+    ],
+)
+def test_code_is_checked_as_files_are(sections: dict[str, Any], message: str) -> None:
+    for make in (Config, Config().replace):
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+            make(**sections)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    config = Config(projection={"sigma_px": np.float32(3)}, solver={"max_iterations": np.int64(7)})
+    assert config == Config(projection={"sigma_px": 3.0}, solver={"max_iterations": 7})
+    assert type(config.projection.sigma_px) is float
 
 
 def test_the_lag_alone_may_be_infinite(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fgpose import pipeline
-from fgpose.config import Config, MotionConfig
+from fgpose.config import Config
 from fgpose.estimation import evidence as evidence_module
 from fgpose.estimation import fusion
 from fgpose.estimation.evidence import gather
@@ -27,7 +27,7 @@ from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, ru
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import Recording, open_recording
 
-SHORT_LAG = replace(Config(), online=replace(Config().online, lag_s=0.1))
+SHORT_LAG = Config(online={"lag_s": 0.1})
 
 
 @pytest.fixture(scope="module")
@@ -254,7 +254,7 @@ def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> N
 def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: Source, smoothed: Result) -> None:
     """White noise on the acceleration, integrated twice in fine steps: the residual's mean square is 3."""
     rng = np.random.default_rng(0)
-    config, n_frames, fine = Config(motion=MotionConfig(adaptive=False)), 400, 50
+    config, n_frames, fine = Config(motion={"adaptive": False}), 400, 50
     step_s = 1 / (60 * fine)
     shape = (n_frames * fine, 25, 3)
     acceleration = rng.normal(scale=np.sqrt(config.motion.acceleration_density / step_s), size=shape)
@@ -264,6 +264,7 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: So
         time_s=np.arange(n_frames) / 60,
         positions_m=positions_m,
         status=np.full((n_frames, 25), Status.OBSERVED),
+        covariance_m2=None,
         residual_px=None,
     )
     motion = whitened_residuals(trajectory, gather(source.observations, source.rig, config), config)["motion"]

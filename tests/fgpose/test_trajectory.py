@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fgpose.config import Config
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -71,6 +72,61 @@ def test_a_result_cannot_be_changed(parts: dict[str, Any]) -> None:
     estimate = Estimate(parts["skeleton"], 0, 0.0, np.zeros((parts["skeleton"].n_joints, 3)), np.zeros(3))
     with pytest.raises(ValueError, match="read-only"):
         estimate.positions_m[0] = 1
+
+
+def estimate(skeleton: Skeleton, frame: int, **parts: Any) -> Estimate:
+    positions_m = np.full((17, 3), float(frame))
+    return Estimate(skeleton, frame, frame / 50, positions_m, np.full(17, Status.OBSERVED), **parts)
+
+
+def test_joints_by_name(parts: dict[str, Any], skeleton: Skeleton) -> None:
+    positions_m = np.arange(FRAMES * 17 * 3, dtype=float).reshape(FRAMES, 17, 3)
+    trajectory = Trajectory(**{**parts, "positions_m": positions_m})
+    wrist = skeleton.joints.index("left_wrist")
+    np.testing.assert_array_equal(trajectory["left_wrist"], positions_m[:, wrist])
+    newest = Estimate(skeleton, 0, 0.0, positions_m[2], np.zeros(17))
+    np.testing.assert_array_equal(newest["left_wrist"], positions_m[2, wrist])
+    for result in (trajectory, newest):
+        with pytest.raises(ValueError, match=r"no joint 'left_wirst' \(did you mean left_wrist\?\); it has pelvis, "):
+            result["left_wirst"]
+
+
+def test_estimates_become_a_trajectory(skeleton: Skeleton) -> None:
+    covariance_m2, residual_px = np.ones((17, 3, 3)), np.ones((2, 17))
+    estimates = [
+        estimate(skeleton, frame, covariance_m2=frame * covariance_m2, residual_px=frame * residual_px)
+        for frame in (3, 4, 6)
+    ]
+    trajectory = Trajectory.from_estimates(estimates, ("a", "b"), Config())
+    assert (trajectory.skeleton, trajectory.camera_names, trajectory.config) == (skeleton, ("a", "b"), Config())
+    np.testing.assert_array_equal(trajectory.time_s, [3 / 50, 4 / 50, 6 / 50])
+    np.testing.assert_array_equal(trajectory["left_wrist"][:, 0], [3, 4, 6])
+    assert trajectory.observed.all()
+    assert trajectory.covariance_m2 is not None
+    assert trajectory.residual_px is not None
+    np.testing.assert_array_equal(trajectory.covariance_m2[:, 5, 1, 2], [3, 4, 6])
+    np.testing.assert_array_equal(trajectory.residual_px[:, 1, 5], [3, 4, 6])
+
+
+def test_what_not_all_estimates_have_is_left_out(skeleton: Skeleton) -> None:
+    covariance_m2, residual_px = np.ones((17, 3, 3)), np.ones((2, 17))
+    estimates = [estimate(skeleton, 0, residual_px=residual_px), estimate(skeleton, 1, covariance_m2=covariance_m2)]
+    trajectory = Trajectory.from_estimates(estimates, ("a", "b"))
+    assert trajectory.covariance_m2 is None
+    assert trajectory.residual_px is None
+    assert Trajectory.from_estimates(estimates[:1]).residual_px is None, "residuals belong to cameras with names"
+
+
+def test_of_several_estimates_of_one_frame_the_last_counts(skeleton: Skeleton) -> None:
+    first, again, second = (estimate(skeleton, frame) for frame in (0, 0, 1))
+    better = Estimate(skeleton, 0, 0.0, first.positions_m + 1, first.status)
+    trajectory = Trajectory.from_estimates([first, again, better, second])
+    np.testing.assert_array_equal(trajectory["pelvis"][:, 0], [1, 1])
+
+
+def test_a_trajectory_of_no_estimate_is_an_error() -> None:
+    with pytest.raises(ValueError, match="at least one estimate"):
+        Trajectory.from_estimates([])
 
 
 def test_the_worst_of_several_problems() -> None:

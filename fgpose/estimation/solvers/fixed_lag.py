@@ -23,10 +23,12 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Iterable, Sequence
+from functools import cache
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
+from threadpoolctl import ThreadpoolController
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
 # After a repair: what the frames so far told is lost, but for where they put the joints. Loose enough that new
@@ -123,6 +125,27 @@ class FixedLagSmoother:
         np.linalg.cholesky(covariances)
         return covariances
 
+    def oldest_covariances(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3 3"]:
+        """Marginal covariance of each of these positions of the oldest frame; NaN where the window does not give it.
+
+        The way from the oldest frame to the root leads through all others: in the Bayes tree it costs ten to fifteen
+        updates. To eliminate the window once more, from the newest frame to the oldest, costs one or two.
+        """
+        if not keys:
+            return np.zeros((0, 3, 3))
+        frames = [frame for frame in self._frames if frame]
+        newest_first = _ordering(key for frame in reversed(frames[1:]) for key in frame)
+        window = self._isam.getFactorsUnsafe().linearize(self._isam.getLinearizationPoint())
+        try:
+            oldest = window.eliminatePartialMultifrontal(newest_first)[1] if len(frames) > 1 else window
+            information, _ = oldest.hessian(_ordering(frames[0]))
+            with _blas().limit(limits=1, user_api="blas"):
+                covariance = np.linalg.inv(information)
+        except _FAILURES:  # indeterminate in double precision
+            return np.full((len(keys), 3, 3), np.nan)
+        rows = [slice(3 * at, 3 * at + 3) for at in (frames[0].index(key) for key in keys)]
+        return np.stack([covariance[row, row] for row in rows])
+
     def _in_order(
         self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_new: int
     ) -> gtsam.ISAM2UpdateParams:
@@ -198,3 +221,16 @@ def _key_list(keys: Iterable[int]) -> gtsam.KeyList:
     for key in keys:
         key_list.push_back(key)
     return key_list
+
+
+def _ordering(keys: Iterable[int]) -> gtsam.Ordering:
+    ordering = gtsam.Ordering()
+    for key in keys:
+        ordering.push_back(key)
+    return ordering
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Matrices of 100 x 100 are too small to share between cores: threads that wait for each other take longer."""
+    return ThreadpoolController()

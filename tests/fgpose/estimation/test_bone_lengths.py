@@ -43,8 +43,8 @@ def test_the_median_and_its_sigma_are_those_of_the_samples(body):
     for left_m, right_m in samples_m:
         lengths.add(STEP_S, pose(left_m, right_m), ALL)
     assert lengths.median_m()[0] == pytest.approx(np.median(samples_m), abs=1e-3)  # a bin
-    # sqrt(pi / 2) sigma / sqrt(n), 2 x 0.15 s / 0.02 s = 15 samples counting as one; the quartiles of 1000 samples are good to 5 %, and a
-    # bin is added
+    # sqrt(pi / 2) sigma / sqrt(n), 2 x 0.15 s / 0.02 s = 15 samples counting as one; the quartiles of 1000 samples are
+    # good to 5 %, and a bin is added
     expected_m = np.sqrt(np.pi / 2) * 0.021 / np.sqrt(1000 / 15)
     assert lengths.sigma_m()[0] == pytest.approx(expected_m, rel=0.1)
 

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import config_from_dict
+from fgpose.estimation.keys import position_key
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate, walking
+from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 from tests.conftest import MOCAP
 
 COVERED_99 = 11.34  # 99 % quantile of chi-square with 3 degrees of freedom
@@ -52,7 +53,7 @@ def hidden(
 @pytest.fixture(scope="module")
 def mocap_clear(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
     """Six seconds of real motion (motion capture), noisy, nothing occluded."""
-    from fgpose.synthetic import DetectionNoise, motion_from_npz
+    from fgpose.synthetic import motion_from_npz
 
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     return simulate(truth_m[:300], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0)
@@ -100,16 +101,52 @@ def test_the_lagged_estimate_is_one_lag_old(mocap_clear: Scene, rig: fgpose.Came
         assert estimate.frame - estimate.smoothed.frame == 25  # 0.5 s at 50 Hz
 
 
-def test_covariance_covers_the_error(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
-    estimates = run(mocap_clear.observations.frames(slice(0, 150)), rig)[20:]
-    nees = []
+def nees(estimates: list[fgpose.Estimate], truth_m: np.ndarray) -> Float[np.ndarray, "frame joint"]:
+    """Squared error in standard deviations: 3 on average where the covariance is right."""
+    squared = []
     for estimate in estimates:
         assert estimate.covariance_m2 is not None
-        error = estimate.positions_m - mocap_clear.truth_m[estimate.frame]
-        nees.append(np.einsum("ji,jik,jk->j", error, np.linalg.inv(estimate.covariance_m2), error))
-    # Detection errors are correlated in time, which white noise does not know: 90 % instead of 99 % is what is left.
-    assert np.mean(np.array(nees) < COVERED_99) > 0.9
-    assert 0.5 < np.median(nees) < 5.0  # the median of chi-square with 3 degrees of freedom is 2.4
+        error = estimate.positions_m - truth_m[estimate.frame]
+        squared.append(np.einsum("ji,jik,jk->j", error, np.linalg.inv(estimate.covariance_m2), error))
+    return np.array(squared)
+
+
+def test_covariance_covers_the_error(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    config = fgpose.Config(online={"smoothed_covariance": True})
+    estimates = run(mocap_clear.observations.frames(slice(0, 150)), rig, config)[20:]
+    smoothed = [estimate.smoothed for estimate in estimates if estimate.smoothed is not None]
+    for squared in (nees(estimates, mocap_clear.truth_m), nees(smoothed, mocap_clear.truth_m)):
+        # Errors of detections are correlated in time, which is known on average only: 90 % instead of 99 %.
+        assert np.mean(squared < COVERED_99) > 0.9
+        assert 0.5 < np.median(squared) < 5.0  # the median of chi-square with 3 degrees of freedom is 2.4
+
+
+@pytest.mark.parametrize("lag_s", [0.001, 0.1])
+def test_the_lagged_covariance_is_the_marginal_of_the_window(
+    lag_s: float, mocap_clear: Scene, rig: fgpose.CameraRig
+) -> None:
+    """What GTSAM's Bayes tree gives for the same variables, before it is widened."""
+    observations = mocap_clear.observations.frames(slice(0, 20))
+    estimator = fgpose.Estimator(rig, observations.skeleton, fgpose.Config(online={"lag_s": lag_s}))
+    estimates = [estimator.update(frame) for frame in observations]
+    assert estimates[-1].smoothed is not None
+    keys = [position_key(joint, estimates[-1].smoothed.frame) for joint in range(17)]
+    smoother = estimator._smoother
+    # Rounding of an inverse whose condition number is about 1e6.
+    np.testing.assert_allclose(smoother.oldest_covariances(keys), smoother.covariances(keys), rtol=1e-6, atol=1e-12)
+
+
+def test_a_frame_is_known_better_one_lag_later(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    """A wrist that is unseen for 0.2 s is seen again within the lag: what is known of it then is a multiple."""
+    wrist = mocap_clear.observations.skeleton.index("left_wrist")
+    observations = hidden(mocap_clear.observations.frames(slice(0, 80)), slice(40, 50), [wrist])
+    estimates = run(observations, rig, fgpose.Config(online={"smoothed_covariance": True}))
+    smoothed = {estimate.smoothed.frame: estimate.smoothed for estimate in estimates if estimate.smoothed is not None}
+    variance_m2 = {}
+    for name, estimate in (("newest", estimates[47]), ("smoothed", smoothed[47])):
+        assert estimate.covariance_m2 is not None
+        variance_m2[name] = np.trace(estimate.covariance_m2[wrist])
+    assert variance_m2["smoothed"] < variance_m2["newest"] / 4
 
 
 @pytest.mark.parametrize("unseen", [["right_wrist"], ["left_elbow", "left_wrist"], ["right_knee", "right_ankle"]])
@@ -233,6 +270,18 @@ def test_bad_frames_are_refused(mocap_clear: Scene, rig: fgpose.CameraRig) -> No
     stranger = replace(observations.frames(slice(0, 1)), camera_names=("a", "b", "c", "d"))
     with pytest.raises(ValueError, match="lacks camera a, b, c, d"):
         estimator.update(stranger)
+
+
+def test_learned_time_offsets_leave_the_given_rig_alone(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    truth_m, offsets_s = walking(150, 50.0, skeleton), np.array([0.0, 0.03, -0.02, 0.01])
+    late = simulate(truth_m, skeleton, rig, 50.0, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=offsets_s)
+    estimator = fgpose.Estimator(rig, skeleton, fgpose.Config(online={"estimate_time_offsets": True}))
+    for frame in late.observations:
+        estimator.update(frame)
+    assert estimator.rig is rig
+    np.testing.assert_array_equal(rig.time_offsets_s, 0.0)
+    # A third of a frame: what three seconds of a walk with correlated errors of 5 px allow.
+    np.testing.assert_allclose(estimator.rig_with_offsets.time_offsets_s, offsets_s, atol=0.007)
 
 
 def test_it_says_why_it_cannot_be_saved(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:

@@ -141,7 +141,7 @@ def test_joints_that_equation_5_does_not_determine(walking_scene, rig):
 def test_reports_progress_and_what_did_not_converge(walking_scene, rig):
     observations = walking_scene.observations.frames(slice(0, 3))
     calls: list[tuple[int, int]] = []
-    config = replace(Config(), solver=replace(Config().solver, max_iterations=1))
+    config = Config(solver={"max_iterations": 1})
     refined = refine(observations, rig, config, progress=lambda done, total: calls.append((done, total)))
     assert calls == [(1, 3), (2, 3), (3, 3)]
     assert refined.convergence is not None

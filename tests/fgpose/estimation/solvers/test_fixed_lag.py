@@ -103,8 +103,8 @@ def random_stream(seed: int) -> Iterator[tuple[gtsam.NonlinearFactorGraph, gtsam
                 keys.append(velocity)
                 graph.add(gtsam.PriorFactorPoint3(velocity, np.zeros(3), noise_model(3, 3.0)))
             if before[joint] and with_velocity:
-                start = position_key(joint, number - 1), velocity_key(joint, number - 1), (number - 1) * STEP_S
-                graph.add(constant_velocity_factor(start, (position, velocity, number * STEP_S), DENSITY))
+                start = State(position_key(joint, number - 1), velocity_key(joint, number - 1), (number - 1) * STEP_S)
+                graph.add(constant_velocity_factor(start, State(position, velocity, number * STEP_S), DENSITY))
             elif before[joint]:
                 graph.add(random_walk_factor(position_key(joint, number - 1), position, STEP_S, 1.0))
         for start, end in itertools.pairwise(np.flatnonzero(present).tolist()):
