@@ -18,11 +18,12 @@ from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.factors.kinds import graph_factors
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.keys import position_key, velocity_key
+from fgpose.estimation.noise import with_correlated_errors
 from fgpose.estimation.persistence import RunningPersistence
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Predecessor, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
-from fgpose.estimation.uncertainty import doubt_online, with_correlated_errors, with_swing
+from fgpose.estimation.uncertainty import doubt_online, with_swing
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
