@@ -24,7 +24,7 @@ import fgpose
 from fgpose.trajectory import Estimate, Status
 
 _MOST_FAILURES = 3
-_BATCH_FRAMES = 150
+_BATCH_FRAMES = 60
 _REPEATED_SHARE = 0.02
 
 
