@@ -25,7 +25,7 @@ _RUN = Path(__file__).with_name("soak_run.py")
 _RUNS_PER_PROCESS = 20  # to start Python takes a second or two
 _POLL_S = 0.1
 _S_PER_FRAME = 4.0  # a run that takes longer than this times its frames hangs; the slowest take a tenth
-_MAX_GROWTH_MB = 100.0  # a window of more joints takes as much; what leaks shows in a long run
+_MAX_GROWTH_MB = 100.0  # more joints in the window take as much; what leaks shows in a long run
 
 
 def soak(

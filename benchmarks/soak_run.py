@@ -6,6 +6,7 @@ killed it.
 
 from __future__ import annotations
 
+import ctypes
 import itertools
 import json
 import os
@@ -24,6 +25,7 @@ import fgpose
 from fgpose.trajectory import Estimate, Status
 
 _MOST_FAILURES = 3
+_FRAMES_PER_LOOK = 10
 _BATCH_FRAMES = 60
 _REPEATED_SHARE = 0.02
 
@@ -37,7 +39,7 @@ class Result:
     conditions: list[str]
     repairs: int = 0
     memory_growth_mb: float = 0.0
-    """Most resident memory in the last quarter of the run, over that in the second."""
+    """Most resident memory in the last quarter of the run, over that before; 0 where the window was longer then."""
     slots: float = 0.0
     """Most slots for factors that iSAM2 held, over what the frames of the window can need."""
     failures: list[str] = field(default_factory=list)
@@ -61,18 +63,26 @@ def run(soak: Soak, n_frames: int) -> Result:
 def _online(soak: Soak, n_frames: int, result: Result) -> None:
     rng = np.random.default_rng([soak.seed, 1])
     estimator = fgpose.Estimator(soak.rig, soak.skeleton, soak.config)
-    most_mb, longest = np.zeros(4), 0
+    most_mb, longest = np.zeros(4), np.zeros(4, dtype=int)
     for number, (before, frame) in enumerate(itertools.pairwise(_frames(soak, n_frames))):
         check(estimator.update(frame), result)
         if "repeated and old frames" in soak.troubles and number and rng.random() < _REPEATED_SHARE:
             _refused(estimator, [frame, before])
-        longest = max(longest, len(estimator._window))
-        result.slots = max(result.slots, _n_factors(estimator) / _most_factors(soak, longest))
         quarter = 4 * number // n_frames
-        if not estimator._smoother._qr_frames:  # QR takes several times the memory, but for a while only
-            most_mb[quarter] = max(most_mb[quarter], resident_memory_mb())
+        longest[quarter] = max(longest[quarter], len(estimator._window))
+        result.slots = max(result.slots, _n_factors(estimator) / _most_factors(soak, int(longest.max())))
+        # QR takes several times the memory, but for a while only.
+        if number % _FRAMES_PER_LOOK == 0 and not estimator._smoother._qr_frames:
+            most_mb[quarter] = max(most_mb[quarter], _held_mb())
     result.repairs = estimator.repairs
-    result.memory_growth_mb = float(most_mb[3] - most_mb[1]) if most_mb[1] else 0.0
+    if longest[3] <= longest[:3].max():
+        result.memory_growth_mb = float(most_mb[3] - most_mb[:3].max())
+
+
+def _held_mb() -> float:
+    """Resident memory but for what the allocator keeps for later (Linux, glibc)."""
+    ctypes.CDLL(None).malloc_trim(0)
+    return resident_memory_mb()
 
 
 def _frames(soak: Soak, n_frames: int) -> Iterator[fgpose.Observations]:
