@@ -4,8 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEER := $(VENV)/bench/.installed
+# One process per core, each with one thread: the tests' matrices are too small to share.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocesses auto --dist worksteal
 
-.PHONY: demo demo-video test lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
+.PHONY: demo demo-video test check lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -16,6 +18,10 @@ demo-video: $(STAMP)
 
 test: lint types pytest benchmark-quick wheel
 
+# While working: `make test` without the slow tests and without the network.
+check: lint types
+	$(PYTEST) -m "not slow and not network"
+
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -24,7 +30,7 @@ types: $(STAMP)
 	$(BIN)/basedpyright --level error
 
 pytest: $(STAMP)
-	$(BIN)/pytest -q --durations=10
+	$(PYTEST) --durations=10
 
 # The built wheel and sdist must work where nothing of this checkout is in sight.
 wheel: $(STAMP)
