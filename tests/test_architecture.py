@@ -31,10 +31,12 @@ FLOORS = (
 # The same within the largest room.
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
-    {"solvers"},
-    {"segment"},
+    {"online_covariance"},
+    {"solvers", "online_factors"},
+    {"segment", "frame_state", "images"},
     {"frame_factors", "evidence"},
     {
+        "arrivals",
         "bone_lengths",
         "clock_offsets",
         "delays",
