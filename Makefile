@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEER := $(VENV)/bench/.installed
 
-.PHONY: demo demo-video test lint types pytest wheel benchmark benchmark-accuracy benchmark-quick format clean
+.PHONY: demo demo-video test lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -33,6 +33,11 @@ wheel: $(STAMP)
 # Speed, memory and real videos against limits.
 benchmark: $(STAMP) $(PEER)
 	$(BIN)/python benchmarks/run.py
+
+# 1,000 random scenes that are hard on the online estimator, and a long one; hours. Interrupted, it goes on where it was.
+soak: $(STAMP)
+	$(BIN)/python benchmarks/soak.py --runs 1000 --frames 500
+	$(BIN)/python benchmarks/soak.py --first 1007 --runs 1 --frames 100000
 
 # Accuracy of all methods on motion capture with simulated detections.
 benchmark-accuracy: $(STAMP) $(PEER)

@@ -75,7 +75,7 @@ class Estimator:
 
     @property
     def repairs(self) -> int:
-        """How often iSAM2 failed and the window was rebuilt from its own estimates."""
+        """How often GTSAM failed and the window was eliminated anew; updates are slower for a while after that."""
         return self._smoother.repairs
 
     def update(self, frame: Observations) -> Estimate:

@@ -286,6 +286,8 @@ def _symmetry(segment: Segment) -> Iterator[SharedLengths | FrameSymmetry]:
             yield SharedLengths(slot_of[start], slot_of[end], length, present, config.sigma_m)
     elif config.form == "frame":
         pairs = [(*left, *right) for left, right in segment.skeleton.limb_pairs]
+        if not pairs:
+            return
         present = np.stack([segment.present(*pair) for pair in pairs], axis=1)
         used = present.any(axis=0)
         if used.any():
