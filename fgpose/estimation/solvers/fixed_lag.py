@@ -65,25 +65,62 @@ class FixedLagSmoother:
         self._params.setRelinearizeThreshold(thresholds)
         self._isam = gtsam.ISAM2(self._params)
         self._frames: deque[list[int]] = deque()
+        self._slots: deque[list[int]] = deque()  # of the factors of each frame alone
         self._estimates: dict[int, np.ndarray] = {}
         self._qr_frames = 0
         self._labels = _Labels()
         self.repairs = 0
 
-    def add(self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> None:
+    def add(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        keys: Sequence[int],
+        links: gtsam.NonlinearFactorGraph | None = None,
+    ) -> None:
         """Take a new frame with its variables; a frame without any is fine.
 
         Args:
             factors: they join variables of this frame and of the one before only.
             values: finite first guesses of exactly these keys.
+            links: those of the factors that must not join only this frame if others may be replaced later.
         """
         self._frames.append(list(keys))
+        self._slots.append([])
         if not keys:
             return
         self._estimates.update((key, values.atPoint3(key)) for key in keys)
+        n_own = factors.size()
+        everything = gtsam.NonlinearFactorGraph(factors)
+        if links is not None:
+            everything.push_back(links)
         try:
-            self._isam.update(factors, values, self._in_order(factors, values, len(keys)))
+            params = self._in_order(gtsam.ISAM2UpdateParams(), everything, values, len(keys))
+            self._slots[-1] = self._isam.update(everything, values, params).getNewFactorsIndices()[:n_own]
             self._back_to_cholesky()
+        except _FAILURES:
+            self._recover()
+
+    def replace(self, at: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> None:
+        """Put other factors in the place of those that a frame came with, but for its links to the frame before.
+
+        Args:
+            at: number of the frame in the window; the oldest is 0.
+            factors: they join variables of this frame only.
+            values: finite first guesses of exactly these keys.
+            keys: variables that the frame did not have.
+        """
+        if not self._frames[at] and not keys:
+            return
+        self._frames[at] = [*self._frames[at], *keys]
+        self._labels = _Labels()
+        self._estimates.update((key, values.atPoint3(key)) for key in keys)
+        params = gtsam.ISAM2UpdateParams()
+        params.removeFactorIndices = self._slots[at]
+        params.extraReelimKeys = _key_list(self._frames[at][: len(self._frames[at]) - len(keys)])
+        try:
+            params = self._in_order(params, factors, values, 0)
+            self._slots[at] = self._isam.update(factors, values, params).getNewFactorsIndices()
         except _FAILURES:
             self._recover()
 
@@ -93,6 +130,7 @@ class FixedLagSmoother:
         if oldest:
             self._tried(lambda: self._isam.marginalizeLeaves(_key_list(oldest)))
         self._frames.popleft()
+        self._slots.popleft()
         self._labels.remove(oldest)
         for key in oldest:
             del self._estimates[key]
@@ -143,10 +181,9 @@ class FixedLagSmoother:
         return np.stack([covariance[row, row] for row in rows])
 
     def _in_order(
-        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_new: int
+        self, params: gtsam.ISAM2UpdateParams, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_new: int
     ) -> gtsam.ISAM2UpdateParams:
         """Have everything that the update eliminates eliminated in the order of time; see the head of this file."""
-        params = gtsam.ISAM2UpdateParams()
         frames = [frame for frame in self._frames if frame]
         if len(frames) <= n_new:
             params.constrainedKeys = self._labels.of(frames, n_new)
@@ -198,6 +235,7 @@ class FixedLagSmoother:
         self._params.setFactorization(by)
         self._isam = gtsam.ISAM2(self._params)
         self._isam.update(factors, values, params)
+        self._slots = self._own_slots()
 
     def _start_again(self) -> None:
         """With every variable of the window at its last estimate, each by itself: that cannot fail."""
@@ -208,6 +246,19 @@ class FixedLagSmoother:
             values.insert(key, estimate)
         self._isam = gtsam.ISAM2(self._params)
         self._isam.update(factors, values)
+        self._slots = deque([] for _ in self._frames)
+
+    def _own_slots(self) -> deque[list[int]]:
+        """Where the factors of each frame alone are, but for what was marginalised."""
+        frame_of = {key: number for number, frame in enumerate(self._frames) for key in frame}
+        slots: deque[list[int]] = deque([] for _ in self._frames)
+        factors = self._isam.getFactorsUnsafe()
+        for slot, factor in enumerate(map(factors.at, range(factors.size()))):
+            if factor and not isinstance(factor, gtsam.LinearContainerFactor):
+                frames = set(map(frame_of.__getitem__, factor.keys()))
+                if len(frames) == 1:
+                    slots[frames.pop()].append(slot)
+        return slots
 
 
 class _Labels:

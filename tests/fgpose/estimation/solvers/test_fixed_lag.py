@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from collections import deque
 from collections.abc import Iterator
 from typing import Any
 
@@ -142,6 +143,88 @@ def test_the_bayes_tree_is_always_in_the_order_of_time() -> None:
                 smoother.drop_oldest()
             assert np.isfinite(smoother.points(keys)).all()
         check_order(smoother)
+        assert smoother.repairs == 0
+
+
+def without_links(
+    graph: gtsam.NonlinearFactorGraph, keys: list[int]
+) -> tuple[gtsam.NonlinearFactorGraph, gtsam.NonlinearFactorGraph]:
+    """The factors of a frame with these keys alone, and those to the frame before."""
+    own, links = gtsam.NonlinearFactorGraph(), gtsam.NonlinearFactorGraph()
+    for factor in (graph.at(index) for index in range(graph.size())):
+        (own if set(factor.keys()) <= set(keys) else links).add(factor)
+    return own, links
+
+
+@pytest.mark.parametrize("at", [0, 2, 5])
+def test_replaced_factors_count_no_more(at: int) -> None:
+    """A measurement that is first wrong by a metre and then put right: as if it had been right from the start."""
+    measured_m = np.cumsum(np.random.default_rng(0).normal(0, 0.02, (12, 3)), axis=0)
+    right, mended = smoothers = [FixedLagSmoother(relinearize_m=1e-3) for _ in range(2)]
+    for number, measurement in enumerate(measured_m):
+        for smoother in smoothers:
+            wrong_m = float(smoother is mended and number == 6 + at)
+            graph, values, keys = frame_of(number, measurement + wrong_m)
+            own, links = without_links(graph, keys)
+            smoother.add(own, values, keys, links)
+            if number >= 6:
+                smoother.drop_oldest()
+    graph, _, keys = frame_of(6 + at, measured_m[6 + at])
+    mended.replace(at, without_links(graph, keys)[0], gtsam.Values(), [])
+    keys = [position_key(0, number) for number in range(6, 12)]
+    np.testing.assert_allclose(mended.points(keys), right.points(keys), atol=1e-6)
+    np.testing.assert_allclose(mended.covariances(keys), right.covariances(keys), rtol=1e-6, atol=1e-12)
+    for smoother in smoothers:
+        for _ in range(5):
+            smoother.drop_oldest()
+    np.testing.assert_allclose(mended.points(keys[-1:]), right.points(keys[-1:]), atol=1e-6)
+
+
+def test_replacing_works_on_after_a_failure() -> None:
+    """All factors have other slots then."""
+    measured_m = np.cumsum(np.random.default_rng(0).normal(0, 0.02, (12, 3)), axis=0)
+    right, mended = smoothers = [FixedLagSmoother(relinearize_m=1e-3) for _ in range(2)]
+    for number, measurement in enumerate(measured_m):
+        for smoother in smoothers:
+            graph, values, keys = frame_of(number, measurement + float(smoother is mended and number == 8))
+            own, links = without_links(graph, keys)
+            smoother.add(own, values, keys, links)
+            if number >= 6:
+                smoother.drop_oldest()
+    mended._isam = FailingOnce(mended._isam, "calculateEstimatePoint3")  # pyright: ignore[reportAttributeAccessIssue]
+    mended.points([position_key(0, 11)])
+    assert mended.repairs == 1
+    graph, _, keys = frame_of(8, measured_m[8])
+    mended.replace(2, without_links(graph, keys)[0], gtsam.Values(), [])
+    keys = [position_key(0, number) for number in range(6, 12)]
+    np.testing.assert_allclose(mended.points(keys), right.points(keys), atol=1e-6)
+    assert mended.repairs == 1
+
+
+def test_the_order_survives_replacements() -> None:
+    """In 40 random streams, frames get other measurements, and the newest further joints as well."""
+    rng = np.random.default_rng(1)
+    for seed in range(40):
+        smoother, lag = FixedLagSmoother(relinearize_m=float(rng.choice([0.003, 0.3]))), int(rng.integers(1, 25))
+        window: deque[list[int]] = deque()
+        for number, (graph, values, keys) in enumerate(random_stream(seed)):
+            own, links = without_links(graph, keys)
+            smoother.add(own, values, keys, links)
+            window.append(keys)
+            if number >= lag:
+                smoother.drop_oldest()
+                window.popleft()
+            at = len(window) - 1 if rng.random() < 0.5 else int(rng.integers(len(window)))
+            factors, entering = gtsam.NonlinearFactorGraph(), gtsam.Values()
+            new = [position_key(9, number)] if at == len(window) - 1 and rng.random() < 0.5 else []
+            for key in new:
+                entering.insert(key, np.zeros(3))
+            for key in [*window[at], *new]:
+                factors.add(gtsam.PriorFactorPoint3(key, rng.normal(0, 0.5, 3), noise_model(3, 0.1)))
+            smoother.replace(at, factors, entering, new)
+            window[at] = [*window[at], *new]
+            check_order(smoother)
+            assert np.isfinite(smoother.points(window[at])).all()
         assert smoother.repairs == 0
 
 
