@@ -22,7 +22,7 @@ from fgpose.estimation.persistence import RunningPersistence
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Predecessor, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
-from fgpose.estimation.uncertainty import doubt_online, with_correlated_errors, with_swing
+from fgpose.estimation.uncertainty import distrust_factor_online, with_correlated_errors, with_swing
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -114,7 +114,7 @@ class Estimator:
         self._add(before, state, evidence)
         state = self._read(state)
         self._window.append(state)
-        self._let_go(now.time_s)
+        self._marginalise_old(now.time_s)
         self._n_frames += 1
         estimate = self._estimate(state)
         if self.config.online.estimate_time_offsets and before is not None:
@@ -134,13 +134,13 @@ class Estimator:
         return gather(frame.with_cameras(self._rig.names), self._rig, self.config)
 
     def _on_time(self, before: _State | None, evidence: Evidence) -> Evidence:
-        """The detections where they would be if all cameras were synchronous, as the motion so far foresees."""
+        """The detections where they would be if all cameras were synchronous, by the predicted motion."""
         delay_s = evidence.delay_s[0]
         if before is None or not delay_s.any():
             return evidence
-        foreseen_m = before.positions_m + before.velocities_mps * (evidence.time_s[0] - before.at.time_s)
-        at_camera_m = foreseen_m + before.velocities_mps * delay_s[:, None, None]
-        moved_px = np.nan_to_num(self._rig.project_each(at_camera_m) - self._rig.project(foreseen_m))
+        predicted_m = before.positions_m + before.velocities_mps * (evidence.time_s[0] - before.at.time_s)
+        at_camera_m = predicted_m + before.velocities_mps * delay_s[:, None, None]
+        moved_px = np.nan_to_num(self._rig.project_each(at_camera_m) - self._rig.project(predicted_m))
         return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
 
     def _learn_offsets(self, step_s: float, state: _State, evidence: Evidence) -> None:
@@ -151,7 +151,8 @@ class Estimator:
             self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
 
     def _active(self, evidence: Evidence, time_s: float) -> Bool[np.ndarray, " joint"]:
-        """Joints that take part: triangulated now or, with a motion model, not too long ago."""
+        """The joints that are estimated: triangulated in this frame or, with a motion model, not longer ago than
+        max_unseen_s."""
         known = np.isfinite(evidence.guess_m[0]).all(axis=-1)
         self._last_triangulated_s[known] = time_s
         self._last_seen_s[evidence.seen[0]] = time_s
@@ -160,7 +161,7 @@ class Estimator:
         return self._last_triangulated_s >= time_s - self.config.motion.max_unseen_s
 
     def _predicted(self, before: _State | None, now: FrameTime, active: np.ndarray, evidence: Evidence) -> _State:
-        """First guess of the newest frame: the motion carried on or, where it explains the images better, the
+        """First guess of the newest frame: the predicted position or, if its reprojection error is smaller, the
         triangulated point."""
         guess_m = evidence.guess_m[0]
         known = joint_status(active, evidence.observed[0]), evidence, now.time_s - self._last_seen_s, _total(evidence)
@@ -183,8 +184,8 @@ class Estimator:
         error = np.sum(np.where(seen, evidence.weights[0] * robust, 0.0), axis=0)
         return np.where(np.isfinite(positions_m).all(axis=-1), error, np.inf)
 
-    def _let_go(self, time_s: float) -> None:
-        """Marginalise what is older than the lag, but for the newest such frame: it is the lag-old result."""
+    def _marginalise_old(self, time_s: float) -> None:
+        """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""
         while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
             self._window.popleft()
             self._smoother.drop_oldest()
@@ -241,7 +242,7 @@ class Estimator:
         return replace(state, positions_m=self._points(position_key, state), velocities_mps=velocities_mps)
 
     def _points(self, key: Callable[[int, int], int], state: _State) -> Float[np.ndarray, "joint 3"]:
-        """Current positions or velocities of a frame in the window; NaN where a joint takes no part."""
+        """Current positions or velocities of a frame in the window; NaN where a joint is not estimated."""
         points = np.full((self.skeleton.n_joints, 3), np.nan)
         points[state.active] = self._smoother.points([key(joint, state.at.frame) for joint in state.joints])
         return points
@@ -270,7 +271,7 @@ class Estimator:
         return self._widened(state, self._smoother.covariances(self._position_keys(state)), state.unseen_s)
 
     def _lagged(self, time_s: float) -> Estimate | None:
-        """The newest frame that is at least one lag old, as everything since has changed it."""
+        """The newest frame that is at least one lag old, with its present estimate."""
         oldest = self._window[0]
         if not self._is_lagged(oldest, time_s):
             return None
@@ -286,8 +287,8 @@ class Estimator:
         )
 
     def _lagged_covariance(self, oldest: _State) -> Float[np.ndarray, "joint 3 3"]:
-        """Of the pose that is one lag old. What follows is known, as in the batch; but what was hallucinated counts as
-        much as in the newest pose, where the batch would have noticed."""
+        """Of the pose that is one lag old. As in batch the frames after it are known; but hallucinated detections keep
+        the weight that they had in the newest pose, while the batch would lower it."""
         linear_m2 = self._smoother.oldest_covariances(self._position_keys(oldest))
         seen = np.stack([state.evidence.seen[0] for state in self._window])
         until_s = np.array([state.at.time_s - oldest.at.time_s for state in self._window])
@@ -303,11 +304,11 @@ class Estimator:
         linear_m2: Float[np.ndarray, "active_joint 3 3"],
         unseen_s: Float[np.ndarray, " joint"],
     ) -> Float[np.ndarray, "joint 3 3"]:
-        """The covariance of the graph, for what the graph does not know of its errors; see uncertainty."""
+        """The covariance of the graph, scaled and widened for errors that the graph does not model; see uncertainty."""
         covariance_m2 = np.full((self.skeleton.n_joints, 3, 3), np.nan)
         if state.joints:
             correlated_m2 = with_correlated_errors(linear_m2, self._frame_information(state), self._usual_step_s())
-            factor = doubt_online(state.trust, _total(state.evidence))
+            factor = distrust_factor_online(state.trust, _total(state.evidence))
             covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
         return with_swing(
             covariance_m2[None], state.positions_m[None], unseen_s[None], self.skeleton, self.config.swing
@@ -322,5 +323,5 @@ class Estimator:
 
 
 def _total(evidence: Evidence, share: float | Float[np.ndarray, "camera joint"] = 1.0) -> Float[np.ndarray, " joint"]:
-    """Weights of the detections of each joint in one frame, summed over the cameras, of each this share."""
+    """Weights of the detections of each joint in one frame, each times its share, summed over the cameras."""
     return replace(evidence, weights=evidence.weights * share).total_weight[0]

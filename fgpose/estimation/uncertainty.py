@@ -1,14 +1,14 @@
-"""Honest covariances: what the graph cannot know of its own errors.
+"""Covariances that include what the graph does not model.
 
-The graph takes the errors of detections for independent. Those of a pose network stay alike for a while, so that many
-frames together tell less than they seem to. And detections that were taken for invented leave a doubt: others of the
-same joint may be invented too. Online, where they count until the kernel has dealt with them, that doubt is much
-larger.
+The graph takes the errors of detections as independent. The errors of a pose network are correlated in time, so many
+frames together carry less information than the graph believes. And if some detections of a joint were taken for
+hallucinated, others may be hallucinated too, so the covariance is widened. Online, where hallucinated detections keep
+their weight, this effect is much larger.
 
-A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, that is a plane, and as the plane
-turns with the body it seems to measure the joint in every direction: the covariance of the graph then claims
-centimetres where the arm has swung half around. How far unseen joints really swing was measured on motion capture (see
-SwingConfig); that much is added across the bone.
+A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, the sphere is a plane. As the plane
+turns with the body, the bone seems to measure the joint in every direction, and the graph states centimetres although
+the arm may have swung around. How far unseen joints swing was measured on motion capture (see SwingConfig); that much
+is added across the bone.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from jaxtyping import Float
 from fgpose.config import SwingConfig
 from fgpose.skeleton import Skeleton
 
-# Share of the variance of a visible detection that stays alike (4 of 5 px), and for how long, measured on a
-# monocular network.
+# Share of the variance of a visible detection that is correlated in time (4 of 5 px), and the correlation time,
+# measured on a monocular network.
 _CORRELATED_SHARE, _CORRELATION_S = 0.64, 0.15
 # Fitted to the errors on four motion capture clips, at their pace and twice as fast, with 2, 3 and 4 cameras, with and
 # without occlusion. sigma_px is cautious (6 px, of which 5 px are there, would be 0.69), but errors have heavy tails.
 # The information of the whole graph over that of one frame counts frames of unequal weight.
 _CAUTION, _EQUAL_FRAMES, _TRUSTED_VIEWS = 0.8, 0.35, 1.5
 # Fitted to the newest pose on the same recordings.
-_CAUTION_ONLINE, _DOUBT_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
+_CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
 _MAX_FRAMES = 1e4
 _MAX_STEP_S = 1e3
-_SHORT = 1e-4  # there both are good to 1e-7
+_SHORT = 1e-4  # there formula and series are both accurate to 1e-7
 
 
 def with_correlated_errors(
@@ -40,7 +40,7 @@ def with_correlated_errors(
     frame_information: Float[np.ndarray, "*joints 3 3"],
     step_s: float,
 ) -> Float[np.ndarray, "*joints 3 3"]:
-    """The covariance of the graph, scaled to what it would be with errors that are alike for a while.
+    """The covariance of the graph, scaled to what it would be with errors that are correlated in time.
 
     The mean of n frames, h apart, of which a share s of the variance is correlated as exp(-t / tau), has the variance
     (1 - s + s n g(n h / tau)) / n instead of 1 / n, with g(u) = 2 (u - 1 + exp(-u)) / u^2.
@@ -52,36 +52,37 @@ def with_correlated_errors(
     alone = np.trace(frame_information, axis1=-2, axis2=-1)
     n_frames = np.clip(_EQUAL_FRAMES * information / np.maximum(alone, information / _MAX_FRAMES), 1e-3, None)
     step_s = min(step_s, _MAX_STEP_S)
-    alike = 1 - _CORRELATED_SHARE + _CORRELATED_SHARE * n_frames * _mean_correlation(n_frames * step_s / _CORRELATION_S)
-    alike = np.maximum(alike, 1.0)  # less than one frame cannot be averaged
-    return covariance_m2 * alike[..., None, None]
+    correlation = _mean_correlation(n_frames * step_s / _CORRELATION_S)
+    widening = 1 - _CORRELATED_SHARE + _CORRELATED_SHARE * n_frames * correlation
+    widening = np.maximum(widening, 1.0)  # less than one frame cannot be averaged
+    return covariance_m2 * widening[..., None, None]
 
 
-def doubt(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
-    """Factor on the covariance of the batch.
+def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
+    """Factor on the covariance of the batch, larger where many detections were distrusted.
 
     Args:
-        trust: weights of the detections of a joint, summed over the cameras; below _TRUSTED_VIEWS there is doubt.
+        trust: weights of the detections of a joint, summed over the cameras; the factor grows below _TRUSTED_VIEWS.
     """
     return _CAUTION * (1.0 + np.clip(1.0 - trust / _TRUSTED_VIEWS, 0.0, 1.0) ** 2)
 
 
-def doubt_online(
+def distrust_factor_online(
     trust: Float[np.ndarray, "*joints"], weight: Float[np.ndarray, "*joints"]
 ) -> Float[np.ndarray, "*joints"]:
-    """Factor on the covariance of the newest pose.
+    """Factor on the covariance of the newest pose, larger where many detections have not fitted lately.
 
     Args:
         trust: weights of the detections of a joint that have fitted lately, summed over the cameras.
-        weight: of all its detections; there is doubt where the two differ and few are trusted.
+        weight: of all its detections; the factor grows with the share of it that is not in trust.
     """
     enough = np.maximum(np.minimum(weight, _TRUSTED_VIEWS_ONLINE), 1e-9)
-    return _CAUTION_ONLINE * (1.0 + _DOUBT_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
+    return _CAUTION_ONLINE * (1.0 + _DISTRUST_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
 
 
 def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Mean of exp(-|a - b|) over all a and b in [0, duration]."""
-    # Of a short one no digit is left after the subtractions: its series.
+    # For a short duration the subtractions cancel all digits: take the series.
     exact = 2 * (duration - 1 + np.exp(-duration)) / np.maximum(duration, _SHORT) ** 2
     return np.where(duration > _SHORT, exact, 1 - duration / 3)
 

@@ -31,8 +31,8 @@ from jaxtyping import Float
 from threadpoolctl import ThreadpoolController
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
-# After a repair: what the frames so far told is lost, but for where they put the joints. Loose enough that new
-# detections (about 1 cm) decide.
+# Of the priors after a repair, metres and m/s. The repair keeps the estimates and loses their information. So loose
+# that new detections (about 1 cm) dominate.
 _REPAIRED_SIGMA = 0.1
 # What GTSAM's exceptions become in Python; LinAlgError of numpy is a ValueError.
 _FAILURES = (RuntimeError, IndexError, ValueError)
@@ -82,7 +82,7 @@ class FixedLagSmoother:
             self._repair()
 
     def drop_oldest(self) -> None:
-        """Marginalise the oldest frame: what is known of it stays as a prior on the next."""
+        """Marginalise the oldest frame: its information stays as a prior on the next one."""
         oldest = self._frames.popleft()
         if not oldest:
             return
@@ -164,7 +164,7 @@ class FixedLagSmoother:
         return params
 
     def _repair(self) -> None:
-        """Start anew with every variable of the window at its last estimate, each by itself: that cannot fail."""
+        """Start again with a prior on every variable of the window, around its last estimate: that cannot fail."""
         self.repairs += 1
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         noise = gtsam.noiseModel.Isotropic.Sigma(3, _REPAIRED_SIGMA)

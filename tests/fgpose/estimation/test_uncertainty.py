@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
-from fgpose.estimation.uncertainty import doubt, doubt_online, with_correlated_errors, with_swing
+from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_correlated_errors, with_swing
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
 
@@ -56,16 +56,17 @@ def test_errors_that_are_alike_for_a_while_against_simulated_ones() -> None:
 
 
 def test_doubt_where_hardly_any_detection_is_trusted() -> None:
-    usual = doubt(np.array([4.0]))
-    np.testing.assert_allclose(doubt(np.array([0.0, 0.75, 1.5, 3.0])), usual * np.array([2.0, 1.25, 1.0, 1.0]))
+    usual = distrust_factor(np.array([4.0]))
+    found = distrust_factor(np.array([0.0, 0.75, 1.5, 3.0]))
+    np.testing.assert_allclose(found, usual * np.array([2.0, 1.25, 1.0, 1.0]))
 
 
 def test_online_doubt_grows_with_the_share_that_does_not_fit() -> None:
-    usual = doubt_online(np.array([4.0]), np.array([4.0]))
+    usual = distrust_factor_online(np.array([4.0]), np.array([4.0]))
     # two cameras are not doubted for being two; where enough others fit, those that do not leave no doubt
-    no_doubt = doubt_online(np.array([2.0, 2.5]), np.array([2.0, 4.0]))
-    np.testing.assert_allclose(no_doubt, usual * np.ones(2))
-    grave = doubt_online(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
+    trusted = distrust_factor_online(np.array([2.0, 2.5]), np.array([2.0, 4.0]))
+    np.testing.assert_allclose(trusted, usual * np.ones(2))
+    grave = distrust_factor_online(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
     np.testing.assert_allclose(grave, usual * np.array([1 + 20 * 0.5**2, 21.0]))
 
 
