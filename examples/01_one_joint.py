@@ -1,4 +1,4 @@
-"""One joint, four cameras, one of them wrong: the smallest factor graph, and how sure it is of its answer.
+"""One joint, four cameras, one of them wrong: the smallest factor graph, and how certain its result is.
 
 What one learns: a projection factor per camera, a robust kernel that discounts the camera that disagrees, GTSAM's
 optimiser, and the marginal covariance as a standard deviation in millimetres.
@@ -35,7 +35,7 @@ def main() -> None:
     rig = ring_rig()
     truth_m = np.array([0.3, -0.2, 1.1])
     points_px = rig.project(truth_m[None])[:, 0] + SIGMA_PX * np.random.default_rng(0).normal(size=(4, 2))
-    points_px[2] += (60.0, -40.0)  # this camera takes something else for the wrist
+    points_px[2] += (60.0, -40.0)  # this camera detects something else as the wrist
 
     start_m = triangulate(points_px, np.ones(4), rig.projection_matrices)
     answers: dict[str, tuple[np.ndarray, np.ndarray]] = {

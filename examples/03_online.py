@@ -1,7 +1,7 @@
 """Frame by frame, as a live system would: one update per frame, the pose at once and a better one a moment later.
 
 What one learns: the loop around fgpose.Estimator, that every update answers twice (the newest pose, and the one that is
-one lag old and has seen everything since), and how far both are from the batch result, which has seen all frames.
+one lag old, from all frames since), and how far both are from the batch result, which has seen all frames.
 
     python examples/03_online.py
 """

@@ -1,4 +1,4 @@
-"""How sure the estimate is of each joint: all cameras, one camera less, and an arm that nobody sees.
+"""How sure the estimate is of each joint: all cameras, one camera less, and an arm that no camera sees.
 
 What one learns: reading the covariances as a standard deviation per joint, and telling an observed
 joint from a predicted one by its status.

@@ -1,4 +1,4 @@
-"""From the videos of calibrated cameras to one smooth motion: detect, choose the person, mend flips, smooth.
+"""From the videos of calibrated cameras to one smooth motion: detect, choose the person, correct flips, smooth.
 
 What one learns: the steps that `fgpose run` takes, each as a function of its own, and what lies between them. Without
 arguments it fetches four videos of a man balancing on one leg, and the weights of the network, from the registries.
@@ -51,11 +51,11 @@ def main(
     detected = detect(sources, open_network(model), cache=cache_folder() / "detections", frames=frames)
     print(f"{detected.n_images} images, {detected.n_new_images} of them new to the network")
 
-    mended = mend_flips(detected.observations(), detected.rig)
-    for camera, flipped in zip(detected.rig.names, mended.flipped.sum(axis=0).tolist(), strict=True):
-        print(f"{camera}: left and right exchanged in {flipped} frames, mended")
+    corrected = mend_flips(detected.observations(), detected.rig)
+    for camera, flipped in zip(detected.rig.names, corrected.flipped.sum(axis=0).tolist(), strict=True):
+        print(f"{camera}: left and right exchanged in {flipped} frames, corrected")
 
-    refined = fgpose.refine_rig(mended.observations, detected.rig)
+    refined = fgpose.refine_rig(corrected.observations, detected.rig)
     alone = fgpose.refine(refined.observations, refined.rig)
     smoothed = fgpose.smooth(refined.observations, refined.rig)
     for name, trajectory in (("each frame alone", alone), ("one motion", smoothed)):

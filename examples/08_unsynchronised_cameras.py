@@ -1,4 +1,4 @@
-"""Cameras that do not take their images at the same time: by how much, from the motion alone, and what it brings.
+"""Unsynchronised cameras: their time offsets from the motion alone, and how much the result improves.
 
 What one learns: estimating the time offsets of the cameras, reading their standard deviations, smoothing with the rig
 that carries them, and keeping that rig as a calibration file.
@@ -21,7 +21,7 @@ FPS = 50.0
 
 
 def error_mm(trajectory: fgpose.Trajectory, truth_m: np.ndarray) -> float:
-    """Mean distance of the joints from where they were at the times of the frames."""
+    """Mean distance of the joints from their true positions at the times of the frames."""
     return 1000 * mpjpe_m(trajectory.positions_m, truth_m)
 
 

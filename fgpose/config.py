@@ -1,4 +1,4 @@
-"""Configuration: every number in physical units, with what raising it does.
+"""Configuration: every number in physical units, with the effect of raising it.
 
 The defaults live here and nowhere else; ``configs/default.toml`` is tested equal to them. The field docstrings are
 what ``--help`` prints.
@@ -38,11 +38,11 @@ class FusionConfig:
     """reprojection: eq. 1-2. covariance: by the covariance that each view states, with a robust kernel; where there is
     none, eq. 1-2."""
     inlier_px: float = 20.0
-    """Views whose detection lies farther than this from a triangulated point are left out of it. Raising it keeps more
-    views and lets worse ones in."""
+    """Views whose detection lies farther than this from a triangulated point are outliers. Raising it keeps more views,
+    also worse ones."""
     anchor_sigma_m: float = 0.3
-    """Standard deviation of the fused per-view 3D where it is all there is: a joint that cannot be triangulated is held
-    near it, metres. Raising it trusts motion and bones more."""
+    """Standard deviation of the fused per-view 3D, metres: a joint that cannot be triangulated is held near it. Raising
+    it trusts motion and bones more."""
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,18 @@ class ProjectionConfig:
     """Where the weight of each detection comes from: the views' agreement (eq. 2) and the detector's confidence, the
     confidence alone, or none."""
     confirming_px: float = 20.0
-    """Distance between a detection and the nearest candidate of another view at which half of what its confidence lacks
-    is made good (weighting = fusion). Raising it heeds the detector's confidence less."""
+    """Distance between a detection and the nearest candidate of another view at which the agreement makes up for half
+    of the missing confidence (weighting = fusion). Raising it uses the detector's confidence less."""
     agreement_px: float = 100.0
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
     fusion). Raising it trusts detections that no other view confirms."""
     min_weight: float = 0.001
-    """Weights are at least this, so that no detection is switched off. Raising it evens the views out."""
+    """Least weight of a detection, so that none is switched off. Raising it makes the weights more equal."""
     persistent_px: float = 12.0
-    """Median error of a joint in a camera, over memory_s before and after, at which a detection is taken for invented
-    and its weight is halved (batch only). Raising it trusts detections that have not fitted for a while."""
+    """Median error of a joint in a camera, over memory_s before and after, at which the weight of a detection is halved
+    (batch only): it is probably hallucinated. Raising it trusts detections that have not fitted for a while."""
     memory_s: float = 0.12
-    """Time before and after a detection that tells whether it is invented, seconds. Raising it notices short
+    """Time before and after a detection over which the median error is taken, seconds. Raising it detects short
     occlusions less."""
 
 
@@ -78,17 +78,17 @@ class ProjectionConfig:
 class DepthConfig:
     """The depth that each view's own 3D gives a joint, as a factor along its ray; needs per-view 3D with covariance.
 
-    Sideways the factor says nothing: that is what the view's 2D detection says already.
+    Across the ray the factor has no information: the view's 2D detection has it already.
     """
 
     use: Literal["never", "few_views", "always"] = "few_views"
     """few_views: for joints that at most two cameras detect."""
     sigma_scale: float = 1.0
-    """Standard deviation of the depth over that which the network states. Raising it trusts the depth less."""
+    """Factor on the standard deviation of the depth that the network states. Raising it trusts the depth less."""
     correlation_s: float = 0.02
-    """Time over which the error of a view's depth stays alike: all frames within twice this count as one measurement,
-    seconds. Raising it trusts the depth less. (Errors stay alike for longer, about 0.15 s; where the depth is needed at
-    all, this served best.)"""
+    """Time over which the error of a view's depth is correlated: all frames within twice this count as one measurement,
+    seconds. Raising it trusts the depth less. (Measured is about 0.15 s; this value gave the lowest errors where the
+    depth is needed.)"""
     kernel: Kernel = "cauchy"
     """Robust kernel."""
     kernel_scale: float = 1.5
@@ -138,7 +138,7 @@ class MotionConfig:
 class SwingConfig:
     """How far a joint that no camera sees may have swung around the joint that holds it; widens its covariance only.
 
-    The defaults fit the error of 60 stretches of 2 s, unseen, on four motion capture clips (CMU): rms 0.18, 0.31, 0.49,
+    The defaults fit the error of 60 intervals of 2 s, unseen, on four motion capture clips (CMU): rms 0.18, 0.31, 0.49,
     0.60, 0.59 bone lengths after 0.1, 0.2, 0.4, 1 and 2 s, wrists 0.84 in the end.
     """
 
@@ -150,7 +150,7 @@ class SwingConfig:
 
 @dataclass(frozen=True)
 class PriorConfig:
-    """Weak priors that keep every joint determined. They should not be felt."""
+    """Weak priors that keep every joint determined. They should not change a result noticeably."""
 
     position_sigma_m: float = 5.0
     """Standard deviation of a joint around its first guess, metres."""
@@ -175,31 +175,33 @@ class CalibrationConfig:
     when asked for. Of these, the online estimator of time offsets uses those named offset_ and error_."""
 
     rotation_sigma_deg: float = 0.1
-    """How well the calibration knows the direction of a camera that nobody touched, degrees. Raising it moves cameras
-    further."""
+    """Standard deviation of the orientation of an untouched camera in the calibration, degrees. Raising it moves
+    cameras further."""
     translation_sigma_m: float = 0.005
-    """How well the calibration knows the place of a camera that nobody touched, metres. Raising it moves cameras
+    """Standard deviation of the position of an untouched camera in the calibration, metres. Raising it moves cameras
     further."""
     bumped_sigmas: float = 1.0
-    """Move of a camera, in these standard deviations, from which it is taken for bumped (scale of a Cauchy kernel).
+    """Move of a camera, in these standard deviations, from which the prior discounts it as bumped (scale of a Cauchy
+    kernel).
     Raising it spreads the move of one camera over all of them, which shifts the world."""
     offset_sigma_s: float = 0.1
-    """How well the time offsets that the rig has are known, seconds. Raising it trusts the recording more."""
+    """Standard deviation of the time offsets that the rig has, seconds. Raising it trusts the recording more."""
     offset_memory_s: float = 30.0
-    """Time constant with which the online estimate of time offsets forgets, seconds: clocks drift. Raising it makes the
-    offsets steadier and slower to follow."""
+    """Time constant with which the online estimate of time offsets forgets, seconds, since clocks drift. Raising it
+    makes the offsets less noisy and slower to follow a drift."""
     error_correlation_s: float = 0.15
     """Time over which the errors of a pose network are correlated, seconds: all frames within twice this count as one
     measurement of a time offset. Raising it trusts the recording less."""
     independent_measurements: float = 50.0
-    """How many independent measurements of a camera's pose all its detections are worth: a network errs alike on one
-    person in one view. Raising it trusts the recording more, the calibration less."""
+    """How many independent measurements of a camera's pose all its detections are worth: the errors of a network on one
+    person in one view are correlated. Raising it trusts the recording more, the calibration less."""
     max_frames: int = 300
-    """Frames that take part, spread evenly. Raising it takes longer."""
+    """Frames that are used, spread evenly. Raising it takes longer."""
     max_duration_s: float = 30.0
-    """Time offsets are estimated on so much of the recording, where most is seen, seconds. Raising it takes longer."""
+    """Longest part of the recording that time offsets are estimated on, seconds; the part where most is seen. Raising
+    it takes longer."""
     max_rounds: int = 8
-    """Upper bound of how often the motion is smoothed while time offsets are estimated. Raising it lets difficult
+    """Greatest number of times that the motion is smoothed while time offsets are estimated. Raising it lets difficult
     recordings converge and may take longer."""
 
 
@@ -217,7 +219,7 @@ class SolverConfig:
     window_s: float = 15.0
     """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
     overlap_s: float = 0.75
-    """Each window looks this far beyond its ends, seconds. Raising it makes seams smaller and takes longer."""
+    """Each window is extended by this beyond its ends, seconds. Raising it makes seams smaller and takes longer."""
     covariance: bool = True
     """Also compute the marginal covariance of every joint in every frame; adds a quarter to the time."""
 

@@ -1,4 +1,4 @@
-"""Results: the estimated pose over time, with its uncertainty and what is known of its quality."""
+"""Results: the estimated pose over time, with uncertainty, residuals and convergence."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Status(IntEnum):
     UNOBSERVABLE = 0
     """Nothing determines it: the position is NaN."""
     PREDICTED = 1
-    """Fewer than two cameras see it in this frame: bones and motion carry it over from other joints and frames."""
+    """Fewer than two cameras see it in this frame: it is predicted from other joints and frames by bones and motion."""
     OBSERVED = 2
     """At least two cameras see it in this frame."""
 
@@ -98,7 +98,7 @@ class Trajectory:
     def from_estimates(
         estimates: Sequence[Estimate], camera_names: tuple[str, ...] = (), config: Config | None = None
     ) -> Trajectory:
-        """What the online estimator gave, as one trajectory; of several estimates of one frame the last.
+        """Estimates of the online estimator as one trajectory; of several estimates of one frame the last counts.
 
         Args:
             estimates: in the order of time; covariances and residuals are kept if all have them.
@@ -158,7 +158,7 @@ class Estimate:
     covariance_m2: Float[np.ndarray, "joint 3 3"] | None = None
     residual_px: Float[np.ndarray, "camera joint"] | None = None
     smoothed: Estimate | None = None
-    """The estimate of the frame that is one lag old, which has seen everything since. None until there is one."""
+    """The estimate of the frame that is one lag old, from all frames since. None until there is one."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, 3]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from fgpose_factors.kernels import Kernel
 from fgpose_factors.noise import robust
 
-# Where the ray runs is known better from the pixel, whose own factor says so: wide enough to add nothing to it.
+# Across the ray the reprojection factor of the pixel is far more accurate: wide enough to add nothing to it.
 LATERAL_SIGMA_M = 1.0
 
 
@@ -38,7 +38,7 @@ def depth_factor(
 
     Args:
         key: of the point, world frame.
-        point_m: where the view alone sees it.
+        point_m: the view's own 3D point.
         direction: unit vector of the ray.
         sigma_m: standard deviation along the ray, metres.
         kernel, kernel_scale: as in noise_model.

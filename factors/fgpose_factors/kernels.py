@@ -1,4 +1,4 @@
-"""Robust kernels in numpy: what GTSAM counts as error, and the weight by which it discounts. Needs no gtsam."""
+"""Robust kernels in numpy: loss and weight, as GTSAM defines them. Needs no gtsam."""
 
 from __future__ import annotations
 

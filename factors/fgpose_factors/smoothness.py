@@ -1,4 +1,4 @@
-"""Smoothness over time: constant velocity, random walk, and a velocity that fades while nobody sees the joint."""
+"""Smoothness over time: constant velocity, random walk, and a velocity that fades while no camera sees the joint."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def random_walk_factor(before: int, after: int, step_s: float, velocity_density:
 def fading_velocity_factor(
     velocity: int, reference: int | None, step_s: float, acceleration_density: float, fade_s: float
 ) -> gtsam.NonlinearFactor:
-    """Draws the velocity of a joint that nobody sees towards that of a reference joint, or to zero. Native.
+    """Draws the velocity of an unseen joint towards that of a reference joint, or to zero. Native.
 
     Args:
         velocity: key of the velocity, m/s.

@@ -1,8 +1,8 @@
-"""What is to be said of a recording before anything is solved: what is seen, and what looks wrong.
+"""A report on a recording before anything is solved: what is seen, and what is probably wrong.
 
-Every check compares one camera with the robust triangulation of the others, so that a wrong camera does not explain
-itself away. It takes three cameras to say anything, four to say which one is wrong. Cameras that are late or a little
-off are those of camera_faults.
+Every check compares one camera with the robust triangulation of the others, so that a wrong camera does not hide its
+own error. Three cameras are needed for any check, four to find the wrong one. camera_faults finds cameras that are late
+or slightly moved.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _DISTANCE_M = (0.3, 50.0)
 
 @dataclass(frozen=True)
 class CameraInfo:
-    """One camera. NaN: cannot be said."""
+    """One camera. NaN: cannot be computed."""
 
     name: str
     share_seen: float
@@ -58,7 +58,7 @@ class CameraInfo:
 
 @dataclass(frozen=True)
 class Gap:
-    """A stretch in which fewer than two cameras see a joint."""
+    """An interval in which fewer than two cameras see a joint."""
 
     joint: str
     start_s: float
@@ -86,15 +86,15 @@ class RecordingInfo:
     person_size_m: float
     """Median diagonal of the box around the person."""
     suspected_calibration: str | None
-    """Camera whose calibration looks wrong."""
+    """Camera whose calibration is probably wrong."""
     suspected_swaps: tuple[str, ...]
-    """Cameras that exchange left and right now and then."""
+    """Cameras that exchange left and right in some frames."""
     implausible: tuple[str, ...]
-    """What does not look like metres, in words."""
+    """Lengths that are implausible as metres, in words."""
 
     @property
     def suspicious(self) -> bool:
-        """Whether anything should be looked into before the recording is solved; gaps are remarks."""
+        """Whether anything should be checked before the recording is solved; gaps do not count."""
         return bool(self.suspected_calibration or self.suspected_swaps or self.implausible)
 
 

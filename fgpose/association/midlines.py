@@ -1,4 +1,4 @@
-"""What is compared of two detections: the middle of the body.
+"""The midline of the body, by which two detections are compared.
 
 The joints that have no side, and the points halfway between those that have: they are the same whether or not a view
 has exchanged left and right, and arms and legs hardly move them.

@@ -17,7 +17,8 @@ NOBODY = -1
 NEAR_M = 0.4
 _SPEED_M_PER_S = 2.0
 _FARTHEST_M = 1.5
-# Who was seen in fewer frames than this, and not for a second, was a chance agreement of views or a false detection.
+# A person who was seen in fewer frames than this, and not for a second, is a chance agreement of views or a false
+# detection.
 _MIN_FRAMES = 5
 _FORGOTTEN_S = 1.0
 
@@ -46,7 +47,7 @@ class Person:
         return min(NEAR_M + _SPEED_M_PER_S * abs(time_s - self.time_s), _FARTHEST_M)
 
     def move(self, place: Float[np.ndarray, "feature axis"], time_s: float) -> None:
-        """Put them where they are seen; what is not seen (NaN) moves along."""
+        """Move them to where they are seen; features that are not seen (NaN) move by the same amount."""
         step = median_offset(place - self.place)
         self.place = np.where(np.isnan(place), self.place + step, place)
         self.time_s = time_s
@@ -61,7 +62,7 @@ class Person:
         return cameras, self.chosen[frame, cameras]
 
     def count(self, frame: int, completeness: Float[np.ndarray, "camera person"]) -> None:
-        """Take note of how much is seen of them in a frame."""
+        """Add the confidence of what is seen of them in a frame."""
         self._n_frames += self.is_seen(frame)
         self.score += float(completeness[self.images(frame)].sum())
 

@@ -2,8 +2,8 @@
 
 The pose of the frame before is projected into every camera, each camera's candidates are assigned to the people by
 their distance from it (Hungarian method, one camera after the other), and the pose is triangulated anew from the
-candidates assigned. So a person who is hidden in one view, or whom a view confuses with a neighbour, stays the same
-person. Candidates whom nobody claims make a new person where two views agree on a place; as in Chen et al.,
+candidates assigned. So a person who is occluded in one view, or confused with a neighbour in one view, keeps the
+identity. Candidates whom nobody claims make a new person where two views agree on a place; as in Chen et al.,
 "Cross-View Tracking for Multi-Human 3D Pose Estimation", 2020.
 """
 
@@ -92,7 +92,8 @@ class _SpaceTracker:
         midlines_px: Float[np.ndarray, "camera person feature 2"],
         completeness: Float[np.ndarray, "camera person"],
     ) -> None:
-        """Find people before two views first agreed on them: one view is enough to go back, as it is to go on."""
+        """Follow people backwards from the frame in which two views first agreed on them; one view is enough for
+        that."""
         later = [person for person in self.people if person.first_time_s > time_s]
         if not later:
             return

@@ -96,26 +96,26 @@ def _error_lines(
     summaries: Summaries, steps: Mapping[str, str], title: str, label: str, also: Iterable[str] = ()
 ) -> Figure | None:
     """One line for each method over the variants that steps names, in its order."""
-    looks = shown(summaries, list(steps.values()), also)
-    if not looks or not set(steps.values()) <= set(variants_of(summaries)):
+    styles = shown(summaries, list(steps.values()), also)
+    if not styles or not set(steps.values()) <= set(variants_of(summaries)):
         return None
     figure = new_figure(7.5, 4.4, title)
     axes = figure.subplots()
     places = np.arange(len(steps))
     lines = {
-        method: [summaries[variant, method].interval("mpjpe_mm") for variant in steps.values()] for method in looks
+        method: [summaries[variant, method].interval("mpjpe_mm") for variant in steps.values()] for method in styles
     }
     # Beside one another, so that the bars can be told apart.
     shifts = dict(zip(lines, _spread(len(lines), _STEP_SPREAD), strict=True))
     for method, intervals in lines.items():
-        _draw_line(axes, places + shifts[method], intervals, looks[method])
+        _draw_line(axes, places + shifts[method], intervals, styles[method])
     axes.set_xticks(places, list(steps))
     axes.set_xlim(-_MARGIN, places[-1] + _MARGIN)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel(label)
     axes.set_ylabel("Absolute MPJPE (mm)")
     make_plain(axes, _over_recordings(list(lines.values())), "y")
-    _label_ends(axes, {m: (places[-1] + shifts[m], line[-1].value) for m, line in lines.items()}, looks)
+    _label_ends(axes, {m: (places[-1] + shifts[m], line[-1].value) for m, line in lines.items()}, styles)
     return figure
 
 
@@ -143,13 +143,13 @@ def _over_recordings(lines: Sequence[Sequence[Interval]]) -> str:
     return f"Mean over {number} recordings; bars: {bars}"
 
 
-def _label_ends(axes: Axes, ends: Mapping[str, tuple[float, float]], looks: Mapping[str, Look]) -> None:
+def _label_ends(axes: Axes, ends: Mapping[str, tuple[float, float]], styles: Mapping[str, Look]) -> None:
     """Names beside the ends of the lines, moved apart as little as possible."""
     methods = sorted(ends, key=lambda method: ends[method][1])
     bottom, top = axes.get_ylim()
     heights = _apart(np.array([ends[method][1] for method in methods]), _LABEL_SHARE * (top - bottom))
     for method, height in zip(methods, heights.tolist(), strict=True):
-        colour = looks[method].colour
+        colour = styles[method].colour
         axes.annotate(
             method,
             xy=ends[method],
@@ -177,9 +177,9 @@ def _apart(ascending: Float[np.ndarray, " label"], gap: float) -> Float[np.ndarr
 
 def error_of_joints(summaries: Summaries) -> Figure | None:
     """Mean absolute error of each joint, left and right together, occluded; None without this variant."""
-    looks = shown(summaries, [_OCCLUDED])
+    styles = shown(summaries, [_OCCLUDED])
     n_joints = max(
-        (len(score.joint_mm) for method in looks for score in summaries[_OCCLUDED, method].scores), default=0
+        (len(score.joint_mm) for method in styles for score in summaries[_OCCLUDED, method].scores), default=0
     )
     if n_joints == 0:
         return None
@@ -187,7 +187,7 @@ def error_of_joints(summaries: Summaries) -> Figure | None:
     figure = new_figure(7.5, 1.2 + 0.36 * len(rows), "Error of each joint, with occlusion")
     axes = figure.subplots()
     places = np.arange(len(rows))[::-1]
-    for (method, look), shift in zip(looks.items(), _spread(len(looks), -_ROW_SPREAD), strict=True):
+    for (method, look), shift in zip(styles.items(), _spread(len(styles), -_ROW_SPREAD), strict=True):
         means_mm = [summaries[_OCCLUDED, method].mean("joint_mm", joint) for joint in range(n_joints)]
         values_mm = [float(np.mean([means_mm[joint] for joint in joints])) for joints in rows.values()]
         axes.plot(

@@ -58,11 +58,11 @@ def shown(summaries: Summaries, variants: Sequence[str], also: Iterable[str] = (
     groups = methods_of(summaries)
     errors_mm = {method: _mean_mm(summaries, method, variants) for method in groups}
     known = sorted((method for method in groups if np.isfinite(errors_mm[method])), key=errors_mm.__getitem__)
-    looks: dict[str, Look] = {}
+    styles: dict[str, Look] = {}
     for group, look in _BEST_OF.items():
-        looks |= dict.fromkeys([method for method in known if groups[method] == group][:1], look)
-    looks |= {method: _NAMED[method] for method in (*_ALWAYS, *also) if method in known}
-    return {method: looks[method] for method in reversed(known) if method in looks}
+        styles |= dict.fromkeys([method for method in known if groups[method] == group][:1], look)
+    styles |= {method: _NAMED[method] for method in (*_ALWAYS, *also) if method in known}
+    return {method: styles[method] for method in reversed(known) if method in styles}
 
 
 def _mean_mm(summaries: Summaries, method: str, variants: Sequence[str]) -> float:

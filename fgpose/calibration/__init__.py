@@ -1,1 +1,1 @@
-"""Where the cameras are and how late, from the recording itself."""
+"""Poses and time offsets of the cameras, from the recording itself."""

@@ -1,9 +1,9 @@
 """Bundle adjustment over the poses of the cameras, their clocks and the joints, with the calibration as prior.
 
 One objective serves all calibration: half the robust squared reprojection errors that the estimator minimises, plus
-half the squared changes of the calibration in standard deviations of its priors. A camera that is bumped moves by
-itself, for the prior of its pose has a Cauchy kernel: with Gaussian priors it is cheaper for all cameras to share the
-move, which shifts the world (25 mm instead of 12 mm on simulated recordings with one camera turned by 1 degree).
+half the squared changes of the calibration in standard deviations of its priors. The prior of a pose has a Cauchy
+kernel, so that a bumped camera moves alone. With Gaussian priors it would cost less if all cameras shared the move,
+which shifts the world (25 mm instead of 12 mm on simulated recordings with one camera turned by 1 degree).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class BundleProblem:
 
     Args:
         rig: the calibration as it was given, the mean of the priors.
-        sightings: in the frames that take part.
+        sightings: in the frames that are used.
         config: sigma and kernel of the reprojection errors; sigmas of the priors.
         poses: whether the cameras' poses are unknown; otherwise they are held.
         clocks: whether their time offsets are; that of the first camera is always held.
@@ -96,7 +96,7 @@ class BundleProblem:
         return float(np.abs(step[: self.free.size]).max())
 
     def solve(self, start: Calibration) -> Solution[Calibration]:
-        """The minimum that is reached from a start."""
+        """The minimum that is reached from this state."""
         return levenberg_marquardt(self, start, _MAX_ITERATIONS)
 
     def sigmas(self, state: Calibration) -> Float[np.ndarray, "camera 7"]:
@@ -161,7 +161,7 @@ class BundleProblem:
         return residual_px, by_joint, np.concatenate([by_rotation, by_translation, by_clock], axis=-1) * self._sigmas
 
     def _delays_s(self, state: Calibration) -> Float[np.ndarray, " camera"]:
-        """What the sightings do not account for yet."""
+        """The part of the changes that the sightings do not include yet."""
         return self._sigmas[_CLOCK] * (state.changes[:, _CLOCK] - self._sightings.offset_changes)
 
     def _moved_squared(self, state: Calibration) -> Float[np.ndarray, " camera"]:

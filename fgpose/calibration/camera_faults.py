@@ -14,25 +14,26 @@ from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
 
-# Bounds of the time that it takes. Errors of detections are correlated over 0.15 s: 25 Hz tell what 50 Hz tell.
+# Bounds of the time that it takes. Errors of detections are correlated over 0.15 s: 25 Hz have as much information as
+# 50.
 _MAX_DURATION_S = 20.0
 _MAX_FRAMES = 300
 _RATE_HZ = 25.0
 _MAX_ITERATIONS = 15
 # By chance a camera is that far off in one of 400 recordings.
 _SIGNIFICANT_SIGMAS = 3.0
-# At 50 Hz and walking speed 6 mm: half of what the estimate is wrong by anyway.
+# At 50 Hz and walking speed 6 mm: half of the usual error of the estimate.
 _NOTICEABLE_FRAMES = 0.2
 
 
 @dataclass(frozen=True)
 class CameraFault:
-    """What is wrong with one camera as far as a part of the recording tells."""
+    """The faults of one camera, estimated on a part of the recording."""
 
     name: str
     offset_s: float
-    """How much later than its time stamps and the calibration say it takes its images, relative to the camera whose
-    clock is nearest to those of all others."""
+    """Additional time offset, beyond time stamps and calibration, relative to the camera whose clock is nearest to
+    those of all others; positive: its images are taken later."""
     offset_sigma_s: float
     """Standard deviation; zero for that camera."""
     offset_frames: float
@@ -63,7 +64,7 @@ def camera_faults(observations: Observations, rig: CameraRig, config: Config | N
     step_s = usual_step_s(observations.frame_time_s)
     try:
         calibration = self_calibrate(_limbs_only(_thinned(observations, step_s)), rig, config)
-    except ValueError:  # nothing to learn from: that joints are not seen is said elsewhere
+    except ValueError:  # no joint is seen by two cameras that agree: RecordingInfo reports that
         return ()
     return _faults(calibration, rig, config, step_s)
 

@@ -1,4 +1,4 @@
-"""The motion that a calibration is judged by, or that delays are undone with."""
+"""The smoothed motion by which a calibration is judged or delays are corrected."""
 
 from __future__ import annotations
 

@@ -34,18 +34,18 @@ class RigRefinement:
     that sees nothing."""
     residual_after_px: Float[np.ndarray, " camera"]
     converged: bool = True
-    """Whether the optimiser has reached a minimum, and the smoother by whose motion delays were undone."""
+    """Whether the optimiser has converged, and the smoother whose motion corrected the delays."""
 
 
 def refine_rig(observations: Observations, rig: CameraRig, config: Config | None = None) -> RigRefinement:
     """Move the cameras, as little as needed, so that they agree on the person.
 
     Poses of the cameras and joints of up to calibration.max_frames frames are variables; the calibration is the prior,
-    robust, for most cameras were not touched (fgpose.calibration.bundle_adjustment). Delays that the rig or the time
-    stamps tell are undone first. Where the joints are as a whole is then known only as well as the calibration was: a
-    common shift of a few centimetres cannot be told from the images. The errors of a detector are correlated from frame
-    to frame, so the detections of a camera together count as calibration.independent_measurements measurements, not as
-    thousands. A camera that nothing is known of stays where it is.
+    robust, for most cameras were not touched (fgpose.calibration.bundle_adjustment). Known delays (time stamps, offsets
+    of the rig) are corrected first. A common shift of all cameras and joints by a few centimetres cannot be seen in the
+    images; it is known only as well as the calibration was. The errors of a detector are correlated from frame to
+    frame, so the detections of a camera together count as calibration.independent_measurements measurements, not as
+    thousands. A camera without detections keeps its pose.
 
     Raises:
         ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
@@ -78,7 +78,7 @@ def refinement(
     *,
     converged: bool,
 ) -> RigRefinement:
-    """What became of a rig, judged by some detections."""
+    """How a rig was changed, judged by some detections."""
     moves = [
         gtsam.Pose3(old.world_T_camera).between(gtsam.Pose3(new.world_T_camera))
         for old, new in zip(before.cameras, after.cameras, strict=True)

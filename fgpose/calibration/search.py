@@ -1,4 +1,4 @@
-"""Calibrating on a motion that is not known either: smoothing and bundle adjustment in turns, by one objective."""
+"""Calibration while the motion is unknown too: smoothing and bundle adjustment in turns, by one objective."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
 
-# Less is nothing that an image would show: 0.03 frames are 0.6 ms at 50 Hz, and a tenth of a sigma of the poses' priors
-# is 0.01 degrees, 0.2 px.
+# Smaller changes cannot be seen in an image: 0.03 frames are 0.6 ms at 50 Hz, and a tenth of a sigma of the poses'
+# priors is 0.01 degrees, 0.2 px.
 _TOLERANCE_FRAMES = 0.03
 _TOLERANCE_SIGMAS = 0.1
 
@@ -34,9 +34,9 @@ class Found:
     objective: float
     """See fgpose.calibration.bundle_adjustment; at the smoothed motion."""
     converged: bool
-    """Whether nothing changed any more in the end, and the optimisers that led there have converged."""
+    """Whether the last round changed nothing, and its optimisers have converged."""
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
-    """Detections of the frames that took part, where they would be if all cameras were synchronous."""
+    """Detections of the frames that were used, where they would be if all cameras were synchronous."""
     confidence: Float[np.ndarray, "frame camera joint"]
 
 
@@ -94,14 +94,14 @@ class _Setting:
 
     part: Observations
     frames: Int[np.ndarray, " sample"]
-    """Those of the part that take part in the adjustment."""
+    """The frames of the part that are used in the adjustment."""
     rig: CameraRig
     config: Config
     poses: bool
     clocks: bool
 
     def tolerances(self) -> Float[np.ndarray, " 7"]:
-        """Changes of a camera, in standard deviations of the priors, that are as good as none."""
+        """Changes of a camera, in standard deviations of the priors, that are negligible."""
         step_s, sigma_s = usual_step_s(self.part.frame_time_s), self.config.calibration.offset_sigma_s
         return np.array([*6 * [_TOLERANCE_SIGMAS], _TOLERANCE_FRAMES * step_s / sigma_s])
 

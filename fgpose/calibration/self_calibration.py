@@ -1,4 +1,4 @@
-"""Where the cameras are and how much their clocks are off, both from the recording itself."""
+"""Poses and time offsets of the cameras at once, from the recording itself."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class SelfCalibration:
     refinement: RigRefinement
     time_offsets: TimeOffsets
     objective: float
-    """What the calibration was judged by (fgpose.calibration.bundle_adjustment); at most that of the given rig."""
+    """The objective of the calibration (fgpose.calibration.bundle_adjustment); at most that of the given rig."""
     converged: bool
-    """Whether the calibration changed no more in the end, and the smoother that it rests on has converged."""
+    """Whether the last round changed nothing, and its optimisers have converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,11 +43,11 @@ class CameraCalibration:
 def self_calibrate(observations: Observations, rig: CameraRig, config: Config | None = None) -> SelfCalibration:
     """Refine the poses of the cameras and estimate their time offsets, both at once.
 
-    While the person walks in one direction, a camera that is late sees the same as one that was moved, and what is
-    estimated first explains both. So both are unknowns of one bundle adjustment, with the motion smoothed anew between
-    two of them (fgpose.calibration.search). The result is never worse than the given rig by the objective of that
-    adjustment; where nothing is better it is the given rig. Of the recording the calibration.max_duration_s are used
-    in which most is seen.
+    While the person walks in one direction, a late camera and a moved camera cause the same errors. If one were
+    estimated first, it would absorb the error of the other. So both are unknowns of one bundle adjustment, with the
+    motion smoothed anew between two of them (fgpose.calibration.search). The result is never worse than the given rig
+    by the objective of that adjustment; where nothing is better it is the given rig. Of the recording the
+    calibration.max_duration_s are used in which most is seen.
 
     Raises:
         ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
@@ -65,7 +65,7 @@ def self_calibrate(observations: Observations, rig: CameraRig, config: Config | 
 def calibrate_cameras(
     observations: Observations, rig: CameraRig, config: Config | None = None, *, poses: bool, clocks: bool
 ) -> CameraCalibration:
-    """Refine the cameras' poses, estimate their time offsets, or both at once, whatever is asked for.
+    """Refine the cameras' poses, estimate their time offsets, or both at once, as asked for.
 
     Raises:
         ValueError: see refine_rig, estimate_time_offsets and self_calibrate.

@@ -1,4 +1,4 @@
-"""What of a recording takes part in a calibration, and how much each detection counts."""
+"""The part of a recording that a calibration uses, and the weight of each detection."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.sampling import spread_evenly
 
-# A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be among
-# the views that agree, and nothing could be learned about it.
+# A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be
+# an inlier, and could not be calibrated.
 _INLIER_FACTOR = 2.5
 
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """What the cameras saw in the frames that take part."""
+    """The detections in the frames that are used."""
 
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
     """Detections, moved to the times of their frames as offset_changes say."""
@@ -34,7 +34,7 @@ class Sightings:
 
 
 def best_seen(observations: Observations, duration_s: float) -> Observations:
-    """So much of a recording, where two cameras see the most joints; in the middle if it is the same everywhere."""
+    """The part of this duration in which two cameras see the most joints; the middle if all parts are equal."""
     time_s = observations.frame_time_s
     by_two = (observations.seen.sum(axis=1) >= 2).sum(axis=1)
     counted = np.concatenate([[0], np.cumsum(by_two)])
@@ -46,7 +46,7 @@ def best_seen(observations: Observations, duration_s: float) -> Observations:
 
 
 def frames_of_use(observations: Observations, at_most: int) -> Int[np.ndarray, " sample"]:
-    """Frames, spread evenly, in which two cameras see a joint; all frames where that is nowhere so."""
+    """Frames, spread evenly, in which two cameras see a joint; of all frames if there are none."""
     useful = np.flatnonzero((observations.seen.sum(axis=1) >= 2).any(axis=1))
     useful = useful if useful.size else np.arange(observations.n_frames)
     return useful[spread_evenly(len(useful), at_most)]
@@ -63,8 +63,8 @@ def sighting_weights(
     """Sightings.weights: by confidence, discounted for errors that are correlated in time.
 
     The errors that matter to a pose do not average out, so that all detections of a camera together count as
-    calibration.independent_measurements at most. The views' agreement, by which the estimator weighs too, depends on
-    the calibration that is to be judged, so it does not enter.
+    calibration.independent_measurements at most. The agreement of the views, which the estimator uses too, depends on
+    the calibration that is judged, so it is not used here.
     """
     counted_as_one = np.full(used.shape[1], correlated_frames(step_s, config.calibration.error_correlation_s))
     if poses:

@@ -30,7 +30,7 @@ _MARGIN = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Open:
-    """The open benchmark: real motion, simulated detections with the errors of real ones, and all that goes wrong.
+    """The open benchmark: real motion, simulated detections with the errors of real ones, in twelve variants.
 
     Every method on every recording, in less than 20 minutes on two cores. Writes scores.json and the report into the
     output folder. What is finished is kept there in cache: an interrupted run goes on where it was. What a change of
@@ -43,7 +43,7 @@ class Open:
     """Five variants on the first 100 frames of two clips, without the slowest method, in less than 90 seconds: for a
     first look."""
     ablation: bool = False
-    """In place of the methods: fgpose's batch with one ingredient removed or exchanged at a time."""
+    """Instead of the methods: fgpose's batch with one part removed or exchanged at a time."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
     """Folder for the results; it is made if it is absent."""
     variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
@@ -61,7 +61,7 @@ class Open:
     ] = None
     """Python of an environment that has aniposelib; without one its lines are left out."""
     check: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
-    """Hold the errors against those that --store has written, and fail where they differ. Without aniposelib."""
+    """Compare the errors with those that --store has written, and fail where they differ. Without aniposelib."""
     store: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """Write the errors of this run, give or take 5 %, for --check. Without aniposelib."""
 
@@ -150,7 +150,7 @@ class Open:
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Write the report of a benchmark anew from its scores.json, without measuring.
+    """Write the report of a benchmark again from its scores.json, without measuring.
 
     Example: fgpose benchmark report out/benchmark
     """

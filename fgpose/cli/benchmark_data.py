@@ -62,9 +62,9 @@ class Human36M(LabelOptions):
     """
 
     predictions: Annotated[tuple[Path, ...], arg(metavar="FILE ...", help_behavior_hint="(default: none)")] = ()
-    """What methods gave: one line of the tables each, called after the file."""
+    """Results of methods: one line of the tables for each, named after the file."""
     views: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: none)")] = None
-    """What each camera alone gives; fgpose makes poses of it."""
+    """Poses of each camera alone, from which fgpose estimates poses."""
     estimation: Literal["smooth", "refine", "fuse"] = "smooth"
     """How it does: the whole motion; each frame alone by the paper's method; the fusion of the paper's eq. 1-2."""
     config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None

@@ -1,4 +1,4 @@
-"""Calibrating the cameras on the recording itself before it is estimated: saving and saying what came of it."""
+"""Calibrating the cameras on the recording before it is estimated: saves and prints the result."""
 
 from __future__ import annotations
 

@@ -123,17 +123,17 @@ class Track(EstimatorOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class Info(RecordingOptions):
-    """Report on a recording before solving it: what is seen, and what looks wrong.
+    """Report on a recording before solving it: what is seen, and what is probably wrong.
 
-    Which cameras see what, how well they agree, whether a calibration looks wrong, a camera was moved or is late, left
-    and right are exchanged, or millimetres taken for metres. Takes some seconds. Nothing is written. Errors are pixels
+    Which cameras see what, how well they agree, whether a calibration is wrong, a camera was moved or is late, left and
+    right are exchanged, or millimetres are taken for metres. Takes some seconds. Nothing is written. Errors are pixels
     of the undistorted image.
 
     Example: fgpose info pose/ --rig Calib.toml --skeleton body_25b --fps 60
     """
 
     min_gap_s: Annotated[float, arg(metavar="SECONDS")] = 0.5
-    """List stretches in which fewer than two cameras see a joint for longer than this, seconds."""
+    """List gaps in which fewer than two cameras see a joint for longer than this, seconds."""
 
     def run(self) -> None:
         from fgpose.assessment.recording_info import recording_info

@@ -208,18 +208,18 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
 
 def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "frame camera"]) -> None:
     """In how many frames each camera saw the person, how often left and right were exchanged, why 3D is missing or
-    doubtful."""
+    uncertain."""
     from fgpose.cli.tables import new_table
 
     observations = mended.observations
     table = new_table("", *observations.camera_names)
     n_seen = observations.seen.any(axis=-1).sum(axis=0)
     table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
-    table.add_row("left and right exchanged, mended", *map(str, mended.flipped.sum(axis=0).tolist()))
-    table.add_row("doubtful, trusted less", *map(str, mended.doubtful.sum(axis=0).tolist()))
+    table.add_row("left and right exchanged, corrected", *map(str, mended.flipped.sum(axis=0).tolist()))
+    table.add_row("uncertain, trusted less", *map(str, mended.doubtful.sum(axis=0).tolist()))
     kinds = [[problem.partition(":")[0] for problem in of_camera] for of_camera in problems.T.tolist()]
     for kind in sorted({kind for of_camera in kinds for kind in of_camera if kind}):
-        table.add_row(f"3D missing or doubtful: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))
+        table.add_row(f"3D missing or uncertain: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))
     console.print(table)
 
 

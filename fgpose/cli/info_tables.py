@@ -42,14 +42,14 @@ def print_info(console: Console, info: RecordingInfo, faults: tuple[CameraFault,
 
 
 def hints(info: RecordingInfo) -> Iterator[str]:
-    """What looks wrong, and what to do about it, in plain words."""
+    """What is probably wrong, and what to do about it, in plain words."""
     for remark in info.implausible:
         yield f"Implausible: {remark}. Millimetres taken for metres, or the reverse? See --unit and --points3d-unit."
     if info.suspected_calibration:
         yield (
-            f"The calibration of {info.suspected_calibration} looks wrong: the other cameras agree without it and miss "
-            "it by far. Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out with "
-            "--cameras. Time offsets and small errors of the calibration can only be told once this is settled."
+            f"The calibration of {info.suspected_calibration} is probably wrong: the other cameras agree without it and "
+            "miss it by far. Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out with "
+            "--cameras. Time offsets and small errors of the calibration can only be estimated after that."
         )
     for name in info.suspected_swaps:
         (camera,) = (camera for camera in info.cameras if camera.name == name)
@@ -66,8 +66,8 @@ def hints(info: RecordingInfo) -> Iterator[str]:
 def _fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
     """Cameras that are late or were moved, and the options that correct it."""
     late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
-    # The two faults resemble each other, and each option alone would explain both: a camera that was moved looks late
-    # while the person walks one way.
+    # While the person walks in one direction, both faults cause the same errors. Either option alone would absorb the
+    # error of the other.
     both = " and --refine-calibration together" if moved else ""
     for fault in late:
         ms, sigma_ms = 1000 * abs(fault.offset_s), 1000 * fault.offset_sigma_s

@@ -21,7 +21,7 @@ def live_viewer(
         source: the recording.
         trajectories: names of those that will be shown.
         outputs: where the results go.
-        grows: it is shown frame by frame, so that Ctrl-C leaves a file of what was there.
+        grows: it is shown frame by frame, so that Ctrl-C leaves a file of the frames so far.
 
     Raises:
         ImportError: Rerun is not installed.

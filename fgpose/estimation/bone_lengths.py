@@ -18,7 +18,7 @@ class RunningLengths:
     """Running median of every shared bone length, and how well it is known, in constant memory.
 
     Each complete bone of each frame's first guess (triangulated or fused, not smoothed) is a sample, so that an
-    estimate that was wrong at first cannot confirm itself. Samples are counted in bins of 1 mm.
+    initial error of the estimate cannot confirm itself. Samples are counted in bins of 1 mm.
     """
 
     def __init__(self, skeleton: Skeleton) -> None:

@@ -13,7 +13,7 @@ from fgpose_factors import projection_residual, robust_weight
 
 
 class RunningOffsets:
-    """Time offsets frame by frame: what the newest frames say, older ones counting ever less.
+    """Time offsets frame by frame, from the residuals of all frames so far; older frames have less weight.
 
     Args:
         rig: with the offsets known so far, around which calibration.offset_sigma_s is the prior.
@@ -61,7 +61,7 @@ def offset_information(
     rig: CameraRig,
     config: ProjectionConfig,
 ) -> tuple[Float[np.ndarray, "camera camera"], Float[np.ndarray, " camera"]]:
-    """Gauss-Newton's information matrix (1/s^2) and gradient (1/s) by a change of the offsets, the joints eliminated.
+    """Gauss-Newton's information matrix (1/s^2) and gradient (1/s) of the offsets; the joints are eliminated.
 
     Args:
         undistorted_px: detections, moved to the times of their frames with the offsets so far.

@@ -1,9 +1,9 @@
-"""Cameras that are not synchronous: each image is compared with where the joints were when it was taken.
+"""Unsynchronised cameras: each image is compared with the pose at the time when the image was taken.
 
-Of the ways to do this the delay is undone on the measurement: a detection is moved by as much as the image of the
-estimated motion moves between the camera's time and that of the frame. The factors stay as they are, native and robust;
-the motion between the times is the estimate itself, curved as it may be, so that delays of several frames do no harm;
-and the estimate changes so little from one round to the next that two rounds are enough.
+The detections are corrected, not the factors: a detection is shifted by the distance that the image of the estimated
+motion moves between the camera's time and that of the frame. So the factors stay native and robust. The motion between
+the two times is the estimate itself, a spline, so that delays of several frames are allowed. The estimate changes
+little from one round to the next: two rounds are enough.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ _ROUNDING_S = 1e-9
 
 
 def delays_s(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
-    """How much later than the time of its frame each image was taken: what the cameras' own clocks say, and the time
-    offsets of the rig."""
+    """How much later than the time of its frame each image was taken: by the time stamps of the cameras, plus the
+    time offsets of the rig."""
     frame_time_s = observations.frame_time_s[:, None]
     time_s = observations.time_s if observations.time_s.ndim == 2 else frame_time_s
     late_s = np.nan_to_num(time_s - frame_time_s) + rig.time_offsets_s
@@ -43,7 +43,7 @@ def image_motion_px(
     rig: CameraRig,
 ) -> Float[np.ndarray, "frame camera joint 2"]:
     """How far the image of each joint moves from the time of its frame to that of each camera's image, undistorted
-    pixels; zero where that is not known."""
+    pixels; zero where the motion is not known."""
     if not delay_s.any():
         return np.zeros((*delay_s.shape, positions_m.shape[1], 2))
     at_camera_m = np.stack([_at(time_s + delay_s[:, c], positions_m, time_s) for c in range(rig.n_cameras)], axis=1)

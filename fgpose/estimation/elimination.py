@@ -17,9 +17,9 @@ class ReducedSystem:
     information: Float[np.ndarray, "unknown unknown"]
     gradient: Float[np.ndarray, " unknown"]
     joint_covariance_m2: Float[np.ndarray, "frame joint 3 3"]
-    """Of each joint with the cameras as they are."""
+    """Of each joint, the cameras held."""
     by_step: Float[np.ndarray, "frame joint unknown 3"]
-    """What a step of the cameras takes off each joint."""
+    """How each joint's solution depends on the step of the cameras."""
 
     def eliminated(
         self, of_cameras: Float[np.ndarray, " unknown"], of_joints: Float[np.ndarray, "frame joint 3"]
@@ -47,7 +47,7 @@ def eliminate_joints(
     weights: Float[np.ndarray, "frame camera joint"],
     damping: float = 0.0,
 ) -> ReducedSystem:
-    """Normal equations of residuals of which each depends on one joint and on the unknowns of one camera.
+    """Normal equations of residuals that depend on one joint and on the unknowns of one camera each.
 
     Args:
         residual_px: finite, also where there is no detection.

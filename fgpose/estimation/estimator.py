@@ -266,8 +266,8 @@ class Estimator:
             trust=total_weight(evidence),
         )
 
-    def _let_go(self, time_s: float) -> None:
-        """Marginalise what is older than the lag, but for the newest such frame: it is the lag-old result."""
+    def _marginalise_old(self, time_s: float) -> None:
+        """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""
         while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
             self._window.popleft()
             self._smoother.drop_oldest()
@@ -326,7 +326,7 @@ class Estimator:
         )
 
     def _lagged(self, time_s: float) -> Estimate | None:
-        """The newest frame that is at least one lag old, as everything since has changed it."""
+        """The newest frame that is at least one lag old, with its present estimate."""
         oldest = self._window[0]
         if not self._is_lagged(oldest, time_s):
             return None

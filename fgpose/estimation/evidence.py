@@ -16,15 +16,15 @@ from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 
 _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
-# Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. The median does not mind a few
-# wild triangulations.
+# Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. A few wrong
+# triangulations do not change the median.
 _MAX_BODY_M = 30.0
 _FEW_VIEWS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The observations of some frames, made ready for the factor graph."""
+    """The observations of some frames in the form that the factor graph needs."""
 
     time_s: Float[np.ndarray, " frame"]
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
@@ -37,9 +37,9 @@ class Evidence:
     guess_m: Float[np.ndarray, "frame joint 3"]
     """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
     anchored: Bool[np.ndarray, "frame joint"]
-    """Whether the guess is the fused per-view 3D and nothing else tells how far away the joint is."""
+    """Whether the guess is the fused per-view 3D, and nothing else determines the depth of the joint."""
     views_m: Float[np.ndarray, "frame view joint 3"]
-    """Where each view alone sees the joints whose depth is used; no views when that is not wanted or not known."""
+    """The 3D joints of each view alone, where their depth is used; no views when it is not wanted or not known."""
     rays: Float[np.ndarray, "frame view joint 3"]
     """Unit vectors from each camera to views_m."""
     depth_sigma_m: Float[np.ndarray, "frame view joint"]
@@ -78,7 +78,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
 
 
 def _refuse_millimetres(positions_m: Float[np.ndarray, "frame joint 3"]) -> None:
-    """Raise ValueError when the body is as large as a village: the rig's lengths are millimetres, not metres."""
+    """Raise ValueError when the joints are implausibly far apart: the rig's lengths are millimetres, not metres."""
     known = positions_m[np.asarray(np.isfinite(positions_m).any(axis=(1, 2)))]
     if not len(known):
         return

@@ -89,8 +89,8 @@ def _from_candidates(
     squared_px2 = np.sum((rig.project(points3d_m) - undistorted_px[:, None]) ** 2, axis=-1)
     term = squared_px2 if config.exponent == "squared" else np.sqrt(squared_px2)
     error = mean_known(term, axis=2)
-    # A candidate that no view can check (its only detection is missing) still counts when it is all there is: as one
-    # that is off by inlier_px, the largest error at which a view is still taken for right.
+    # A candidate that no view can check (its only detection is missing) still counts if it is the only one: like one
+    # with an error of inlier_px, the largest error of an inlier.
     known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
     checked = known & np.isfinite(error)
     unchecked_only = known & ~checked.any(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Which joints take part in which frame, and a first guess of them and of the bone lengths."""
+"""Which joints are estimated in which frame, and first guesses of their positions and of the bone lengths."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from fgpose.skeleton import Skeleton
 def active_joints(
     guess_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"], config: MotionConfig
 ) -> Bool[np.ndarray, "frame joint"]:
-    """Whether a joint takes part in a frame: it has a first guess there or, with a motion model, near in time."""
+    """Whether a joint is estimated in a frame: it has a first guess there or, with a motion model, near in time."""
     known = np.asarray(np.isfinite(guess_m).all(axis=-1))
     if config.model == "none":
         return known

@@ -1,7 +1,7 @@
-"""Detections that have not fitted for a while: what an occluded joint's detections do, and those of a seen one do not.
+"""Less weight for detections of a joint that have not fitted for a while: they are probably hallucinated.
 
-A robust kernel judges every detection by itself. A network that cannot see a joint invents it, and its inventions are
-wrong for as long as the occluder stays: the errors around a detection in time tell more about it than its own does.
+A robust kernel judges every detection by itself. But a network hallucinates an occluded joint for as long as the
+occluder stays: the errors of the detections before and after tell more about a detection than its own error does.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from jaxtyping import Float
 from fgpose.config import ProjectionConfig
 
 _POWER = 4
-"""How sharply the weight falls; gently enough that a detection just below the threshold counts nearly in full."""
+"""How sharply the weight falls with the error over the threshold."""
 
 _MAX_VALUES = 32
-"""Of so many a median is as good as of all that a fast camera delivers, and fits into memory."""
+"""The median takes at most so many detections, spread evenly: enough for a median, and bounds the memory."""
 
 
 def persistence_weights(
@@ -24,8 +24,8 @@ def persistence_weights(
     """Weight in (0, 1] of each detection: 1/2 where the median error of the detections of the same joint in the same
     camera, within memory_s before and after, is persistent_px.
 
-    A camera that is wrongly calibrated or late misses everything by something: its usual error is no sign of
-    occlusion, so half of a camera's detections always count at least half.
+    A camera that is late or wrongly calibrated has large errors everywhere, which are no sign of occlusion. So the
+    threshold is at least the median of the camera: half of its detections always have a weight of at least 1/2.
 
     Args:
         error_px: reprojection errors; NaN without a detection.
@@ -38,10 +38,10 @@ def persistence_weights(
 
 
 class RunningPersistence:
-    """The same frame by frame: the mean error of each detection's forerunners, older ones counting ever less.
+    """The same frame by frame, with a running mean of the errors in which older detections have less weight.
 
-    Without the frames that follow it is too late a sign to weigh detections by, but it tells how far the newest pose
-    can be trusted.
+    Without the frames that follow, this detects an occlusion too late to weight detections by it. It serves for the
+    covariance of the newest pose.
     """
 
     def __init__(self, shape: tuple[int, int], config: ProjectionConfig) -> None:

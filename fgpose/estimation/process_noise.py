@@ -1,9 +1,9 @@
 """How much each joint may accelerate: the noise of the motion model, learned from the motion itself.
 
-A wrist that punches and a pelvis that stands have accelerations a hundred times apart: one density for all smooths the
-one too much and the other too little. An acceleration of variance a^2 that passes with time constant tau has, seen over
-longer times, the power spectral density 2 tau a^2 (the first-order Gauss-Markov process); a^2 is that of the motion as
-estimated so far, nearby in time.
+The accelerations of a punching wrist and of a standing pelvis differ by a factor of a hundred: one density for all
+would smooth the wrist too much and the pelvis too little. A first-order Gauss-Markov process of variance a^2 and time
+constant tau has, at low frequencies, the power spectral density 2 tau a^2. For a^2 stands the mean square acceleration
+nearby in time, of the motion as estimated so far.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from fgpose.config import MotionConfig
 
-# Between these the density is learned. Online the least is higher: nobody knows yet that a joint at rest will start.
+# Bounds of the density. Online the least is higher, since a joint at rest may start to move.
 LEAST_DENSITY, _LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 300.0
 
 
@@ -39,7 +39,7 @@ def process_density(
     adaptive; of its velocity, m^2/s, with random walk.
 
     Args:
-        positions_m: of a smoothed motion; NaN where a joint takes no part.
+        positions_m: of a smoothed motion; NaN where a joint is not estimated.
         time_s: strictly increasing.
     """
     if not is_adaptive(config) or len(time_s) < 3:
@@ -51,9 +51,9 @@ def process_density(
 
 
 class RunningDensity:
-    """The same frame by frame, earlier frames counting ever less.
+    """The same frame by frame; earlier frames have less weight.
 
-    It is given motion that is one lag old: the newest velocities jump with every detection.
+    It takes the velocities of frames that are one lag old: the newest ones change too much with every detection.
     """
 
     def __init__(self, n_joints: int, config: MotionConfig) -> None:
@@ -62,7 +62,7 @@ class RunningDensity:
         self._time_s, self._velocities_mps = -np.inf, np.full((n_joints, 3), np.nan)
 
     def add(self, time_s: float, velocities_mps: Float[np.ndarray, "joint 3"]) -> None:
-        """Take the velocities of the next frame; NaN where a joint takes no part."""
+        """Take the velocities of the next frame; NaN where a joint is not estimated."""
         step_s = time_s - self._time_s
         squared = np.mean(((velocities_mps - self._velocities_mps) / step_s) ** 2, axis=-1)
         self._time_s, self._velocities_mps = time_s, velocities_mps

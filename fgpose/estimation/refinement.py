@@ -18,9 +18,9 @@ from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Trajectory, joint_status
 
-# Eq. 3 sums squared pixels of all views alike: no robust kernel, no weights.
+# Eq. 3 sums squared pixels over all views: no robust kernel, no weights.
 _SQUARED_PIXELS = ProjectionConfig(sigma_px=1.0, kernel="none", weighting="uniform")
-# A mean step of 1 um is a hundredth of the agreement that the tests ask for with an independent solution of eq. 5.
+# A step of 1 um is a hundredth of the agreement that the tests ask for with an independent solution of eq. 5.
 _STEP_TOLERANCE_M = 1e-6
 
 
@@ -32,7 +32,7 @@ def refine(
 ) -> Trajectory:
     """The minimum of eq. 5 in every frame, started from the fused pose (eq. 1-2).
 
-    Faithful to the paper: squared error, all views alike, no time. Eq. 5 leaves the unit of length open, see
+    Faithful to the paper: squared error, equal weights, no time. Eq. 5 leaves the unit of length open, see
     RefinementConfig. A joint that fewer than two views see is not determined by eq. 5; it stays near the fused pose.
 
     Raises:
@@ -74,7 +74,7 @@ def refine_evidence(
 
 
 def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config) -> Segment:
-    """Eq. 3 and eq. 4, and weak priors around the fused pose; all detections count alike, as in the paper."""
+    """Eq. 3 and eq. 4, and weak priors around the fused pose; all detections have equal weight, as in the paper."""
     paper = replace(
         config,
         projection=_SQUARED_PIXELS,
@@ -82,7 +82,7 @@ def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Con
         motion=MotionConfig(model="none"),
         solver=replace(config.solver, step_tolerance_m=_STEP_TOLERANCE_M),
     )
-    alike = replace(
+    unweighted = replace(
         evidence,
         weights=np.ones_like(evidence.weights),
         guess_m=evidence.fused_m,
@@ -91,4 +91,4 @@ def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Con
     )
     active = np.asarray(np.isfinite(evidence.fused_m).all(axis=-1))
     no_lengths_m, no_motion = np.full(skeleton.n_lengths, np.nan), np.ones(active.shape)
-    return Segment(rig, skeleton, paper, alike, active, no_lengths_m, config.prior.length_sigma_m, no_motion)
+    return Segment(rig, skeleton, paper, unweighted, active, no_lengths_m, config.prior.length_sigma_m, no_motion)

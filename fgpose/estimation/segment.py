@@ -35,7 +35,7 @@ class Predecessor:
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Frames, and what is known of them before they are solved: many (batch), or the newest one (online)."""
+    """Frames with everything that is known before they are solved: many frames (batch), or the newest one (online)."""
 
     rig: CameraRig
     skeleton: Skeleton
@@ -43,7 +43,7 @@ class Segment:
     evidence: Evidence
     """Of these frames."""
     active: Bool[np.ndarray, "frame joint"]
-    """Which joints take part in which frame."""
+    """Which joints are estimated in which frame."""
     lengths_m: Float[np.ndarray, " length"]
     """First guess of every shared bone length; NaN where a bone has none."""
     length_sigma_m: float | Float[np.ndarray, " length"]
@@ -52,10 +52,9 @@ class Segment:
     """Power spectral density of the noise of the motion factors that lead to each frame, m^2/s^3 with constant
     velocity, m^2/s with random walk."""
     lengths_known: bool = False
-    """Whether the lengths are taken as they are, their sigma added to that of each bone (online); otherwise they are
-    estimated."""
+    """Whether the lengths are held, their sigma added to that of each bone (online); otherwise they are estimated."""
     initial_m: Float[np.ndarray, "frame joint 3"] | None = None
-    """Where the joints start, and around what the weak priors lie, if that is not the first guess of the evidence."""
+    """First guess of the joints and mean of the weak priors, if not the guess of the evidence."""
     before: Predecessor | None = None
     """The vectorised solver knows segments without predecessor only."""
     first_frame: int = 0
@@ -97,12 +96,12 @@ class Segment:
 
     @cached_property
     def joints(self) -> Int[np.ndarray, " slot"]:
-        """The joints that take part in some frame. The factors number them by their slots."""
+        """The joints that are estimated in some frame. The factors number them by their slots."""
         return np.flatnonzero(self.active.any(axis=0))
 
     @cached_property
     def slots(self) -> Int[np.ndarray, " joint"]:
-        """Slot of each joint; -1 where it takes part in no frame."""
+        """Slot of each joint; -1 if it is estimated in no frame."""
         slots = np.full(self.skeleton.n_joints, -1)
         slots[self.joints] = np.arange(len(self.joints))
         return slots

@@ -33,12 +33,12 @@ from fgpose.trajectory import Convergence, Trajectory, joint_status
 Progress = Callable[[int, int], None]
 """Called with the number of frames done and the number of frames in all."""
 
-# Lengths learned from the sample are held: the windows then agree on them, and nothing is to be gained from each alone.
+# Lengths learned from the sample are held, so that all windows have the same.
 _HELD_LENGTH_SIGMA_M = 1e-4
 _SAMPLE_FRAMES = 600  # spread over the recording: far apart, their errors are independent
-# A solution that is only to be learned from need not be known to the last millimetre.
+# Solutions that only inform the next one need less accuracy.
 _ROUGHLY = 50.0
-# How often a solution tells about the evidence: twice is better than once, and three times no better (tuning clips of
+# How many solutions inform the evidence of the next one: two are better than one, and three no better (tuning clips of
 # the benchmark; mean error with two occluded cameras 28.8, 27.7, 27.6 mm).
 _ROUNDS = 2
 
@@ -54,7 +54,7 @@ def smooth(
     Args:
         observations: of one person.
         rig: cameras of the observations, in their order.
-        config: see fgpose.config; what the batch heeds is all but [online] and [refinement].
+        config: see fgpose.config; all sections except [online], [refinement] and [calibration] are used.
         progress: told after each window.
 
     Returns:
@@ -97,7 +97,7 @@ def smooth_evidence(
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The optimum of some frames; NaN where a joint takes no part."""
+    """The optimum of some frames; NaN where a joint is not estimated."""
 
     positions_m: Float[np.ndarray, "frame joint 3"]
     covariance_m2: Float[np.ndarray, "frame joint 3 3"] | None
@@ -106,7 +106,7 @@ class Solution:
 
     @staticmethod
     def of_nobody(segment: Segment) -> Solution:
-        """Where no joint takes part in any frame."""
+        """Where no joint is estimated in any frame."""
         shape = segment.active.shape
         positions_m, covariance_m2 = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         no_lengths_m = np.full(segment.skeleton.n_lengths, np.nan)
@@ -114,7 +114,7 @@ class Solution:
 
     @staticmethod
     def joined(parts: list[Solution]) -> Solution:
-        """Of one part after the other."""
+        """Of parts that follow each other."""
         covariances_m2 = [part.covariance_m2 for part in parts if part.covariance_m2 is not None]
         return Solution(
             positions_m=np.concatenate([part.positions_m for part in parts]),
@@ -130,7 +130,7 @@ class Solution:
 
 
 def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
-    """Each length from the first part that knows it: a person may come late."""
+    """Each length from the first part in which it is known: a person may come late."""
     known = lengths_m[0]
     for others in lengths_m[1:]:
         known = np.where(np.isnan(known), others, known)
@@ -140,7 +140,7 @@ def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
 def _with_learned_lengths(recording: Segment) -> Segment:
     """The recording with the bone lengths of a sample of its frames.
 
-    Delays are not undone there: the motion between frames so far apart is not known.
+    Delays are not corrected there, because the motion between frames so far apart is not known.
     """
     sample = _optimum(recording.frames(spread_evenly(recording.n_frames, _SAMPLE_FRAMES)))
     lengths_m = _first_known([sample.lengths_m, recording.lengths_m])
@@ -148,7 +148,7 @@ def _with_learned_lengths(recording: Segment) -> Segment:
 
 
 def _solve(segment: Segment) -> Solution:
-    """Alternate between the optimum and what it tells about delays, hallucinated detections and process noise."""
+    """Alternate between the optimum and the delays, hallucinated detections and process noise that follow from it."""
     with one_blas_thread():
         solution = _optimum(_roughly(segment))
         for _ in range(_ROUNDS - 1):
@@ -165,8 +165,8 @@ def _roughly(segment: Segment) -> Segment:
 
 
 def _informed(segment: Segment, solution: Solution) -> Segment:
-    """The segment with what a solution tells: it is the first guess, detections are moved to the time of their frame,
-    those that have not fitted for a while lose weight, and each joint's process noise follows its motion."""
+    """The segment informed by a solution: the solution is the first guess, detections are moved to the time of their
+    frame, hallucinated ones lose weight, and each joint's process noise follows its motion."""
     evidence, config = segment.evidence, segment.config
     positions_m, time_s = solution.positions_m, evidence.time_s
     undistorted_px = evidence.undistorted_px - image_motion_px(positions_m, time_s, evidence.delay_s, segment.rig)
@@ -198,7 +198,7 @@ class _SegmentProblem(Problem[State], Protocol):
 
 
 def _optimum(segment: Segment) -> Solution:
-    """The optimum of the factor graph, in the form that the configuration names."""
+    """The optimum of the factor graph, by the backend that the configuration names."""
     if not segment.active.any():
         return Solution.of_nobody(segment)
     solver = segment.config.solver
@@ -219,7 +219,7 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     problem, active = NormalEquations(segment), segment.active
     covariance_m2 = problem.covariance_m2(solution.positions_m)
     information = problem.frame_information(solution.positions_m)
-    factor = doubt(segment.evidence.total_weight[active])
+    factor = distrust_factor(segment.evidence.total_weight[active])
     step_s = usual_step_s(segment.evidence.time_s)
     correlated_m2 = with_correlated_errors(covariance_m2[active], information[active], step_s)
     covariance_m2[active] = factor[:, None, None] * correlated_m2
@@ -249,6 +249,6 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
 def _residual_px(
     evidence: Evidence, rig: CameraRig, positions_m: Float[np.ndarray, "frame joint 3"]
 ) -> Float[np.ndarray, "frame camera joint"]:
-    """Distance between each detection and where the joint was when the image was taken."""
+    """Distance between each detection and the projection of the joint at the time when the image was taken."""
     moved_px = image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
     return np.linalg.norm(rig.project(positions_m) + moved_px - evidence.undistorted_px, axis=-1)

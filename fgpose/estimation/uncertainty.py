@@ -1,14 +1,14 @@
-"""Honest covariances: what the graph cannot know of its own errors.
+"""Covariances that include what the graph does not model.
 
-The graph takes the errors of detections for independent. Those of a pose network stay alike for a while, so that many
-frames together tell less than they seem to. And detections that were taken for invented leave a doubt: others of the
-same joint may be invented too. Online, where they count until the kernel has dealt with them, that doubt is much
-larger.
+The graph takes the errors of detections as independent. The errors of a pose network are correlated in time, so many
+frames together carry less information than the graph believes. And if some detections of a joint were taken for
+hallucinated, others may be hallucinated too, so the covariance is widened. Online, where hallucinated detections keep
+their weight, this effect is much larger.
 
-A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, that is a plane, and as the plane
-turns with the body it seems to measure the joint in every direction: the covariance of the graph then claims
-centimetres where the arm has swung half around. How far unseen joints really swing was measured on motion capture (see
-SwingConfig); that much is added across the bone.
+A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, the sphere is a plane. As the plane
+turns with the body, the bone seems to measure the joint in every direction, and the graph states centimetres although
+the arm may have swung around. How far unseen joints swing was measured on motion capture (see SwingConfig); that much
+is added across the bone.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ _CAUTION, _TRUSTED_VIEWS = 0.8, 1.5
 _CAUTION_ONLINE, _DOUBT_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
 
 
-def doubt(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
-    """Factor on the covariance of the batch.
+def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
+    """Factor on the covariance of the batch, larger where many detections were distrusted.
 
     Args:
-        trust: weights of the detections of a joint, summed over the cameras; below _TRUSTED_VIEWS there is doubt.
+        trust: weights of the detections of a joint, summed over the cameras; the factor grows below _TRUSTED_VIEWS.
     """
     return _CAUTION * (1.0 + np.clip(1.0 - trust / _TRUSTED_VIEWS, 0.0, 1.0) ** 2)
 
 
-def doubt_online(
+def distrust_factor_online(
     trust: Float[np.ndarray, "*joints"], weight: Float[np.ndarray, "*joints"]
 ) -> Float[np.ndarray, "*joints"]:
-    """Factor on the covariance of the newest pose.
+    """Factor on the covariance of the newest pose, larger where many detections have not fitted lately.
 
     Args:
         trust: weights of the detections of a joint that have fitted lately, summed over the cameras.
-        weight: of all its detections; there is doubt where the two differ and few are trusted.
+        weight: of all its detections; the factor grows with the share of it that is not in trust.
     """
     enough = np.maximum(np.minimum(weight, _TRUSTED_VIEWS_ONLINE), 1e-9)
-    return _CAUTION_ONLINE * (1.0 + _DOUBT_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
+    return _CAUTION_ONLINE * (1.0 + _DISTRUST_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
 
 
 def with_swing(

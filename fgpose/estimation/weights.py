@@ -1,4 +1,4 @@
-"""How much each detection counts in the estimator: the views' agreement (eq. 2), made fit for a temporal estimator."""
+"""How much each detection counts in the estimator: the views' agreement (eq. 2), adapted to a temporal estimator."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ def detection_weights(
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Weight of every detection, from min_weight to 1: its information relative to a good detection.
 
-    Eq. 2 weighs a view's 3D candidate by the reciprocal of its reprojection error. As information of a 2D detection
+    Eq. 2 weights a view's 3D candidate by the reciprocal of its reprojection error. As information of a 2D detection
     that would be over-confident (a view that happens to agree gets a weight without bound) and circular (a view's own
     detection judges its own candidate). So the error e of a detection is its squared distance to the nearest candidate
     of another view: one view that confirms it outweighs others that are wrong in depth. And the reciprocal is bounded,
     a(s) = 1 / (1 + e / s^2), which is eq. 2 for large errors.
 
     The weight has two factors. 1 - (1 - c) (1 - a(confirming_px)): a detection is good if the detector says so,
-    confidence c, or another view confirms it closely. a(agreement_px): it is doubted if no other view's candidate is
-    near. Of two views that contradict each other neither is confirmed, so e counts from three views on.
+    confidence c, or another view confirms it closely. a(agreement_px): it is distrusted if no other view's candidate
+    is near. Of two views that contradict each other neither is confirmed, so e counts from three views on.
     """
     if config.weighting == "uniform":
         return np.ones_like(confidence)

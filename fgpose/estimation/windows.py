@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-# A rest shorter than this share of a window is solved with the window before.
+# If the last window would be shorter than this share of a window, its frames join the window before.
 _LEAST_REST = 0.25
 
 
@@ -16,9 +16,9 @@ class Window:
     """Frames of a recording."""
 
     solved: slice
-    """Those that are solved together."""
+    """The frames that are solved together."""
     contributed: slice
-    """Those of them that the result takes from here."""
+    """The frames that the result takes from this window."""
 
     @property
     def contributed_of_solved(self) -> slice:

@@ -1,4 +1,4 @@
-"""NumPy archives (npz): read whatever is in the file without trusting it, written whole or not at all."""
+"""NumPy archives (npz): checked when read, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _KINDS: dict[Kind, str] = {"numbers": "fiu", "whole numbers": "iu", "truth value
 _PLAIN = "biufcUS"
 # Eight hours of eight cameras at 60 Hz with per-view 3D and its covariance take less.
 _MAX_BYTES = 4 << 30
-# Deflate gains at most 1032 to 1; a size beyond that is not the member's.
+# Deflate compresses by at most 1032 to 1; a member that declares more is damaged.
 _MAX_COMPRESSION = 1040
-# Rows of an array without numbers cost the file nothing: four hours at 60 Hz.
+# Bounds the rows of arrays that are empty in the file: four hours at 60 Hz.
 _MAX_EMPTY_ROWS = 1_000_000
 
 

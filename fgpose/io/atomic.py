@@ -36,7 +36,7 @@ def replacing(path: Path, check: Check) -> Iterator[Path]:
 
     Args:
         path: the file.
-        check: looks at what stands on the disk, since not every library reports that the disk is full.
+        check: verifies the file on the disk, since not every library reports that the disk is full.
 
     Raises:
         OSError: the file cannot be written, or is not whole; the message names it.
@@ -61,7 +61,7 @@ def _temporary(path: Path) -> Path:
 
 
 def _flush(path: Path) -> None:
-    """From the memory of the system to the disk: a write that was delayed fails here."""
+    """Flush to the disk, so that a delayed write fails here."""
     with path.open("r+b") as file:
         os.fsync(file.fileno())
 

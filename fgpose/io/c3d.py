@@ -65,7 +65,7 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> Non
 
 
 def _holds(trajectory: Trajectory) -> Check:
-    """ezc3d says nothing of a disk that is full."""
+    """Needed because ezc3d does not report a full disk."""
 
     def check(path: Path) -> None:
         expected = C3dSize(trajectory.skeleton.n_joints, trajectory.n_frames)

@@ -1,6 +1,6 @@
-"""The markers of a C3D file, read by ezc3d in a process of its own: on damaged files it crashes, or never ends.
+"""The markers of a C3D file, read by ezc3d in a child process: on damaged files ezc3d crashes or hangs.
 
-The file itself is the program of that process, so it imports nothing of fgpose but what reads its answer.
+This file is the program of that process, so of fgpose it imports only the reader of the answer.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _PARAMETERS = ("UNITS", "RATE", "LABELS", "Y_SCREEN")
 
 @dataclass(frozen=True)
 class C3dSize:
-    """What the header of a C3D file says of its contents."""
+    """The contents of a C3D file, as its header declares them."""
 
     n_markers: int
     n_frames: int | None
@@ -40,7 +40,7 @@ class C3dSize:
 
 
 def check_size(path: Path) -> C3dSize:
-    """Compare what a C3D file says of itself with its size.
+    """Compare the contents that a C3D file declares with its size.
 
     Raises:
         ValueError: it is no C3D file, or lacks some of what its header promises.
@@ -73,7 +73,7 @@ def check_size(path: Path) -> C3dSize:
 
 
 def read_points(path: Path) -> dict[str, np.ndarray]:
-    """What a C3D file says of its markers.
+    """The markers of a C3D file.
 
     Returns:
         points (4, marker, frame), residuals (marker, frame), first_frame, and those of the parameters UNITS, RATE,

@@ -126,7 +126,7 @@ def _convergence_or_none(text: str) -> Convergence | None:
     """As _config_or_none: another version may say more or less of it."""
     table, kinds = _table(text), typing.get_type_hints(Convergence)
     if set(table) != set(kinds):
-        _warn("what is said of the convergence", f"it has {', '.join(table)}")
+        _warn("the convergence", f"it has {', '.join(table)}")
         return None
     values: dict[str, Any] = {name: _number(value) if kinds[name] is float else value for name, value in table.items()}
     wrong = [name for name, value in values.items() if type(value) is not kinds[name]]

@@ -1,4 +1,4 @@
-"""Parquet tables: read whatever is in the file without trusting it, written whole or not at all."""
+"""Parquet tables: checked when read, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
             if n_cells > _MAX_CELLS:
                 raise ValueError(f"{n_cells} cells are more than fgpose reads")
             table = file.read(columns)
-            # Sizes and texts inside of the columns, which Arrow does not look at when it reads.
+            # Sizes and texts inside the columns, which Arrow does not check when it reads.
             table.validate(full=True)
         # Arrow's own exceptions are those of Python as well: OSError, KeyError, NotImplementedError, MemoryError, ...
         except (pa.ArrowException, ValueError, TypeError, OSError, MemoryError) as error:
@@ -87,7 +87,7 @@ def _column(table: pa.Table, name: str) -> pa.ChunkedArray:
 
 
 def metadata(table: pa.Table) -> dict[str, str]:
-    """What the file says of itself. Raises ValueError if that is not text."""
+    """The metadata of the file. Raises ValueError if they are not text."""
     return {key.decode("utf-8"): text.decode("utf-8") for key, text in (table.schema.metadata or {}).items()}
 
 

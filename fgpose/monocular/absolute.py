@@ -32,8 +32,8 @@ _DEPTH_SIGMA_M = {
     "wrist": 0.150,
 }
 _OTHER_DEPTH_SIGMA_M = 0.12
-# The network does not know how tall the person is. Adults differ by 4 to 5 % (SD) in height, so one person's error of
-# depth is constant. Measured: 4.3 % of the distance.
+# The network does not know how tall the person is. Adults differ by 4 to 5 % (SD) in height, so the relative error of
+# one person's depth is constant. Measured: 4.3 % of the distance.
 _SCALE_SIGMA = 0.045
 # Residuals of X across the ray, over the depth sigmas (medians of 400 views: 0.32 and 0.29).
 _FIT_RATIO = 0.33
@@ -74,7 +74,7 @@ class AbsolutePose:
     """Camera frame; large along the ray, small across it; NaN where points3d_m is. The depth errors of the joints of
     one view are strongly correlated, with each other and from frame to frame."""
     problem: str
-    """Empty when all is well; else why the pose is NaN or doubtful: "few joints", "cut by the border", "behind the
+    """Empty when all is well; else why the pose is NaN or uncertain: "few joints", "cut by the border", "behind the
     camera", "ill-conditioned" or "poor fit", then a colon and the figures."""
 
     @staticmethod

@@ -21,7 +21,7 @@ from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.sessions import identity
 
 _SEARCH_EVERY = 5
-"""While somebody is tracked, the detector looks for further people once in so many images: it takes as long as a
+"""While somebody is tracked, the detector runs once in so many images to find further people: it takes as long as a
 person."""
 # As shares of the side of a region. Measured: regions around one person lie within 0.06 of each other and differ by a
 # factor of up to 1.27 (400 views). The median distance of the joints of two results for one person is 0.1 at most, of
@@ -40,7 +40,7 @@ class BlazePose:
         detector: ONNX file of the person detector.
         threads: how many threads one run of a network may use.
         max_people: how many people to follow at most. The more confident detections come first.
-        detect_every_frame: look for people in every image anew, and remember nothing.
+        detect_every_frame: detect people in every image, without tracking.
 
     Raises:
         OSError: there is no such file.

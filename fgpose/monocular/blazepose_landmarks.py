@@ -32,20 +32,20 @@ _WINDOW = np.arange(-3, 4)
 """Cells around a landmark over which its heatmap is averaged, along each axis."""
 _MAX_LOGIT = 100.0
 _MIN_PEAK = 0.5
-"""A heatmap that stays below this around its landmark says nothing about it."""
+"""A heatmap that stays below this around its landmark is not used."""
 _MIN_SCORE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """What the network sees in one region."""
+    """The output of the network for one region."""
 
     points2d_px: Float[np.ndarray, "33 2"]
     """Pixels of the image."""
     world_m: Float[np.ndarray, "33 3"]
     """Relative to the middle of the hips, metres, along the image's axes: x right, y down, z away from the camera."""
     visibility: Float[np.ndarray, " 33"]
-    """Probability that nothing hides the joint."""
+    """Probability that the joint is not occluded."""
     presence: Float[np.ndarray, " 33"]
     """Probability that the joint lies in the picture. Beyond its border the network guesses."""
     score: float

@@ -51,7 +51,7 @@ class FollowedPerson:
     observations: Observations
     """With per-view 3D and its covariance in the world frame."""
     problems: Shaped[np.ndarray, "frame camera"]
-    """Why the 3D of a view is missing or doubtful, see People.problems; empty also where the person is not seen."""
+    """Why the 3D of a view is missing or uncertain, see People.problems; empty also where the person is not seen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,7 +49,7 @@ def detect(
 
     Args:
         sources: the videos.
-        network: what looks at them; its sessions should use one thread each.
+        network: detects the people; its sessions should use one thread each.
         cache: folder of the files; None keeps nothing. It is made if it is absent.
         jobs: number of threads; by default as many as there are cores.
         frames: look at so many images of the fastest camera only, and at those of the others up to the same time.

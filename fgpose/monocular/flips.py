@@ -33,9 +33,9 @@ _END_PER_S = 2.0
 with the poorest network."""
 _SURE = 0.9
 """A view that is flipped with at least this probability is corrected; between its complement and this a view is
-doubtful."""
+uncertain."""
 _MIN_SHARE = 0.1
-"""Smallest factor on the confidence of a doubtful view: its joints still show where the limbs are."""
+"""Smallest factor on the confidence of an uncertain view: its joints still show where the limbs are."""
 _MAX_FLIPPED_AT_ONCE = 2
 _ROUNDS = 3
 _MAX_PAIRS = 15
@@ -47,18 +47,18 @@ class Mended:
     """Observations whose left and right are the same in all views."""
 
     observations: Observations
-    """Sides exchanged where flipped; confidence lowered where doubtful."""
+    """Sides exchanged where flipped; confidence lowered where uncertain."""
     flipped: Bool[np.ndarray, "frame camera"]
     """Views whose left and right were exchanged."""
     doubtful: Bool[np.ndarray, "frame camera"]
-    """Views of which it is not known, as with two cameras that always contradict each other."""
+    """Views that may be flipped or not, as with two cameras that always contradict each other."""
 
 
 def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
-    """Exchange left and right of the views that are flipped as a whole, and trust the doubtful ones less.
+    """Exchange left and right of the views that are flipped as a whole, and lower the confidence of uncertain ones.
 
     A camera can only be judged by others. With one camera nothing is done; with two that disagree, only the frames
-    before and after tell which one is wrong. The confidence of a doubtful view is multiplied by |2 p - 1|, p the
+    before and after tell which one is wrong. The confidence of an uncertain view is multiplied by |2 p - 1|, p the
     probability of a flip. A view in which only the legs or only the arms are exchanged counts as whichever fits better:
     that is rare (2 of 1,200 real views), and the robust kernels of the estimator cope with it.
 
@@ -107,7 +107,7 @@ def _parts(n_frames: int) -> list[slice]:
 
 def _limb_joints(skeleton: Skeleton) -> Int[np.ndarray, "pair side"]:
     """Left and right joints of the limbs, or of all pairs where a skeleton has no limbs. Faces and fingers are left
-    out: many small parts would outvote the limbs."""
+    out: their many joints would outweigh the limbs."""
     ends = [ends for left, right in skeleton.limb_pairs for ends in zip(left, right, strict=True)]
     return np.array(list(dict.fromkeys(ends)) or skeleton.left_right, dtype=int).reshape(-1, 2)
 
@@ -149,7 +149,7 @@ def _disagreement(
     rig: CameraRig,
     states: Int[np.ndarray, "state camera"],
 ) -> Float[np.ndarray, "frame state"]:
-    """How badly the views agree in every state: the sum of the weights of the detections that miss; a near miss counts
+    """Disagreement of the views in every state: the sum of the weights of the detections that miss; a near miss counts
     in part.
 
     Every two views propose a point, with either side of each; the proposal with which most views agree counts (MSAC).

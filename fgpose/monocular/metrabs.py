@@ -132,7 +132,7 @@ class MeTRAbs:
     def _answer_m(
         self, pyramid: list[np.ndarray], box: Box, view: _View, how: Augmentation
     ) -> Float[np.ndarray, "joint 3"]:
-        """The joints in the camera frame, metres, as the network sees them in one crop."""
+        """The joints in the camera frame, metres, as the network gives them for one crop."""
         crop = _CropCamera.towards(box, view, self._model.side, how)
         if not np.isfinite(crop.crop_R_camera).all() or not np.isfinite(crop.K).all():
             return np.full((self.skeleton.n_joints, 3), np.nan)  # the lens model has no inverse at this box
@@ -209,7 +209,7 @@ class _CropCamera:
 
     @staticmethod
     def towards(box: Box, view: _View, side: int, how: Augmentation) -> _CropCamera:
-        """The camera that looks at the middle of a box, and just holds it."""
+        """The camera whose axis passes through the middle of a box, with an image that just contains it."""
         low = np.clip(box[:2], 0, view.camera.size_px)
         high = np.clip(box[:2] + box[2:4], 0, view.camera.size_px)
         x, y = (low + high) / 2

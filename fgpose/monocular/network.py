@@ -43,8 +43,8 @@ class People:
     covariance_m2: Float[np.ndarray, "person joint 3 3"]
     """Of points3d_m, in the camera frame; NaN where that is NaN."""
     problems: tuple[str, ...] = ()
-    """For each person why points3d_m is NaN or doubtful, as AbsolutePose says it: a kind, a colon, figures; empty where
-    it is neither. For a network that gives 2D only, and by default, all are empty."""
+    """For each person why points3d_m is NaN or uncertain, as AbsolutePose says it: a kind, a colon, figures; empty
+    where it is neither. For a network that gives 2D only, and by default, all are empty."""
 
     def __post_init__(self) -> None:
         if not self.problems:

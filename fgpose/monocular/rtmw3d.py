@@ -1,7 +1,7 @@
 """RTMW3D: 2D joints and their depth relative to the hips (Jiang et al. 2024, "RTMW"), and from them absolute joints.
 
-The network says where a joint is in the image, and by how many metres it lies behind the hips; it does not say how far
-away the hips are. mmpose puts them at the mean depth of its training set, which is no measurement. But the depths are
+The network says where a joint is in the image, and by how many metres it lies behind the hips; it does not give the
+depth of the hips. mmpose puts them at the mean depth of its training set, which is no measurement. But the depths are
 metric and the rays known, so every bone whose length is known gives that distance: the nearer the person, the larger
 the bone in the image. fgpose does not know the lengths of this person's bones either. It assumes a standing height,
 which the user may set, and the proportions of adults; the distance is then as wrong as the height is, in per cent, and

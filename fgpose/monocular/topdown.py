@@ -1,4 +1,4 @@
-"""What all top-down networks share: a detector finds people, and a network sees each of them in a crop of its own."""
+"""Shared by all top-down networks: a detector finds people, and a network gets a crop of each."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class Yolox:
         side = inputs[0].shape[-1] if inputs and inputs[0].shape else None
         side = side if isinstance(side, int) and side % _STRIDES[-1] == 0 else _SIDE
         expected = {"dets": (1, None, 5)} if self._decodes else {"output": (1, _n_cells(side), None)}
-        # The labels of dets are integers, which is not for check_signature; _check_answer looks at them.
+        # The labels of dets are integers, which check_signature does not take; _check_answer checks them.
         named = by_order(outputs[:1], expected)
         check_signature(self._session, path, by_order(inputs, {"input": (1, 3, side, side)}), named)
         return side

@@ -1,4 +1,4 @@
-"""From a result to the disk and the viewer, in one way for all commands."""
+"""Writing and showing results, in one way for all commands."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WorldUp = Literal["z", "y"]
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a run gave."""
+    """The results of a run."""
 
     source: Source
     config: Config

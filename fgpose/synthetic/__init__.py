@@ -1,4 +1,4 @@
-"""Synthetic scenes: the truth first, then what a monocular estimator makes of it, then occlusion.
+"""Synthetic scenes: the truth first, then what a monocular estimator detects, then occlusion.
 
 The default error structure is that of BlazePose GHUM measured on four calibrated views: depth much worse than lateral,
 partly shared by the whole body, correlated in time, with a bias of its own in every camera. Outliers, confidence and

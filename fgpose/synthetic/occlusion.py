@@ -1,4 +1,4 @@
-"""Occluders that hide joints, and what a monocular estimator makes of what it cannot see."""
+"""Occluders, and what a monocular estimator hallucinates behind them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What does not change in a recording: cameras, joint names, and how each entity looks."""
+"""The static part of a recording: cameras, joint names, and the appearance of each entity."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def _log_camera(stream: rr.RecordingStream, camera: Camera, c: int, frustum_m: f
 
 
 def log_picture_style(stream: rr.RecordingStream, camera: str, shrink: int) -> None:
-    """How a camera's pictures look, and where they stand: each of their pixels covers a square of undistorted ones.
+    """Appearance and place of a camera's pictures: each of their pixels covers a square of undistorted ones.
 
     OpenCV, and so every point here, counts pixels from the centre of the first one, Rerun from its corner.
     """

@@ -232,7 +232,7 @@ def test_info_settles_the_calibration_first(
     save_rig(CameraRig(tuple(exchanged)), tmp_path / "Calib.toml")
     assert main(["info", source[0], "--rig", str(tmp_path / "Calib.toml"), *source[3:]]) == 0
     printed = capsys.readouterr().out
-    assert "The calibration of cam_01 looks wrong" in printed
+    assert "The calibration of cam_01 is probably wrong" in printed
     assert "taken later" not in printed
 
 

@@ -257,8 +257,8 @@ def test_what_troubled_the_3d_is_printed_of_the_wanted_person_only(
     options = ["--people", "2", "--person-region", f"ring_1:{x - 60:.0f},{y - 60:.0f},120,120", "--formats", "npz"]
     arguments = [command, str(tmp_path / "walk"), "--rig", str(tmp_path / "Calib.toml"), "-o", str(tmp_path / "out")]
     assert main([*arguments, *options]) == 0
-    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if "3D missing or doubtful" in line]
-    assert [re.sub(" +", " ", line) for line in lines] == ["3D missing or doubtful: few joints 10 10 10"]
+    lines = [line.strip() for line in capsys.readouterr().out.splitlines() if "3D missing or uncertain" in line]
+    assert [re.sub(" +", " ", line) for line in lines] == ["3D missing or uncertain: few joints 10 10 10"]
 
 
 @pytest.mark.parametrize(("file_format", "with_3d"), [("parquet", True), ("npz", True), ("parquet", False)])

@@ -1,1 +1,1 @@
-"""What is known of a person, one kind of factor a file: residual, noise, and the variables that it joins."""
+"""The factors, one kind per file: residual, noise, and the variables that it joins."""

@@ -1,7 +1,7 @@
 """Anchors: a joint that cannot be triangulated stays near the fused per-view 3D.
 
-With fewer than two rays, motion and bones alone would let the body shrink towards the camera: every length and every
-velocity becomes cheaper on the way.
+With fewer than two rays, motion and bone factors alone would let the body shrink towards the camera: the smaller it
+is, the smaller are all velocities and differences of length.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Bone length: a bone is as long as its mirror image, at all times."""
+"""Bone length: a bone and its mirror image have one length, constant over time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
 from fgpose_factors import bone_length_and_direction, noise_model, shared_bone_length_factor, shared_length_residual
 
-# Nearer than this two joints are at one point, as two detections at one pixel in every view make them.
+# Two joints nearer than this are at one point. Two detections at one pixel in every view place them so.
 _ONE_POINT_M = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class SharedLengths(JointRows):
-    """The length is a variable that mirror images share at all times."""
+    """The length is a variable, shared by mirror images and by all frames."""
 
     length_of_row: Int[np.ndarray, " row"]
 
@@ -37,8 +37,8 @@ class SharedLengths(JointRows):
     def add_tension(self, information: Information, state: BatchState) -> None:
         """The curvature that Gauss-Newton leaves out, across every bone that is longer than its length.
 
-        A taut bone resists being swung (the geometric stiffness of mechanics); without it steps overshoot and swing to
-        and fro. The curvature of a bone that is too short is negative and stays out.
+        A bone under tension resists rotation (geometric stiffness in mechanics). Without this term the steps overshoot
+        and oscillate. The curvature of a bone that is too short is negative and is left out.
         """
         positions_m = state.joints[:, 0]
         start, end = self.slots
@@ -108,5 +108,5 @@ def bone_lengths(segment: Segment) -> Iterator[SharedLengths | KnownLengths]:
 def _apart(
     start_m: Float[np.ndarray, "frame bone 3"], end_m: Float[np.ndarray, "frame bone 3"]
 ) -> Bool[np.ndarray, "frame bone"]:
-    """Whether the joints start at two points: the distance zero has no direction, and GTSAM's Jacobian of it is NaN."""
+    """Whether the joints start at different points: at distance zero the Jacobian of GTSAM's factor is NaN."""
     return np.asarray(bone_length_and_direction(start_m, end_m)[0] > _ONE_POINT_M)

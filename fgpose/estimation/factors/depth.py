@@ -19,7 +19,7 @@ from fgpose_factors import depth_covariance_m2, depth_factor
 
 @dataclass(frozen=True, eq=False)
 class Depths(PointPriors):
-    """Of one view: the residual is the distance from where the view alone sees the joint, narrow along the ray."""
+    """Of one view: the residual is the difference from the view's own 3D joint; only its part along the ray counts."""
 
     rays: Float[np.ndarray, "frame slot 3"]
     sigma_m: Float[np.ndarray, "frame slot"]
@@ -50,7 +50,7 @@ class Depths(PointPriors):
 
 
 def depth_spread(step_s: Float[np.ndarray, " frame"], config: DepthConfig) -> Float[np.ndarray, " frame"]:
-    """Factor on the standard deviation of a depth whose error is correlated in time: so many frames count as one.
+    """Factor on the standard deviation of a depth whose error is correlated in time: correlated frames count as one.
 
     Args:
         step_s: time since the frame before; inf for the first frame.

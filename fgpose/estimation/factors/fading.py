@@ -1,4 +1,4 @@
-"""Fading: the velocity of an unseen joint fades to that of the joint it hangs on, or to standing still."""
+"""Fading: the velocity of an unseen joint fades to that of the joint that holds it, or to zero."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Fading:
     frame: Int[np.ndarray, " row"]
     slot: Int[np.ndarray, " row"]
     reference: Int[np.ndarray, " row"]
-    """Slot of the joint that it hangs on; -1 for standing still."""
+    """Slot of the joint that holds it; -1: none, the velocity fades to zero."""
     step_s: Float[np.ndarray, " row"]
     density: Float[np.ndarray, " row"]
     """Of the motion factors, m^2/s^3."""
@@ -32,7 +32,7 @@ class Fading:
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[Fading]:
-        """Every joint that nobody sees, in a frame that has a frame before it."""
+        """Every joint that no camera sees, in a frame that has a frame before it."""
         unseen = segment.active & ~segment.evidence.seen & np.isfinite(segment.step_s)[:, None]
         if not segment.with_velocity or not unseen.any():
             return
@@ -58,7 +58,7 @@ class Fading:
         pull, held = self._precision[:, None] * self._residual(state), self.reference >= 0
         by_velocity = gradient.joints[:, 1]
         by_velocity[self.frame, self.slot] += pull
-        np.subtract.at(by_velocity, (self.frame[held], self.reference[held]), pull[held])  # many may hang on one
+        np.subtract.at(by_velocity, (self.frame[held], self.reference[held]), pull[held])  # one may hold many
 
     def add_information(self, information: Information, state: BatchState) -> None:
         held = self.reference >= 0

@@ -1,4 +1,4 @@
-"""Scalar residuals between several joints of a frame in numpy: what bone lengths and symmetry have in common."""
+"""Scalar residuals between several joints of a frame, in numpy: shared by bone lengths and symmetry."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fgpose.estimation.keys import Keys, length_key
 @dataclass(frozen=True, eq=False)
 class JointRows(ABC):
     """A row is a scalar residual of the positions of several joints, and perhaps of a shared length; it occurs in many
-    frames. A kind says which residual, and which factor of GTSAM it is."""
+    frames. A subclass defines the residual and the GTSAM factor of a row."""
 
     slots: Int[np.ndarray, "point row"]
     """The joints of each row, in the order of the residual's arguments."""

@@ -17,8 +17,8 @@ from fgpose.estimation.process_noise import least_density
 from fgpose.estimation.segment import Segment
 from fgpose_factors import State, constant_velocity_factor, random_walk_factor
 
-# A motion model that predicts a position to better than this leaves the cameras no digits of the double precision that
-# the elimination works in: GTSAM then calls the system indeterminate (seen at 4 um).
+# If the motion model predicts a position better than this, the information of the cameras is lost in rounding errors of
+# the elimination, and GTSAM calls the system indeterminate (seen at 4 um).
 _FINEST_STEP_M = 1e-5
 
 
@@ -27,7 +27,8 @@ class Motions:
     """x_{t+1} = F_t x_t with white noise, for each joint that is there in both frames."""
 
     density: Float[np.ndarray, "frame slot"]
-    """Power spectral density q of what leads to each frame; inf where a joint is not there in both frames."""
+    """Power spectral density q of the noise from the frame before; inf where a joint is not estimated in both
+    frames."""
     step_s: Float[np.ndarray, " frame"]
     """Time since the frame before; inf for a first frame without predecessor."""
     with_velocity: bool
@@ -35,7 +36,7 @@ class Motions:
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[Motions]:
-        """One table always, even when nothing moves: the solver wants to know that frames are not coupled."""
+        """Always one table, even without a motion model: the solver must know that frames are not coupled."""
         density = np.where(segment.kept, segment.process_density, np.inf)[:, segment.joints]
         step_s = np.maximum(segment.step_s, shortest_step_s(segment.config.motion))
         yield cls(density, step_s, segment.with_velocity)
@@ -89,7 +90,7 @@ class Motions:
         gradient.joints[:-1] += self._weighted(self.coupling, unpredicted)
 
     def add_information(self, information: Information, state: BatchState) -> None:
-        """Of each frame; between frames it is the coupling."""
+        """The blocks within frames; those between frames are the coupling."""
         strength = self.strength[:, None, None, :, None]
         earlier = -self.coupling @ self.transition
         information.single_axes[1:] += strength * self.precision[..., None, None]
@@ -108,10 +109,10 @@ def _by_kind(matrices: np.ndarray, joints: np.ndarray) -> Float[np.ndarray, "ste
 
 
 def shortest_step_s(config: MotionConfig) -> float:
-    """The least time between two frames that the motion model is given, even when they are nearer than that.
+    """The least time step of the motion model; frames that are closer in time are treated as this far apart.
 
-    Over it the model predicts a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2. That is at most 1.6 ms with
-    the default densities, so that bursts of frames are no trouble.
+    Within it the model predicts a position to _FINEST_STEP_M: q h = s^2, or q h^3 / 12 = s^2. That is at most 1.6 ms
+    with the default densities.
     """
     if config.model == "random_walk":
         return _FINEST_STEP_M**2 / least_density(config)

@@ -1,4 +1,4 @@
-"""Robust priors on positions in numpy: what anchors and depths have in common."""
+"""Robust priors on positions, in numpy: shared by anchors and depths."""
 
 from __future__ import annotations
 

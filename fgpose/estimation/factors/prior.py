@@ -17,9 +17,9 @@ from fgpose_factors import noise_model
 
 @dataclass(frozen=True, eq=False)
 class Priors:
-    """Around the first guess of a joint that enters, and around standing still.
+    """Around the first guess of a joint that enters, and around velocity zero.
 
-    In numpy a joint has a place in every frame: where it takes no part, it is held at zero.
+    In numpy a joint has unknowns in every frame. In frames where it is not estimated a prior holds them at zero.
     """
 
     entering: Bool[np.ndarray, "frame slot"]
@@ -27,7 +27,7 @@ class Priors:
     positions_m: Float[np.ndarray, "frame slot 3"]
     """Zero for joints that do not enter."""
     sigmas: tuple[float, ...]
-    """Of the position, m, and of the velocity, m/s, where that is unknown too."""
+    """Of the position, m, and, with constant velocity, of the velocity, m/s."""
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[Priors]:

@@ -17,7 +17,7 @@ from fgpose.estimation.segment import Segment
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_factors import Kernel, noise_model, projection_factor, projection_residual, robust_loss, robust_weight
 
-# Making a noise model costs as much as making a factor; sigmas that agree to a thousandth share theirs.
+# Making a noise model costs as much as making a factor: sigmas that agree to a thousandth share one.
 _SIGMAS_PER_E_FOLD = 1000
 
 
@@ -104,7 +104,8 @@ class Projections:
         return self._precision * np.einsum("tji,tji->tj", residual_px, residual_px)
 
     def _project(self, positions_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Residual and its Jacobian; at or behind the camera, as GTSAM has it, twice the focal length and no slope."""
+        """Residual and its Jacobian; at or behind the camera, as in GTSAM, twice the focal length and a zero
+        Jacobian."""
         camera, K = self.camera.camera_T_world, self.camera.K
         residual_px, (jacobian,) = projection_residual(positions_m, camera, K, self.measured_px)
         behind = np.isnan(residual_px[..., 0])
@@ -120,7 +121,7 @@ def detection_information(
     positions_m: Float[np.ndarray, "frame joint 3"],
     config: ProjectionConfig,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """What the detections of a frame alone say of points at these positions, 1/m^2; NaN where a point is NaN."""
+    """Information of the detections of a frame alone on points at these positions, 1/m^2; NaN where a point is NaN."""
     tables = Projections.of_detections(rig, undistorted_px, weights, config)
     points_m = np.nan_to_num(positions_m)
     information = np.sum([table.information(points_m) for table in tables], axis=0)

@@ -19,7 +19,7 @@ class Symmetries(JointRows):
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[Symmetries]:
-        """The limb pairs that are complete in some frame."""
+        """The limb pairs whose joints are all estimated in some frame."""
         if segment.config.symmetry.form != "frame":
             return
         pairs = np.array([(*left, *right) for left, right in segment.skeleton.limb_pairs], dtype=int).reshape(-1, 4)

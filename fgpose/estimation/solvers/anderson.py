@@ -1,8 +1,8 @@
 """Anderson acceleration of an iteration x -> x + s(x).
 
-The steps of the last iterations tell how the step changes with the state, as the secants of a quasi-Newton method do:
-what creeps along one direction, or swings to and fro along it, is carried to its end at once (Walker and Ni 2011,
-"Anderson acceleration for fixed-point iterations", type II). Costs a few inner products.
+The differences between the last steps show how the step changes with the state (secants, as in a quasi-Newton method).
+So slow or oscillating convergence along a direction ends at once (Walker and Ni 2011, "Anderson acceleration for
+fixed-point iterations", type II). Costs a few inner products.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ import numpy as np
 from jaxtyping import Float
 
 _MOST_SECANTS = 5
-# Relative to the mean square of the secants: of two that are parallel to rounding, one counts.
+# Relative to the mean square of the secants; keeps the system regular if two of them are parallel.
 _RIDGE = 1e-10
 
 Vector = Float[np.ndarray, " unknown"]
 
 
 class AndersonAcceleration:
-    """The last steps of the iteration, and where they were left."""
+    """The last steps that the iteration proposed, and those that were taken."""
 
     def __init__(self) -> None:
         self._steps: list[Vector] = []
         self._taken: list[Vector] = []
 
     def forget(self) -> None:
-        """Start anew: the iteration is another one from now on."""
+        """Start again: the iteration has changed."""
         self._steps, self._taken = [], []
 
     def add(self, step: Vector, taken: Vector) -> None:
@@ -34,7 +34,7 @@ class AndersonAcceleration:
         self._taken = [*self._taken[1 - _MOST_SECANTS :], taken]
 
     def extrapolated(self, step: Vector) -> Vector | None:
-        """The step to where the next one would vanish, were the iteration linear; None with nothing to go by.
+        """The step to the fixed point, if the iteration were linear; None without earlier steps.
 
         Args:
             step: that the iteration proposes at the present state.

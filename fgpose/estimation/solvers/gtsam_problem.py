@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 
 class GraphProblem:
-    """The factors of a graph (an optimizer.Problem over gtsam.Values).
+    """The factors of a graph (a levenberg_marquardt.Problem over gtsam.Values).
 
     Args:
         factors: must not change afterwards: the elimination ordering of the first linear system is kept.
@@ -58,7 +58,7 @@ class GraphProblem:
         return float(np.linalg.norm(self.moves_m(step), axis=1).max(initial=0.0))
 
     def moves_m(self, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, "point 3"]:
-        """What a step moves in space; here, all of it."""
+        """The part of a step that moves positions; here, all of it."""
         return step.reshape(-1, 3)
 
     def _linear(self, state: gtsam.Values) -> gtsam.GaussianFactorGraph:

@@ -1,9 +1,9 @@
 """Levenberg-Marquardt over any least-squares problem: the graph of one frame, or a recording in either form.
 
-Where joints are barely determined the textbook method swings to and fro or creeps. Three additions end that at little
-cost: the damping follows the gain ratio (Nielsen 1999, "Damping parameter in Marquardt's method"), a factorisation
-serves for several iterations while these contract (the chord method), and the steps of several iterations are combined
-(fgpose.estimation.solvers.anderson).
+Where joints are barely determined, the textbook method oscillates or converges slowly. Three additions avoid this at
+little cost: the damping follows the gain ratio (Nielsen 1999, "Damping parameter in Marquardt's method"), a
+factorisation serves for several iterations while they contract (the chord method), and the steps of several iterations
+are combined (fgpose.estimation.solvers.anderson).
 """
 
 from __future__ import annotations
@@ -17,18 +17,19 @@ from jaxtyping import Float
 from fgpose.estimation.solvers.anderson import AndersonAcceleration
 from fgpose.trajectory import Convergence
 
-# In 1/m^2: holds a joint like a prior of 30 cm, which no joint that anything determines can feel.
+# In 1/m^2: as strong as a prior of 30 cm, which is negligible for every joint that is determined.
 _DAMPING_START = 10.0
 _DAMPING_LEAST = 0.1
 _DAMPING_MAX = 1e12
 _DAMPING_GROWTH = 2.0
 _DAMPING_MOST_DECREASE = 0.2
-# Where bones bend the cost a whole step goes too far though its direction is good. A part of it costs no factorisation.
+# Where the cost is curved by bones, the direction of a step is good but the whole step is too long. To try a part of it
+# costs no factorisation.
 _FRACTIONS = (0.5, 0.25)
-# Any step but the plain one lowers the error by at least so much of what the normal equations predict for it.
+# Except for the plain step, a step is taken only if the error falls by this share of the predicted decrease.
 _SUFFICIENT = 0.25
 _ROUNDING = 1e-12
-# Farther than this from the state that it belongs to, or where it hardly contracts, a factorisation is made anew.
+# A factorisation is replaced after a step that is longer than this, or hardly shorter than the step before.
 _CHORD_REACH_M = 0.02
 _CHORD_CONTRACTION = 0.8
 
@@ -74,7 +75,7 @@ class Problem(Protocol[State]):
     def moved(self, state: State, step: Vector) -> State: ...
 
     def step_size(self, step: Vector) -> float:
-        """Of what matters in the problem, the largest: how far the joint goes that goes farthest, metres."""
+        """The largest move of any joint, metres (or of another unknown, as the problem defines it)."""
         ...
 
 
@@ -87,7 +88,7 @@ class Solution(Generic[State]):
 
 
 def levenberg_marquardt(problem: Problem[State], initial: State, max_iterations: int) -> Solution[State]:
-    """Descend until a step, all but undamped, is smaller than the problem's tolerance."""
+    """Descend until a step with little or no damping is smaller than the problem's tolerance."""
     search = _Search(problem, initial)
     initial_error = search.error
     for iteration in range(1, max_iterations + 1):
@@ -139,7 +140,7 @@ class _Search(Generic[State]):
         return 0.5 * float(damped - np.dot(gradient, step))
 
     def _take_whole(self, step: Vector, predicted_decrease: float) -> bool:
-        """Go to where the extrapolated step leads or, if that is not good, the plain one."""
+        """Take the extrapolated step or, if that is not good enough, the plain one."""
         self._before = self.error
         extrapolated = self._acceleration.extrapolated(step)
         return (extrapolated is not None and self._take(step, extrapolated, _SUFFICIENT * predicted_decrease)) or (
@@ -147,7 +148,7 @@ class _Search(Generic[State]):
         )
 
     def _take_part(self, gradient: Vector, step: Vector) -> bool:
-        """Go a part of the way; the quadratic model predicts a decrease of f (1 - f / 2) of the slope."""
+        """Take a part of the step; the quadratic model predicts a decrease of f (1 - f / 2) of the slope."""
         slope = -float(np.dot(gradient, step))
         return any(self._take(step, f * step, _SUFFICIENT * f * (1 - f / 2) * slope) for f in _FRACTIONS)
 
@@ -163,7 +164,8 @@ class _Search(Generic[State]):
         return True
 
     def _settled(self, step: Vector, predicted_decrease: float | None) -> float:
-        """Choose the damping from the gain of a step whose system was its own, and whether that system serves on."""
+        """Choose the damping by the gain ratio, if the factorisation was fresh, and whether the factorisation is
+        kept."""
         size, damping = self._problem.step_size(step), self._damping
         if predicted_decrease and damping:
             gain = (self._before - self.error) / predicted_decrease

@@ -1,7 +1,7 @@
-"""One segment of a recording as normal equations in numpy: the same cost as the graph of solvers.gtsam_batch.
+"""The numpy backend: a segment of a recording as normal equations, with the same cost as the graph of gtsam_batch.
 
-All factors of a kind are evaluated in one expression, and the frames are eliminated one after the other in LAPACK.
-GTSAM treats every factor alone, which takes several times as long for a graph as regular as this one.
+All factors of a kind are evaluated in one expression, and LAPACK eliminates one frame after the other. GTSAM treats
+every factor separately, which takes several times as long for a graph as regular as this one.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal, Coupling
 
-# Damping that holds a position like a prior of 1 m holds a velocity like one of 10 m/s.
+# Damping as strong as a prior of 1 m on a position is as strong as one of 10 m/s on a velocity.
 DAMPING_TIME_S = 0.1
 
 
 class NormalEquations:
     """The optimisation problem of a segment of frames (a levenberg_marquardt.Problem).
 
-    Joints that never take part are left out; the others are numbered by their slots. What takes no part in one of the
-    frames is held at zero there.
+    Joints that are estimated in no frame are left out; the others are numbered by their slots. In frames where a joint
+    is not estimated, its unknowns are held at zero.
     """
 
     def __init__(self, segment: Segment) -> None:
@@ -62,7 +62,8 @@ class NormalEquations:
 
     @cached_property
     def _damping_scale(self) -> Float[np.ndarray, " unknown"]:
-        """1 of positions, squared seconds of velocities; a length moves joints in every frame."""
+        """1 for positions, squared seconds for velocities, the number of frames for lengths: they move joints in all
+        frames."""
         joints = np.ones(self._frames.shape[:4])
         joints[:, 1:] = DAMPING_TIME_S**2
         return np.append(joints, np.full(self._segment.skeleton.n_lengths, float(len(joints))))
@@ -74,9 +75,9 @@ class NormalEquations:
         return np.append(gradient.joints, gradient.lengths_m)
 
     def factorized(self, state: BatchState, damping: float) -> _Factorized | None:
-        """The information matrix with the curvature of stretched bones and damping; None if not positive definite.
+        """The information matrix, with the curvature of bones under tension and damping; None if not positive definite.
 
-        That of the state before is overwritten.
+        The factorisation of the state before is overwritten.
         """
         information = self._information(state)
         for factors in self._factors:

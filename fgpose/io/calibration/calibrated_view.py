@@ -15,9 +15,9 @@ from fgpose.geometry.camera import Camera, CameraRig, LensModel
 Unit = Literal["auto", "m", "mm"]
 
 _METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3}
-# Rigs of this field stand in rooms and halls: no camera is farther than this from the others or from the origin.
+# Rigs stand in rooms and halls: no camera is farther than this from the others or from the origin.
 _MAX_PLAUSIBLE_M = 100.0
-# Cameras that are nowhere farther apart than this cannot triangulate a person.
+# Cameras that are all nearer to each other than this cannot triangulate a person.
 _MIN_PLAUSIBLE_M = 0.02
 # A file of unknown unit: below the first it can only be metres, above the second only millimetres.
 _SURELY_METRES = 20.0

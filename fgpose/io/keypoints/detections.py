@@ -1,4 +1,4 @@
-"""What a detector found in one image, checked where the file that it comes from is still known."""
+"""The detections of one image, checked while the file that they come from is known."""
 
 from __future__ import annotations
 

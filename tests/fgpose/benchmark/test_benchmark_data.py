@@ -51,7 +51,7 @@ def test_help_explains_and_gives_an_example(command: type, capsys: pytest.Captur
     assert "Example: fgpose benchmark " in capsys.readouterr().out
 
 
-def test_human36m_scores_files_and_its_own_poses_alike(
+def test_human36m_scores_files_and_its_own_poses_equally(
     labels_path: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     adafuse = write_predictions(tmp_path / "adafuse.npz", 0.02)

@@ -102,8 +102,8 @@ def test_pictures_show_the_best_of_each_group_and_who_has_a_name(summaries):
 
 
 def test_the_looks_of_one_picture_differ(summaries):
-    looks = list(shown(summaries, ["occluded"], also=(SELF_CALIBRATED,)).values())
-    assert len({(look.colour, look.style) for look in looks}) == len(looks)
+    styles = list(shown(summaries, ["occluded"], also=(SELF_CALIBRATED,)).values())
+    assert len({(look.colour, look.style) for look in styles}) == len(styles)
 
 
 def test_a_method_that_misses_a_variant_is_not_drawn(summaries):

@@ -48,7 +48,8 @@ def test_a_view_that_was_dropped_is_missing(processed: Path):
 
 def test_the_cameras_of_another_subject_are_noticed(processed: Path):
     swapped = {"S9": RIGS["S11"], "S11": RIGS["S9"]}
-    # all cameras turned alike put all views at one (wrong) place, which no view contradicts; so turn one of them
+    # all cameras turned in the same way put all views at one (wrong) place, which no view contradicts; so turn one of
+    # them
     cameras = (RIGS["S11"].cameras[0], *RIGS["S9"].cameras[1:])
     wrong = type(RIGS["S9"])(cameras)
     with pytest.raises(ValueError, match=r"Greeting-2/annot\.h5.*calibration of S9.*m apart"):

@@ -1,4 +1,4 @@
-"""Less weight for detections that have not fitted for a while: invented joints, and nothing else."""
+"""Less weight for detections that have not fitted for a while: hallucinated joints, and nothing else."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def test_without_detections() -> None:
     assert weights[0, 1, 2] < 0.01
     error_px[:, 1, 2] = np.nan
     error_px[[20, 21], 1, 2] = 50.0, 1.0
-    # Of an even number of detections the lower one of the middle two: a doubt is decided for the detection.
+    # Of an even number of detections the lower one of the middle two, in favour of the detection.
     assert weights_of(error_px)[20, 1, 2] > 0.99
 
 

@@ -56,7 +56,7 @@ def test_each_ingredient_helps_under_occlusion(mocap_scene: Scene, rig: fgpose.C
 
 def test_the_fusion_weights_are_no_worse_than_the_others(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
     """The default weighting against the options, where it matters: three of four views occluded, and nothing else
-    that tells which detections are invented."""
+    that tells which detections are hallucinated."""
 
     def error_m(weighting: str, persistent_px: float) -> float:
         projection = {"weighting": weighting, "persistent_px": persistent_px}
@@ -66,7 +66,8 @@ def test_the_fusion_weights_are_no_worse_than_the_others(mocap_scene: Scene, rig
     alone_m = error_m("fusion", 1e6)
     assert alone_m < error_m("uniform", 1e6)
     assert alone_m < 1.05 * error_m("confidence", 1e6)  # 5 %: within what one three-second scene can tell
-    # What was found to be invented no longer needs the weights: over 12 such scenes they then gain 1.6 %, here nothing.
+    # What was found to be hallucinated no longer needs the weights: over 12 such scenes they then gain 1.6 %, here
+    # nothing.
     assert error_m("fusion", 12.0) < 1.01 * error_m("uniform", 12.0)
 
 

@@ -1,4 +1,4 @@
-"""Covariances: of errors that are alike for a while, and of joints that nobody sees."""
+"""Covariances: of errors that are correlated in time, and of joints that no camera sees."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EQUAL_FRAMES = 0.35
 
 
 def scaled_by(n_frames: float, step_s: float) -> float:
-    """By how much a covariance grows to which so many frames contribute alike."""
+    """Factor on a covariance to which so many frames contribute equally."""
     covariance_m2 = np.diag([1.0, 4.0, 2.0]) * 1e-4
     frame_information = np.linalg.inv(covariance_m2) * EQUAL_FRAMES / n_frames
     scaled_m2 = with_correlated_errors(covariance_m2[None], frame_information[None], step_s)[0]
@@ -40,12 +40,12 @@ def test_errors_of_frames_far_apart_are_independent(n_frames: float, step_s: flo
 @pytest.mark.parametrize("n_frames", [1.0, 5.0, 50.0])
 @pytest.mark.parametrize("step_s", [1e-5, 1e-9, 1e-14])
 def test_errors_of_frames_close_together_are_the_same(n_frames: float, step_s: float) -> None:
-    """What stays alike is not averaged out: with n frames its variance is n times what the graph believes."""
+    """A constant error is not averaged out: with n frames its variance is n times what the graph states."""
     expected = 1 - CORRELATED_SHARE + CORRELATED_SHARE * n_frames
     assert scaled_by(n_frames, step_s) == pytest.approx(expected, rel=0.01)
 
 
-def test_errors_that_are_alike_for_a_while_against_simulated_ones() -> None:
+def test_errors_that_are_correlated_in_time_against_simulated_ones() -> None:
     """The mean of 20 frames 20 ms apart, its variance from 20,000 draws: known to 1 %, 5 % is what the formula claims
     for sums in place of integrals."""
     n_frames, step_s = 20, 0.02
@@ -56,17 +56,18 @@ def test_errors_that_are_alike_for_a_while_against_simulated_ones() -> None:
     assert scaled_by(n_frames, step_s) == pytest.approx(variance, rel=0.05)
 
 
-def test_doubt_where_hardly_any_detection_is_trusted() -> None:
-    usual = doubt(np.array([4.0]))
-    np.testing.assert_allclose(doubt(np.array([0.0, 0.75, 1.5, 3.0])), usual * np.array([2.0, 1.25, 1.0, 1.0]))
+def test_factor_where_hardly_any_detection_is_trusted() -> None:
+    usual = distrust_factor(np.array([4.0]))
+    found = distrust_factor(np.array([0.0, 0.75, 1.5, 3.0]))
+    np.testing.assert_allclose(found, usual * np.array([2.0, 1.25, 1.0, 1.0]))
 
 
-def test_online_doubt_grows_with_the_share_that_does_not_fit() -> None:
-    usual = doubt_online(np.array([4.0]), np.array([4.0]))
-    # two cameras are not doubted for being two; where enough others fit, those that do not leave no doubt
-    no_doubt = doubt_online(np.array([2.0, 2.5]), np.array([2.0, 4.0]))
-    np.testing.assert_allclose(no_doubt, usual * np.ones(2))
-    grave = doubt_online(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
+def test_online_factor_grows_with_the_share_that_does_not_fit() -> None:
+    usual = distrust_factor_online(np.array([4.0]), np.array([4.0]))
+    # two cameras alone do not widen the covariance, nor do detections that do not fit where enough others do
+    trusted = distrust_factor_online(np.array([2.0, 2.5]), np.array([2.0, 4.0]))
+    np.testing.assert_allclose(trusted, usual * np.ones(2))
+    grave = distrust_factor_online(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
     np.testing.assert_allclose(grave, usual * np.array([1 + 20 * 0.5**2, 21.0]))
 
 
@@ -91,7 +92,7 @@ def test_covariances_cover_the_error(scene: str, request: pytest.FixtureRequest,
 
 
 def test_the_covariance_of_single_frames_covers_the_error(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
-    """Nothing is averaged over time, so nothing can be alike. On the safe side only: sigma_px is cautious."""
+    """Nothing is averaged over time, so correlation has no effect. On the safe side only: sigma_px is cautious."""
     singles = [slice(frame, frame + 1) for frame in range(0, 60, 6)]
     found = [covered(walking_scene.observations.frames(f), rig, walking_scene.truth_m[f]) for f in singles]
     assert np.mean([percent[50] for percent in found]) > 42

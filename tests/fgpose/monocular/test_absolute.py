@@ -183,8 +183,8 @@ def test_the_error_is_within_the_covariance_as_often_as_it_says(body_m, camera, 
         pose = absolute_pose(relative_m, landmarks_px(body_m, camera) + noise_px, np.ones(17), camera, skeleton)
         offset_m = pose.points3d_m - body_m
         inside[draw] = np.einsum("ji,jik,jk->j", offset_m, np.linalg.inv(pose.covariance_m2), offset_m) < CHI2_95
-    # The joints of one draw share the size and the translation, so 400 draws are 400 looks: 0.95 +- 2 * 0.011. Above
-    # it: the covariance allows for the error of the solve twice, once as the joint's own.
+    # The joints of one draw share the size and the translation, so 400 draws are 400 independent samples: 0.95 +- 2 *
+    # 0.011. Above it: the covariance allows for the error of the solve twice, once as the joint's own.
     assert 0.93 < inside.mean() < 0.985
     assert (inside.mean(axis=0) > 0.92).all()
 

@@ -45,9 +45,9 @@ class Counted:
 
 def counted(network: BlazePose) -> tuple[Counted, Counted]:
     """From now on counts the runs of the detector and of the landmark network."""
-    searches, looks = Counted(network.detector.detect), Counted(network.landmarks.locate)
-    vars(network.detector)["detect"], vars(network.landmarks)["locate"] = searches, looks
-    return searches, looks
+    searches, crops = Counted(network.detector.detect), Counted(network.landmarks.locate)
+    vars(network.detector)["detect"], vars(network.landmarks)["locate"] = searches, crops
+    return searches, crops
 
 
 def assert_sees(people: People, *cells: tuple[float, float]) -> None:
@@ -123,13 +123,13 @@ def test_an_image_without_people_gives_nobody(files: tuple[Path, Path]) -> None:
 
 def test_the_detector_rests_while_a_person_is_tracked(files: tuple[Path, Path]) -> None:
     network = BlazePose(*files)
-    searches, looks = counted(network)
+    searches, crops = counted(network)
     tracker = network.tracker(CAMERA)
     for step in range(12):
         # Between the cells of the detector's grid: only who remembers finds the person there.
         cell = (8 + step * 0.875, 13 + step * 0.3125)
         assert_sees(tracker.detect(scene(cell)), (cell[0], round(16 * cell[1]) / 16))
-    assert (searches.n_calls, looks.n_calls) == (1, 12)
+    assert (searches.n_calls, crops.n_calls) == (1, 12)
 
 
 def test_every_image_anew_when_asked_for(files: tuple[Path, Path]) -> None:
@@ -157,13 +157,13 @@ def test_who_is_lost_is_searched_for_in_the_same_image(files: tuple[Path, Path])
 
 def test_two_people_are_followed_the_most_confident_first(files: tuple[Path, Path]) -> None:
     network = BlazePose(*files, max_people=2)
-    searches, looks = counted(network)
+    searches, crops = counted(network)
     tracker = network.tracker(CAMERA)
     for step in range(10):
         one, other = (9, 8 + 0.5 * step), (21, 20 - 0.5 * step)
         pale, full = (one, other) if step < 5 else (other, one)
         assert_sees(tracker.detect(np.maximum(scene(pale, colour=tiny.PALE), scene(full))), full, pale)
-    assert (searches.n_calls, looks.n_calls) == (1, 20)
+    assert (searches.n_calls, crops.n_calls) == (1, 20)
 
 
 def test_no_more_people_than_wanted(files: tuple[Path, Path]) -> None:
@@ -173,13 +173,13 @@ def test_no_more_people_than_wanted(files: tuple[Path, Path]) -> None:
 
 def test_who_comes_later_is_found_within_five_images(files: tuple[Path, Path]) -> None:
     network = BlazePose(*files, max_people=2)
-    searches, looks = counted(network)
+    searches, crops = counted(network)
     tracker = network.tracker(CAMERA)
     seen = [tracker.detect(scene((9, 8))).n_people for _ in range(3)]
     seen += [tracker.detect(scene((9, 8), (21, 20))).n_people for _ in range(5)]
     assert seen == [1, 1, 1, 1, 1, 2, 2, 2]
     # The search finds the tracked person once more; that costs no second look.
-    assert (searches.n_calls, looks.n_calls) == (2, 5 + 3 * 2)
+    assert (searches.n_calls, crops.n_calls) == (2, 5 + 3 * 2)
 
 
 def test_one_of_two_who_leaves_is_searched_for_at_once_and_then_now_and_again(files: tuple[Path, Path]) -> None:

@@ -144,7 +144,7 @@ def test_with_two_cameras_time_tells_which_one_is_flipped(recording, cameras):
     assert_equal(mended.observations, observations)
 
 
-def test_two_cameras_that_contradict_each_other_throughout_are_both_doubtful(recording):
+def test_two_cameras_that_contradict_each_other_throughout_are_both_uncertain(recording):
     rig, observations = pair_of(recording, 0, 2)
     views = np.zeros((100, 2), dtype=bool)
     views[:, 1] = True
@@ -157,7 +157,7 @@ def test_two_cameras_that_contradict_each_other_throughout_are_both_doubtful(rec
     np.testing.assert_allclose(mended.observations.confidence, 0.1 * contradictory.confidence)
 
 
-def test_two_against_two_throughout_are_doubtful_three_against_one_are_not(blazepose):
+def test_two_against_two_throughout_are_uncertain_three_against_one_are_not(blazepose):
     rig, observations = blazepose
     views = np.zeros((100, 4), dtype=bool)
     views[:, :2] = True

@@ -83,6 +83,6 @@ def test_detect_prints_how_many_images_had_which_problem(
     for _ in ("from the network", "from the cache"):
         assert main(arguments) == 0
         printed = capsys.readouterr().out
-        rows = [line.split(": ")[1].split() for line in printed.splitlines() if "3D missing or doubtful" in line]
+        rows = [line.split(": ")[1].split() for line in printed.splitlines() if "3D missing or uncertain" in line]
         # Only when there are any.
         assert rows == ([["cut", "by", "the", "border", str(N_CUT), "0"]] if "edge" in cameras else [])

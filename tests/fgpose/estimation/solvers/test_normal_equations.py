@@ -106,7 +106,7 @@ def gauss_newton_step(problem: NormalEquations | GtsamBatch, state: Any, damping
 
 @pytest.fixture
 def without_tension(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The curvature of stretched bones makes better steps to the same optimum; GTSAM does not have it."""
+    """The curvature of bones under tension makes better steps to the same optimum; GTSAM does not have it."""
     monkeypatch.setattr(SharedLengths, "add_tension", lambda *_: None)
 
 
@@ -278,7 +278,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         of_detections += sideways.T @ sideways * (camera.K[0, 0] / depth_m / 3.0) ** 2
     found = ours.frame_information(centre_m)
     np.testing.assert_allclose(found[0, 0], of_detections, rtol=1e-9, atol=1e-9 * np.trace(of_detections))
-    assert np.isnan(found[0, 1:]).all(), "joints that take no part"
+    assert np.isnan(found[0, 1:]).all(), "joints that are not estimated"
     information = of_detections + np.eye(3) / config.prior.position_sigma_m**2
     covariance_m2 = ours.covariance_m2(centre_m)[0, 0]
     np.testing.assert_allclose(covariance_m2, np.linalg.inv(information), rtol=1e-9, atol=1e-18)
