@@ -165,7 +165,7 @@ class Estimator:
             self._learn_lengths(state)
         self._add(state)
         self._window.append(self._read(state))
-        self._let_go(state.at.time_s)
+        self._marginalise_old(state.at.time_s)
         self._n_frames += 1
         return self._estimate(np.isfinite(image_time_s))
 

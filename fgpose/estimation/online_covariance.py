@@ -10,7 +10,7 @@ from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import with_correlated_errors
-from fgpose.estimation.uncertainty import doubt_online, with_swing
+from fgpose.estimation.uncertainty import distrust_factor_online, with_swing
 from fgpose.geometry.camera import CameraRig
 
 
@@ -39,7 +39,7 @@ def online_covariance_m2(
     covariance_m2 = np.full((skeleton.n_joints, 3, 3), np.nan)
     if state.joints:
         correlated_m2 = with_correlated_errors(linear_m2, _frame_information(state, rig, config), step_s)
-        factor = doubt_online(state.trust, total_weight(state.evidence))
+        factor = distrust_factor_online(state.trust, total_weight(state.evidence))
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
     return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
 

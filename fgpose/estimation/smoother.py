@@ -22,7 +22,7 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
-from fgpose.estimation.uncertainty import doubt, with_swing
+from fgpose.estimation.uncertainty import distrust_factor, with_swing
 from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations

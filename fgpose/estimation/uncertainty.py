@@ -25,7 +25,7 @@ from fgpose.skeleton import Skeleton
 # without occlusion. sigma_px is cautious (6 px, of which 5 px are there, would be 0.69), but errors have heavy tails.
 _CAUTION, _TRUSTED_VIEWS = 0.8, 1.5
 # Fitted to the newest pose on the same recordings.
-_CAUTION_ONLINE, _DOUBT_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
+_CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
 
 
 def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
