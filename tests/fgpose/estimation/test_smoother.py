@@ -86,6 +86,7 @@ def test_the_fusion_weights_are_no_worse_than_the_others(
     assert mean_error_m(mocap_smoothed, mocap_scene) < 1.01 * error_m("uniform", 12.0)
 
 
+@pytest.mark.slow
 def test_the_depth_of_each_view_helps_where_two_cameras_are_occluded(
     rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
