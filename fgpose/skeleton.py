@@ -133,7 +133,3 @@ class Skeleton:
         """Length in metres of every bone, NaN where one of its joints is NaN."""
         start, end = np.array(self.bones, dtype=int).reshape(-1, 2).T
         return np.linalg.norm(positions_m[..., end, :] - positions_m[..., start, :], axis=-1)
-
-    def root_position(self, positions_m: Float[np.ndarray, "*frames joint 3"]) -> Float[np.ndarray, "*frames 3"]:
-        """Position of the root in metres, NaN where one of its joints is NaN."""
-        return positions_m[..., list(self.root), :].mean(axis=-2)

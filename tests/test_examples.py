@@ -122,6 +122,7 @@ def test_video_to_trajectory(tmp_path: Path, demo_videos: Path):
     assert output.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_your_own_network():
     printed = run("07_your_own_network.py")
     assert numbers(r"^# images", printed) == [80]
@@ -131,6 +132,7 @@ def test_your_own_network():
     assert largest_mm < 20
 
 
+@pytest.mark.slow
 def test_unsynchronised_cameras(tmp_path: Path):
     output = tmp_path / "synchronised.toml"
     printed = run("08_unsynchronised_cameras.py", "--seconds", "2", "--output", str(output))

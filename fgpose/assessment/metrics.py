@@ -6,9 +6,6 @@ much was left out, without which no mean should be reported. A mean of nothing i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Float
 
@@ -116,27 +113,6 @@ def pck(errors_m: Float[np.ndarray, "*shape"], threshold_m: float = 0.15) -> flo
     Their threshold is 150 mm and their errors are root-relative; absolute ones are as good an argument.
     """
     return float(mean_known(np.where(np.isnan(errors_m), np.nan, errors_m <= threshold_m)))
-
-
-def pcp(
-    estimate_m: Float[np.ndarray, "frame joint 3"],
-    reference_m: Float[np.ndarray, "frame joint 3"],
-    bones: Sequence[tuple[int, int]],
-    alpha: float = 0.5,
-    ends: Literal["both", "mean"] = "both",
-) -> Float[np.ndarray, " bone"]:
-    """Percentage of correct parts of each bone as a share in [0, 1]: frames in which its ends lie near the reference's.
-
-    Near is within alpha times the bone's length in the reference. both: each end must be (Ferrari et al., 2008).
-    mean: the mean of the two errors must be (Burenius et al., 2013; Belagiannis et al., 2014: Campus and Shelf).
-    """
-    errors_m = joint_errors_m(estimate_m, reference_m)
-    start, end = np.array(bones, dtype=int).reshape(-1, 2).T
-    lengths_m = np.linalg.norm(reference_m[:, end] - reference_m[:, start], axis=-1)
-    pair_m = np.stack([errors_m[:, start], errors_m[:, end]])
-    # NaN carries through max and mean: a part with a missing end is left out.
-    error_m = pair_m.max(axis=0) if ends == "both" else pair_m.mean(axis=0)
-    return mean_known(np.where(np.isnan(error_m), np.nan, error_m <= alpha * lengths_m), axis=0)
 
 
 def _derivative(

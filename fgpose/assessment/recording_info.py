@@ -83,8 +83,6 @@ class RecordingInfo:
     gaps: tuple[Gap, ...]
     never_seen: tuple[str, ...]
     """Joints that two cameras never see at once."""
-    person_size_m: float
-    """Median diagonal of the box around the person."""
     suspected_calibration: str | None
     """Camera whose calibration is probably wrong."""
     suspected_swaps: tuple[str, ...]
@@ -121,7 +119,6 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         _camera_info(observations, rig, c, residual_px[:, c], views[c], positions_m) for c in range(rig.n_cameras)
     )
     n_seen = observations.seen.sum(axis=1)
-    size_m = _person_size_m(positions_m)
     return RecordingInfo(
         n_frames=observations.n_frames,
         duration_s=float(observations.frame_time_s[-1] - observations.frame_time_s[0]),
@@ -133,10 +130,9 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         joint_frames_by_views=tuple(int(np.sum(n_seen == views)) for views in range(rig.n_cameras + 1)),
         gaps=_gaps(observations, np.asarray(n_seen >= 2), min_gap_s),
         never_seen=tuple(np.array(observations.skeleton.joints)[~np.any(n_seen >= 2, axis=0)].tolist()),
-        person_size_m=size_m,
         suspected_calibration=_suspected_calibration(cameras),
         suspected_swaps=tuple(camera.name for camera in cameras if camera.share_swapped > _SUSPECT_SWAPS),
-        implausible=_implausible(cameras, size_m),
+        implausible=_implausible(cameras, _person_size_m(positions_m)),
     )
 
 
@@ -209,6 +205,7 @@ def _gaps(observations: Observations, seen_twice: Bool[np.ndarray, "frame joint"
 
 
 def _person_size_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> float:
+    """Median diagonal of the box around the person."""
     known = np.isfinite(positions_m)
     low = np.where(known, positions_m, np.inf).min(axis=1)
     high = np.where(known, positions_m, -np.inf).max(axis=1)

@@ -14,22 +14,12 @@ from fgpose.config import Config
 from fgpose.estimation.fusion import fuse
 from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
-from fgpose.io.keypoints import load_observations, save_observations
+from fgpose.io.keypoints import load_observations
 from fgpose.observations import Observations
 
 Estimation = Literal["smooth", "refine", "fuse"]
 # Single precision keeps an hour of frame times to a hundredth of a frame.
 _MAX_FRAME_FRACTION = 0.02
-
-
-def save_views(views: Mapping[SequenceKey, Observations], folder: str | Path) -> None:
-    """Write per-view predictions as load_views reads them.
-
-    Raises:
-        OSError: the folder cannot be written into.
-    """
-    for (subject, action), observations in views.items():
-        save_observations(observations, Path(folder) / subject / f"{action}.npz")
 
 
 def load_views(folder: str | Path, sequences: Iterable[PoseSequence]) -> dict[SequenceKey, Observations]:

@@ -33,12 +33,6 @@ def length_key(length: int) -> int:
     return _LENGTH + length
 
 
-def joint_and_frame(key: int) -> tuple[int, int]:
-    """Joint and frame of a position or velocity key."""
-    frame, joint = divmod(gtsam.symbolIndex(key), _JOINTS_PER_FRAME)
-    return joint, frame
-
-
 @dataclass(frozen=True)
 class Keys:
     """The keys of a run of frames, in which joints are numbered by their slots."""

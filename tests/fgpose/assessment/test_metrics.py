@@ -109,18 +109,6 @@ def test_pck_counts_errors_up_to_the_threshold():
     assert np.isnan(metrics.pck(np.array([NAN])))
 
 
-def test_pcp_by_both_definitions():
-    # a bone of 0.4 m along x: each end may be off by 0.2 m, or both by 0.2 m on average
-    reference_m = np.tile(np.array([[0.0, 0, 0], [0.4, 0, 0]]), (4, 1, 1))
-    estimate_m = reference_m.copy()
-    estimate_m[0, :, 1] = [0.1, 0.1]
-    estimate_m[1, :, 1] = [0.25, 0.1]
-    estimate_m[2, :, 1] = [0.35, 0.1]
-    estimate_m[3, 0] = NAN
-    np.testing.assert_allclose(metrics.pcp(estimate_m, reference_m, [(0, 1)]), [1 / 3])
-    np.testing.assert_allclose(metrics.pcp(estimate_m, reference_m, [(0, 1)], ends="mean"), [2 / 3])
-
-
 def test_jitter_of_a_cubic_is_its_third_derivative_at_any_spacing(rng):
     time_s = np.cumsum(rng.uniform(0.01, 0.05, size=30))
     positions_m = np.zeros((30, 2, 3))

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from fgpose.benchmark.human36m import CAMERAS, PoseSequence
+from fgpose.benchmark.human36m import PoseSequence, SequenceKey
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.io.keypoints import save_observations
 from fgpose.io.skeletons import load_skeleton
+from fgpose.observations import Observations
 from fgpose.synthetic import ring_rig, walking
 
+CAMERAS = ("54138969", "55011271", "58860488", "60457274")
 DISTORTION = np.array([-0.2, 0.24, -0.0019, -0.0015, -0.0027])
 # As their generate-labels-npy-multiview.py picks them of the original 32.
 LT_OF_32 = (3, 2, 1, 6, 7, 8, 0, 12, 13, 15, 27, 26, 25, 17, 18, 19, 14)
@@ -150,3 +154,9 @@ def write_camera_parameters(path: Path, rigs: dict[str, CameraRig]) -> None:
         for subject, rig in rigs.items()
     }
     path.write_text(json.dumps({"intrinsics": intrinsics, "extrinsics": extrinsics}))
+
+
+def write_views(views: Mapping[SequenceKey, Observations], folder: Path) -> None:
+    """Per-view predictions as load_views reads them."""
+    for (subject, action), observations in views.items():
+        save_observations(observations, folder / subject / f"{action}.npz")

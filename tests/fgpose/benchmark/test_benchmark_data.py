@@ -10,10 +10,17 @@ import cv2
 import numpy as np
 import pytest
 import tyro
-from human36m_files import h36m_rig, labels, motion_of_32, truth_of, write_annotation, write_camera_parameters
+from human36m_files import (
+    h36m_rig,
+    labels,
+    motion_of_32,
+    truth_of,
+    write_annotation,
+    write_camera_parameters,
+    write_views,
+)
 
 from fgpose.benchmark.human36m import image_path, load_labels
-from fgpose.benchmark.per_view import save_views
 from fgpose.benchmark.predictions import Prediction, load_predictions, save_predictions
 from fgpose.cli.benchmark_data import Human36M, OccludeImages, Workcell
 from fgpose.io.skeletons import load_skeleton
@@ -65,7 +72,7 @@ def test_human36m_scores_files_and_its_own_poses_equally(
         )
         for each in sequences
     }
-    save_views(seen, tmp_path / "views")
+    write_views(seen, tmp_path / "views")
     command = Human36M(
         labels=labels_path,
         predictions=(adafuse,),

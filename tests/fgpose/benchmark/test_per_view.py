@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from human36m_files import sequence
+from human36m_files import sequence, write_views
 
 from fgpose.benchmark.human36m import PoseSequence
-from fgpose.benchmark.per_view import Estimation, estimate, load_views, save_views
+from fgpose.benchmark.per_view import Estimation, estimate, load_views
 from fgpose.benchmark.protocol import evaluate
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
@@ -34,7 +34,7 @@ SPARSE = sequence("S11", "Posing-2", np.array([0, 64, 128]))
 
 
 def test_what_is_saved_comes_back_with_its_frames(tmp_path: Path):
-    save_views({each.key: seen(each) for each in (WALK, SPARSE)}, tmp_path)
+    write_views({each.key: seen(each) for each in (WALK, SPARSE)}, tmp_path)
     assert (tmp_path / "S11" / "Posing-2.npz").is_file()
     views = load_views(tmp_path, [WALK, SPARSE])
     predictions = estimate([WALK, SPARSE], views, "fuse")
@@ -52,7 +52,7 @@ def test_fgpose_recovers_the_motion(estimation: Estimation, limit_mm: float):
 
 def test_a_time_between_two_frames_is_refused(tmp_path: Path):
     late = replace(seen(WALK), time_s=WALK.frames / 50.0 + 0.01)
-    save_views({WALK.key: late}, tmp_path)
+    write_views({WALK.key: late}, tmp_path)
     with pytest.raises(ValueError, match=r"Walking-1\.npz: time_s must be the number of a 50 Hz frame"):
         load_views(tmp_path, [WALK])
 

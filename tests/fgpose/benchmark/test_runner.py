@@ -188,6 +188,7 @@ def test_recordings_are_taken_one_by_one():
     assert len(run(lazily(), [method], None, told.append, n_workers=0)) == 3
 
 
+@pytest.mark.slow
 def test_two_processes_give_what_one_gives(tmp_path):
     # End to end: real recordings, real methods, real processes, a cache that both ways share.
     names = ["RANSAC, 6 Hz", "fgpose batch"]

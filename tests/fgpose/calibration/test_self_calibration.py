@@ -85,6 +85,7 @@ def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Config]:
     return configs
 
 
+@pytest.mark.slow
 def test_at_most_eight_motions_are_smoothed_and_without_covariances(
     filmed: Scene, rig: fgpose.CameraRig, smoothed: list[Config], monkeypatch: pytest.MonkeyPatch
 ) -> None:

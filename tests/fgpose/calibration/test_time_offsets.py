@@ -79,6 +79,7 @@ def test_offsets_that_are_known_stay_where_nobody_moves(rig: fgpose.CameraRig, s
     assert found.converged
 
 
+@pytest.mark.slow
 def test_the_error_of_what_is_correlated_is_what_is_claimed(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """At twice the rate nothing more is known: the errors are correlated over 0.15 s."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")

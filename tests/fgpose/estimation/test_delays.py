@@ -72,6 +72,7 @@ def test_a_trajectory_with_known_delays_is_that_of_synchronous_cameras(walk: dic
     np.testing.assert_array_equal(late.time_s, synchronous.time_s)
 
 
+@pytest.mark.slow
 def test_known_delays_online(walk: dict[str, Scene], rig: fgpose.CameraRig) -> None:
     truth_m = walk["synchronous"].truth_m
     synchronous_m = online_error_m(walk["synchronous"].observations, rig, truth_m)

@@ -140,6 +140,7 @@ def test_where_everything_fits_hardly_anything_changes(rig: fgpose.CameraRig, sk
     np.testing.assert_allclose(errors_mm(scene, 12.0), errors_mm(scene, 1e6), atol=0.2)
 
 
+@pytest.mark.slow
 def test_a_hallucination_of_one_joint_is_distrusted_however_rare(
     rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:

@@ -117,6 +117,7 @@ def test_batch_smooths_rest_more_and_fast_motion_less(fast_and_slow):
     assert fast_mm < fast_fixed_mm
 
 
+@pytest.mark.slow
 def test_online_does_too(fast_and_slow):
     def lagged_m(config: Config) -> np.ndarray:
         estimator = Estimator(fast_and_slow.rig, fast_and_slow.observations.skeleton, config)

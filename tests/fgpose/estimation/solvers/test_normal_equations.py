@@ -284,11 +284,12 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
     np.testing.assert_allclose(covariance_m2, np.linalg.inv(information), rtol=1e-9, atol=1e-18)
 
 
+@pytest.mark.slow
 def test_the_solution_is_that_of_gtsam_on_a_real_recording():
     """Both go on until hardly anything moves; the process noise is fixed, for it is learned from a solution that need
     not be exact."""
     rig, observations = fgpose.load_recording(fgpose.recordings()[0])
-    observations = observations.frames(slice(0, 60))
+    observations = observations.frames(slice(0, 30))
     solved = {}
     for backend in ("numpy", "gtsam"):
         solver = SolverConfig(backend=backend, step_tolerance_m=1e-6, max_iterations=200)
