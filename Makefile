@@ -4,8 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PEER := $(VENV)/bench/.installed
+# One process per core, each with one thread: the tests' matrices are too small to share.
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocesses auto --dist worksteal
 
-.PHONY: demo demo-video test lint types pytest wheel benchmark benchmark-accuracy benchmark-quick format clean
+.PHONY: demo demo-video test check lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -16,6 +18,10 @@ demo-video: $(STAMP)
 
 test: lint types pytest benchmark-quick wheel
 
+# While working: `make test` without the slow tests and without the network.
+check: lint types
+	$(PYTEST) -m "not slow and not network"
+
 lint: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
@@ -24,7 +30,7 @@ types: $(STAMP)
 	$(BIN)/basedpyright --level error
 
 pytest: $(STAMP)
-	$(BIN)/pytest -q --durations=10
+	$(PYTEST) --durations=10
 
 # The built wheel and sdist must work where nothing of this checkout is in sight.
 wheel: $(STAMP)
@@ -33,6 +39,11 @@ wheel: $(STAMP)
 # Speed, memory and real videos against limits.
 benchmark: $(STAMP) $(PEER)
 	$(BIN)/python benchmarks/run.py
+
+# 1,000 random scenes that are hard on the online estimator, and a long one; hours. Interrupted, it goes on where it was.
+soak: $(STAMP)
+	$(BIN)/python benchmarks/soak.py --runs 1000 --frames 500
+	$(BIN)/python benchmarks/soak.py --first 1007 --runs 1 --frames 100000
 
 # Accuracy of all methods on motion capture with simulated detections.
 benchmark-accuracy: $(STAMP) $(PEER)

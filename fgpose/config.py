@@ -209,9 +209,9 @@ class CalibrationConfig:
 class SolverConfig:
     """Batch optimisation (Levenberg-Marquardt)."""
 
-    backend: Literal["chain", "gtsam"] = "chain"
-    """What linearises the factors and solves for the step. chain: numpy and LAPACK, frame after frame. gtsam: GTSAM, on
-    a graph of the same factors; about three times slower, and the same result."""
+    backend: Literal["numpy", "gtsam"] = "numpy"
+    """What linearises the factors and solves for the step. numpy: all factors of a kind at once, frame after frame in
+    LAPACK. gtsam: GTSAM, on a graph of the same factors; several times slower, and the same result."""
     max_iterations: int = 100
     """Upper bound of iterations per window."""
     step_tolerance_m: float = 5e-4

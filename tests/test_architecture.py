@@ -32,11 +32,14 @@ FLOORS = (
 # The same within the largest room.
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
+    {"online_covariance", "online_factors"},
     {"solvers"},
     {"factors"},
+    {"frame_state", "images"},
     {"segment"},
     {"evidence"},
     {
+        "arrivals",
         "bone_lengths",
         "clock_offsets",
         "delays",

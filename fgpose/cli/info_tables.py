@@ -47,9 +47,9 @@ def hints(info: RecordingInfo) -> Iterator[str]:
         yield f"Implausible: {remark}. Millimetres taken for metres, or the reverse? See --unit and --points3d-unit."
     if info.suspected_calibration:
         yield (
-            f"The calibration of {info.suspected_calibration} is probably wrong: the other cameras agree without it and "
-            "miss it by far. Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out with "
-            "--cameras. Time offsets and small errors of the calibration can only be estimated after that."
+            f"The calibration of {info.suspected_calibration} is probably wrong: the other cameras agree without it "
+            "and miss it by far. Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out "
+            "with --cameras. Time offsets and small errors of the calibration can only be estimated after that."
         )
     for name in info.suspected_swaps:
         (camera,) = (camera for camera in info.cameras if camera.name == name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
@@ -13,6 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.delays import image_motion_px
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
+from fgpose.estimation.noise import with_correlated_errors
 from fgpose.estimation.persistence import persistence_weights
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
@@ -20,7 +22,7 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
-from fgpose.estimation.uncertainty import distrust_factor, with_correlated_errors, with_swing
+from fgpose.estimation.uncertainty import distrust_factor, with_swing
 from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -82,7 +84,15 @@ def smooth_evidence(
         solutions.append(solution.frames(window.contributed_of_solved))
         if progress:
             progress(window.contributed.stop, recording.n_frames)
-    return _trajectory(recording, Solution.joined(solutions))
+    solution = Solution.joined(solutions)
+    if not solution.convergence.converged:
+        parts = [not part.convergence.converged for part in solutions]
+        warnings.warn(
+            f"the smoother has not converged within solver.max_iterations = {config.solver.max_iterations} in "
+            f"{sum(parts)} of {len(parts)} windows; the largest errors may be centimetres",
+            stacklevel=3,
+        )
+    return _trajectory(recording, solution)
 
 
 @dataclass(frozen=True, eq=False)

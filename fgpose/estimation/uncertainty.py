@@ -21,41 +21,11 @@ from jaxtyping import Float
 from fgpose.config import SwingConfig
 from fgpose.skeleton import Skeleton
 
-# Share of the variance of a visible detection that is correlated in time (4 of 5 px), and the correlation time,
-# measured on a monocular network.
-_CORRELATED_SHARE, _CORRELATION_S = 0.64, 0.15
 # Fitted to the errors on four motion capture clips, at their pace and twice as fast, with 2, 3 and 4 cameras, with and
 # without occlusion. sigma_px is cautious (6 px, of which 5 px are there, would be 0.69), but errors have heavy tails.
-# The information of the whole graph over that of one frame counts frames of unequal weight.
-_CAUTION, _EQUAL_FRAMES, _TRUSTED_VIEWS = 0.8, 0.35, 1.5
+_CAUTION, _TRUSTED_VIEWS = 0.8, 1.5
 # Fitted to the newest pose on the same recordings.
 _CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
-_MAX_FRAMES = 1e4
-_MAX_STEP_S = 1e3
-_SHORT = 1e-4  # there formula and series are both accurate to 1e-7
-
-
-def with_correlated_errors(
-    covariance_m2: Float[np.ndarray, "*joints 3 3"],
-    frame_information: Float[np.ndarray, "*joints 3 3"],
-    step_s: float,
-) -> Float[np.ndarray, "*joints 3 3"]:
-    """The covariance of the graph, scaled to what it would be with errors that are correlated in time.
-
-    The mean of n frames, h apart, of which a share s of the variance is correlated as exp(-t / tau), has the variance
-    (1 - s + s n g(n h / tau)) / n instead of 1 / n, with g(u) = 2 (u - 1 + exp(-u)) / u^2.
-
-    Args:
-        frame_information: of the detections of each frame alone, 1/m^2.
-    """
-    information = np.trace(np.linalg.inv(covariance_m2), axis1=-2, axis2=-1)
-    alone = np.trace(frame_information, axis1=-2, axis2=-1)
-    n_frames = np.clip(_EQUAL_FRAMES * information / np.maximum(alone, information / _MAX_FRAMES), 1e-3, None)
-    step_s = min(step_s, _MAX_STEP_S)
-    correlation = _mean_correlation(n_frames * step_s / _CORRELATION_S)
-    widening = 1 - _CORRELATED_SHARE + _CORRELATED_SHARE * n_frames * correlation
-    widening = np.maximum(widening, 1.0)  # less than one frame cannot be averaged
-    return covariance_m2 * widening[..., None, None]
 
 
 def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
@@ -78,13 +48,6 @@ def distrust_factor_online(
     """
     enough = np.maximum(np.minimum(weight, _TRUSTED_VIEWS_ONLINE), 1e-9)
     return _CAUTION_ONLINE * (1.0 + _DISTRUST_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
-
-
-def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
-    """Mean of exp(-|a - b|) over all a and b in [0, duration]."""
-    # For a short duration the subtractions cancel all digits: take the series.
-    exact = 2 * (duration - 1 + np.exp(-duration)) / np.maximum(duration, _SHORT) ** 2
-    return np.where(duration > _SHORT, exact, 1 - duration / 3)
 
 
 def with_swing(

@@ -6,34 +6,37 @@ is then always a leaf of the Bayes tree, its marginal is already there, and an u
 what has moved far enough to be linearised again. Measured on 17 joints, 4 cameras and a window of 25 frames: 2.4 ms
 (median) and 3.7 ms (99th percentile) instead of 3.4 ms and 25 ms.
 
-Why the tree cannot be out of order. ISAM2::marginalizeLeaves does not check what it is given: whatever depends on the
-variables it removes must be removed with them, or the process dies. In the Bayes net of the tree that is so for the
-oldest frame if no variable is conditioned on one of an EARLIER frame (*). An update eliminates a set of variables anew
-and keeps the conditionals of all others, so (*) survives it if that set is eliminated in the order of time. GTSAM's
-ordering (constrained COLAMD) puts groups of variables one after the other, in the order of their labels, provided that
-every label is less than the number n of variables in the set; and at least the new variables are in it. Hence, with one
-label a frame from the oldest on: if there are no more frames than new variables, all labels are valid. Otherwise the
-set is asked for beforehand (predictUpdateInfo), and only its frames are labelled: they are no more than its variables.
-Where GTSAM would then eliminate the whole tree, the whole window is that set. Marginalising and splitting a clique
-leave all other conditionals as they are.
+Why the tree cannot be out of order. ISAM2::marginalizeLeaves does not check what it is given: every variable that is
+conditioned on one that it removes must be removed too, and in a clique those to be removed must stand first, or the
+process dies. For the oldest frame both hold if no variable is conditioned on one of an EARLIER frame (*), as a clique
+lists its variables in the order of their elimination. An update eliminates a set of variables anew and keeps the
+conditionals of all others, so (*) survives it if that set is eliminated in the order of time; marginalising only takes
+away. GTSAM's ordering (constrained COLAMD) puts groups of variables one after the other, in the order of their labels,
+provided that every label is less than the number of variables in the set. The new variables are always in it. So, with
+one label a frame from the oldest on: if there are no more frames than new variables, all labels are valid. Otherwise
+the set is asked for beforehand (predictUpdateInfo), and only its frames are labelled: they are no more than its
+variables. Where GTSAM may go on to eliminate the whole tree, the set is made the whole window.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
+from typing import Literal, TypeVar
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
 from threadpoolctl import ThreadpoolController
 
+Result = TypeVar("Result")
+
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
-# Of the priors after a repair, metres and m/s. The repair keeps the estimates and loses their information. So loose
-# that new detections (about 1 cm) dominate.
-_REPAIRED_SIGMA = 0.1
+# Of the priors after a start from the estimates alone, metres and m/s. So loose that new detections (about 1 cm)
+# dominate.
+_RESTART_SIGMA = 0.1
 # What GTSAM's exceptions become in Python; LinAlgError of numpy is a ValueError.
 _FAILURES = (RuntimeError, IndexError, ValueError)
 
@@ -41,15 +44,17 @@ _FAILURES = (RuntimeError, IndexError, ValueError)
 class FixedLagSmoother:
     """The variables of the newest frames; older ones live on as a prior on the oldest frame that is left.
 
-    It does not fail: where GTSAM does (a system that is singular in double precision), the window is rebuilt from its
-    own estimates.
+    It does not fail where GTSAM does. GTSAM's Cholesky factorisation refuses a system in which one quantity is known
+    thousands of times better than another: at 100 Hz and more, the motion from frame to frame and the position of a
+    joint that hardly any camera sees. QR takes such a system, in 2.5 times the time, so for the length of a window the
+    elimination is by QR. Where there is no solution at all, it starts again from its own estimates.
 
     Args:
         relinearize_m: a position is linearised again when it moves by more than this.
     """
 
     repairs: int
-    """How often the window was rebuilt."""
+    """How often GTSAM failed and the window was eliminated anew."""
 
     def __init__(self, relinearize_m: float) -> None:
         self._params = gtsam.ISAM2Params()
@@ -61,68 +66,98 @@ class FixedLagSmoother:
         self._params.setRelinearizeThreshold(thresholds)
         self._isam = gtsam.ISAM2(self._params)
         self._frames: deque[list[int]] = deque()
+        self._slots: deque[list[int]] = deque()  # of the factors of each frame alone
         self._estimates: dict[int, np.ndarray] = {}
+        self._qr_frames = 0
         self._labels = _Labels()
         self.repairs = 0
 
-    def add(self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> None:
+    def add(
+        self,
+        factors: gtsam.NonlinearFactorGraph,
+        values: gtsam.Values,
+        keys: Sequence[int],
+        links: gtsam.NonlinearFactorGraph | None = None,
+    ) -> None:
         """Take a new frame with its variables; a frame without any is fine.
 
         Args:
             factors: they join variables of this frame and of the one before only.
             values: finite first guesses of exactly these keys.
+            links: those of the factors that must not join only this frame if others may be replaced later.
         """
         self._frames.append(list(keys))
+        self._slots.append([])
         if not keys:
             return
         self._estimates.update((key, values.atPoint3(key)) for key in keys)
+        n_own = factors.size()
+        everything = gtsam.NonlinearFactorGraph(factors)
+        if links is not None:
+            everything.push_back(links)
         try:
-            self._isam.update(factors, values, self._in_order(factors, values, len(keys)))
+            params = self._in_order(gtsam.ISAM2UpdateParams(), everything, values, len(keys))
+            self._slots[-1] = self._isam.update(everything, values, params).getNewFactorsIndices()[:n_own]
+            self._back_to_cholesky()
         except _FAILURES:
-            self._repair()
+            self._recover()
+
+    def replace(self, at: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> None:
+        """Put other factors in the place of those that a frame came with, but for its links to the frame before.
+
+        Args:
+            at: number of the frame in the window; the oldest is 0.
+            factors: they join variables of this frame only.
+            values: finite first guesses of exactly these keys.
+            keys: variables that the frame did not have.
+        """
+        if not self._frames[at] and not keys:
+            return
+        self._frames[at] = [*self._frames[at], *keys]
+        self._labels = _Labels()
+        self._estimates.update((key, values.atPoint3(key)) for key in keys)
+        params = gtsam.ISAM2UpdateParams()
+        params.removeFactorIndices = self._slots[at]
+        params.extraReelimKeys = _key_list(self._frames[at][: len(self._frames[at]) - len(keys)])
+        try:
+            params = self._in_order(params, factors, values, 0)
+            self._slots[at] = self._isam.update(factors, values, params).getNewFactorsIndices()
+        except _FAILURES:
+            self._recover()
 
     def drop_oldest(self) -> None:
         """Marginalise the oldest frame: its information stays as a prior on the next one."""
-        oldest = self._frames.popleft()
-        if not oldest:
-            return
+        oldest = self._frames[0]
+        if oldest:
+            self._tried(lambda: self._isam.marginalizeLeaves(_key_list(oldest)))
+        self._frames.popleft()
+        self._slots.popleft()
         self._labels.remove(oldest)
         for key in oldest:
             del self._estimates[key]
-        try:
-            self._isam.marginalizeLeaves(_key_list(oldest))
-        except _FAILURES:
-            self._repair()
 
     def points(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3"]:
         """Current estimates of positions or velocities of frames in the window."""
         if not keys:
             return np.zeros((0, 3))
-        try:
-            points = np.array([self._isam.calculateEstimatePoint3(key) for key in keys])
-            if not np.isfinite(points).all():
-                raise RuntimeError("a system without a solution")
-        except _FAILURES:
-            self._repair()
-            return np.array([self._estimates[key] for key in keys])
+        points = self._tried(lambda: self._solution(keys))
         self._estimates.update(zip(keys, points, strict=True))
         return points
 
     def covariances(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3 3"]:
         """Marginal covariance of each of these positions."""
-        if not keys:
-            return np.zeros((0, 3, 3))
-        try:
-            return self._marginals(keys)
-        except _FAILURES:
-            self._repair()
-            return self._marginals(keys)
+        return self._tried(lambda: self._marginals(keys)) if keys else np.zeros((0, 3, 3))
+
+    def _solution(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3"]:
+        points = np.array([self._isam.calculateEstimatePoint3(key) for key in keys])
+        if not np.isfinite(points).all():
+            raise RuntimeError("a system without a solution")
+        return points
 
     def _marginals(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3 3"]:
-        """Raises a ValueError where one is not positive definite."""
         joint = self._isam.jointMarginalCovariance(list(keys))
         covariances = np.stack([joint.at(key, key) for key in keys])
-        np.linalg.cholesky(covariances)
+        np.linalg.cholesky(covariances)  # fails where one is not positive definite
         return covariances
 
     def oldest_covariances(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3 3"]:
@@ -147,10 +182,9 @@ class FixedLagSmoother:
         return np.stack([covariance[row, row] for row in rows])
 
     def _in_order(
-        self, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_new: int
+        self, params: gtsam.ISAM2UpdateParams, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, n_new: int
     ) -> gtsam.ISAM2UpdateParams:
         """Have everything that the update eliminates eliminated in the order of time; see the head of this file."""
-        params = gtsam.ISAM2UpdateParams()
         frames = [frame for frame in self._frames if frame]
         if len(frames) <= n_new:
             params.constrainedKeys = self._labels.of(frames, n_new)
@@ -163,16 +197,69 @@ class FixedLagSmoother:
         params.constrainedKeys = _Labels().of(frames, len(frames))
         return params
 
-    def _repair(self) -> None:
-        """Start again with a prior on every variable of the window, around its last estimate: that cannot fail."""
+    def _tried(self, act: Callable[[], Result]) -> Result:
+        """The result of GTSAM; if it fails, after a recovery by QR, or else after a start from the estimates alone."""
+        for recover in (self._recover, self._start_again):
+            try:
+                return act()
+            except _FAILURES:
+                recover()
+        return act()
+
+    def _recover(self) -> None:
         self.repairs += 1
+        try:
+            self._eliminate_anew(by="QR")
+        except _FAILURES:
+            self._start_again()
+        self._qr_frames = len(self._frames)
+
+    def _back_to_cholesky(self) -> None:
+        """One window after QR was needed."""
+        if self._qr_frames:
+            self._qr_frames -= 1
+            if not self._qr_frames:
+                self._eliminate_anew(by="CHOLESKY")
+
+    def _eliminate_anew(self, by: Literal["CHOLESKY", "QR"]) -> None:
+        """The same factors, linearised at the same values, in another tree."""
+        values, all_factors = self._isam.getLinearizationPoint(), self._isam.getFactorsUnsafe()
+        factors = gtsam.NonlinearFactorGraph()
+        for factor in filter(None, map(all_factors.at, range(all_factors.size()))):
+            if isinstance(factor, gtsam.LinearContainerFactor):
+                # What was marginalised does not say where: its variables were not to be linearised again.
+                factor = gtsam.LinearContainerFactor(factor.linearize(values), values)
+            factors.add(factor)
+        frames = [frame for frame in self._frames if frame]
+        params = gtsam.ISAM2UpdateParams()
+        params.constrainedKeys = _Labels().of(frames, len(frames))
+        self._params.setFactorization(by)
+        self._isam = gtsam.ISAM2(self._params)
+        self._isam.update(factors, values, params)
+        self._slots = self._own_slots()
+
+    def _start_again(self) -> None:
+        """Start again with a prior on every variable of the window, around its last estimate: that cannot fail."""
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        noise = gtsam.noiseModel.Isotropic.Sigma(3, _REPAIRED_SIGMA)
+        noise = gtsam.noiseModel.Isotropic.Sigma(3, _RESTART_SIGMA)
         for key, estimate in self._estimates.items():
             factors.add(gtsam.PriorFactorPoint3(key, estimate, noise))
             values.insert(key, estimate)
         self._isam = gtsam.ISAM2(self._params)
         self._isam.update(factors, values)
+        self._slots = deque([] for _ in self._frames)
+
+    def _own_slots(self) -> deque[list[int]]:
+        """Where the factors of each frame alone are, but for what was marginalised."""
+        frame_of = {key: number for number, frame in enumerate(self._frames) for key in frame}
+        slots: deque[list[int]] = deque([] for _ in self._frames)
+        factors = self._isam.getFactorsUnsafe()
+        for slot, factor in enumerate(map(factors.at, range(factors.size()))):
+            if factor and not isinstance(factor, gtsam.LinearContainerFactor):
+                frames = set(map(frame_of.__getitem__, factor.keys()))
+                if len(frames) == 1:
+                    slots[frames.pop()].append(slot)
+        return slots
 
 
 class _Labels:

@@ -276,3 +276,17 @@ def test_a_recording_of_other_skeletons(rig: fgpose.CameraRig) -> None:
     config = config_from_dict({"symmetry": {"form": "none"}})  # these random joints have no symmetric body
     trajectory = fgpose.smooth(observations, rig, config)
     assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1e-3
+
+
+@pytest.mark.parametrize("backend", ["chain", "gtsam"])
+def test_symmetry_within_each_frame_of_a_body_without_limb_pairs(
+    backend: str, walking_scene: Scene, rig: fgpose.CameraRig
+) -> None:
+    seen = walking_scene.observations.frames(slice(0, 5))
+    bare = replace(seen, skeleton=replace(seen.skeleton, limbs=()))
+    with_it = {"symmetry": {"form": "frame"}, "solver": {"backend": backend}}
+    without = {"symmetry": {"form": "none"}, "solver": {"backend": backend}}
+    np.testing.assert_array_equal(
+        fgpose.smooth(bare, rig, config_from_dict(with_it)).positions_m,
+        fgpose.smooth(bare, rig, config_from_dict(without)).positions_m,
+    )

@@ -8,7 +8,8 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
-from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_correlated_errors, with_swing
+from fgpose.estimation.noise import with_correlated_errors
+from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_swing
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
 

@@ -1,4 +1,4 @@
-"""The numpy backend against the GTSAM graph of the same segment: cost, step, covariance, solution."""
+"""The normal equations in numpy against the GTSAM graph of the same segment: cost, step, covariance, solution."""
 
 from __future__ import annotations
 
@@ -232,8 +232,8 @@ def whole_graph(segment: Segment) -> gtsam.NonlinearFactorGraph:
 def test_covariance_equals_gtsams_marginals(walking_scene, rig, skeleton, name):
     config = CONFIGS[name]
     segment = difficult_segment(walking_scene, rig, config)
-    equations = NormalEquations(segment)
-    covariance_m2 = equations.covariance_m2(equations.positions_m(equations.initial()))
+    ours = NormalEquations(segment)
+    covariance_m2 = ours.covariance_m2(ours.positions_m(ours.initial()))
     marginals = gtsam.Marginals(whole_graph(segment), GtsamBatch(segment).initial())
     active = comes_and_goes(skeleton)
     for frame, joint in np.ndindex(active.shape):
@@ -268,7 +268,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         depth_sigma_m=np.zeros((1, 0, 17)),
         delay_s=np.zeros((1, 2)),
     )
-    equations = NormalEquations(
+    ours = NormalEquations(
         Segment(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3, np.ones((1, 17)))
     )
     of_detections = np.zeros((3, 3))
@@ -276,11 +276,11 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         R, depth_m = camera.camera_T_world[:3, :3], camera.to_camera_frame(centre_m[0, 0])[2]
         sideways = R[:2]
         of_detections += sideways.T @ sideways * (camera.K[0, 0] / depth_m / 3.0) ** 2
-    found = equations.frame_information(centre_m)
+    found = ours.frame_information(centre_m)
     np.testing.assert_allclose(found[0, 0], of_detections, rtol=1e-9, atol=1e-9 * np.trace(of_detections))
     assert np.isnan(found[0, 1:]).all(), "joints that are not estimated"
     information = of_detections + np.eye(3) / config.prior.position_sigma_m**2
-    covariance_m2 = equations.covariance_m2(centre_m)[0, 0]
+    covariance_m2 = ours.covariance_m2(centre_m)[0, 0]
     np.testing.assert_allclose(covariance_m2, np.linalg.inv(information), rtol=1e-9, atol=1e-18)
 
 
@@ -290,12 +290,12 @@ def test_the_solution_is_that_of_gtsam_on_a_real_recording():
     rig, observations = fgpose.load_recording(fgpose.recordings()[0])
     observations = observations.frames(slice(0, 60))
     solved = {}
-    for backend in ("chain", "gtsam"):
+    for backend in ("numpy", "gtsam"):
         solver = SolverConfig(backend=backend, step_tolerance_m=1e-6, max_iterations=200)
         solved[backend] = fgpose.smooth(observations, rig, Config(solver=solver, motion=MotionConfig(adaptive=False)))
-    apart_m = np.linalg.norm(solved["chain"].positions_m - solved["gtsam"].positions_m, axis=-1)
-    assert solved["chain"].convergence is not None
-    assert solved["chain"].convergence.converged
+    apart_m = np.linalg.norm(solved["numpy"].positions_m - solved["gtsam"].positions_m, axis=-1)
+    assert solved["numpy"].convergence is not None
+    assert solved["numpy"].convergence.converged
     # Both end when no joint moves by more than 1 um. The rough solutions, from which the weights of the last one come,
     # end at 50 um; weights of weakly determined joints amplify that.
     assert np.nanmax(apart_m) < 3e-3

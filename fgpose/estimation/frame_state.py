@@ -1,0 +1,82 @@
+"""The state of a frame in the window of the online estimator."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.keys import position_key, velocity_key
+from fgpose.estimation.segment import FrameTime
+from fgpose.observations import Observations
+from fgpose.trajectory import joint_status
+
+
+@dataclass(frozen=True, eq=False)
+class FrameState:
+    """A frame in the window: its observations, and the pose as it was last read from the solver."""
+
+    at: FrameTime
+    step_s: float
+    """Time since the frame before; inf for the first."""
+    observations: Observations
+    """Of this frame, all cameras of the rig; an image that has not come yet shows nothing."""
+    image_time_s: Float[np.ndarray, " camera"]
+    """When each camera took its image; NaN if it has not come yet."""
+    evidence: Evidence
+    """Of this frame, its detections moved to the time of the frame."""
+    positions_m: Float[np.ndarray, "joint 3"]
+    velocities_mps: Float[np.ndarray, "joint 3"]
+    active: Bool[np.ndarray, " joint"]
+    """Which joints are estimated."""
+    linked: Bool[np.ndarray, " joint"]
+    """Which of them a motion factor joins to the frame before; the others enter the graph here."""
+    status: np.ndarray
+    unseen_s: Float[np.ndarray, " joint"]
+    """Time since any camera saw each joint."""
+    trust: Float[np.ndarray, " joint"]
+    """Weights of the detections of each joint that have fitted lately, summed over the cameras."""
+
+    @property
+    def joints(self) -> list[int]:
+        """The joints that are estimated."""
+        return np.flatnonzero(self.active).tolist()
+
+    @property
+    def position_keys(self) -> list[int]:
+        return [position_key(joint, self.at.frame) for joint in self.joints]
+
+    @property
+    def velocity_keys(self) -> list[int]:
+        return [velocity_key(joint, self.at.frame) for joint in self.joints]
+
+    def carried_on_m(self, step_s: float) -> Float[np.ndarray, "joint 3"]:
+        """Predicted positions after this time, by the velocities."""
+        return self.positions_m + self.velocities_mps * step_s
+
+    def since_seen_s(self, time_s: float) -> Float[np.ndarray, " joint"]:
+        """Time from then to this frame for the joints that a camera sees in it; inf for the others."""
+        return np.where(self.evidence.seen[0], self.at.time_s - time_s, np.inf)
+
+    def joined(
+        self,
+        observations: Observations,
+        image_time_s: Float[np.ndarray, " camera"],
+        evidence: Evidence,
+        entering: Bool[np.ndarray, " joint"],
+    ) -> FrameState:
+        """The frame with another image, by which these joints are triangulated for the first time."""
+        active = self.active | entering
+        return replace(
+            self,
+            observations=observations,
+            image_time_s=image_time_s,
+            evidence=evidence,
+            positions_m=np.where(entering[:, None], evidence.guess_m[0], self.positions_m),
+            velocities_mps=np.where(entering[:, None], 0.0, self.velocities_mps),
+            active=active,
+            status=joint_status(active, evidence.observed[0]),
+            unseen_s=np.where(evidence.seen[0], 0.0, self.unseen_s),
+        )

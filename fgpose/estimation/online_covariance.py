@@ -1,0 +1,61 @@
+"""Covariances of the online estimator: those of the graph, scaled and widened for errors that the graph does not
+model."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import Config
+from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.factors.projection import detection_information
+from fgpose.estimation.frame_state import FrameState
+from fgpose.estimation.noise import with_correlated_errors
+from fgpose.estimation.uncertainty import distrust_factor_online, with_swing
+from fgpose.geometry.camera import CameraRig
+
+
+def online_covariance_m2(
+    state: FrameState,
+    linear_m2: Float[np.ndarray, "active_joint 3 3"],
+    unseen_s: Float[np.ndarray, " joint"],
+    step_s: float,
+    rig: CameraRig,
+    config: Config,
+) -> Float[np.ndarray, "joint 3 3"]:
+    """Covariance of every joint of a frame; NaN where it is not estimated.
+
+    The lagged pose is treated like the newest one. As in batch, the frames after it are known; but hallucinated
+    detections keep the weight that they had in the newest pose, while the batch would lower it.
+
+    Args:
+        state: the frame.
+        linear_m2: marginal covariances in the graph.
+        unseen_s: time to when any camera sees each joint.
+        step_s: usual time from frame to frame.
+        rig: the cameras.
+        config: all parameters.
+    """
+    skeleton = state.observations.skeleton
+    covariance_m2 = np.full((skeleton.n_joints, 3, 3), np.nan)
+    if state.joints:
+        correlated_m2 = with_correlated_errors(linear_m2, _frame_information(state, rig, config), step_s)
+        factor = distrust_factor_online(state.trust, total_weight(state.evidence))
+        covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
+    return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
+
+
+def total_weight(
+    evidence: Evidence, share: float | Float[np.ndarray, "camera joint"] = 1.0
+) -> Float[np.ndarray, " joint"]:
+    """Weights of the detections of each joint in one frame, each times its share, summed over the cameras."""
+    seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
+    return np.where(seen, share * evidence.weights[0], 0.0).sum(axis=0)
+
+
+def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:
+    """Of the detections of this frame alone."""
+    joints, evidence = state.joints, state.evidence
+    detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
+    points_m = state.positions_m[None, joints]
+    return detection_information(rig, *detections, points_m, config.projection)[0]
