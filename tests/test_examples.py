@@ -94,8 +94,8 @@ def test_uncertainty(camera: str):
         for joint in ("neck", "left_elbow", "left_wrist", "right_wrist", "left_ankle")
     }
     for joint, (everything, without_one, _) in sigmas_mm.items():
-        # three cameras for four; 6 px at 4 m and 1100 px are 2 cm for one view of one frame
-        assert everything <= without_one < 2 * everything
+        # three cameras for four, of which one may see the joint badly; 6 px at 4 m and 1100 px are 2 cm for one view
+        assert everything <= without_one < 2.5 * everything
         # cam_01 is 19 px off at the neck and hardly counts there: less than the 0.1 mm of the table
         assert everything < without_one or (camera, joint) == ("cam_01", "neck")
         assert 1 < everything < 20

@@ -147,12 +147,25 @@ def test_a_hallucination_of_one_joint_is_distrusted_however_rare(
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
     scene = simulate(truth_m[:300], skeleton, rig, fps, DetectionNoise(), Occlusion(n_views=0), seed=0)
     wrist, second = skeleton.index("right_wrist"), slice(125, 175)
-    points_px = scene.observations.points2d_px.copy()
-    points_px[second, :2, wrist] += np.array([60.0, -40.0])
-    hallucinated = replace(scene, observations=replace(scene.observations, points2d_px=points_px))
-    errors = {px: errors_mm(hallucinated, px)[second, wrist].mean() for px in (12.0, 1e6)}
-    # 20 mm when the detections are distrusted, 28 mm when they are not
-    assert errors[12.0] < 0.85 * errors[1e6]
+    worst_mm = {12.0: 0.0, 1e6: 0.0}
+    for seed in (2, 3):
+        points_px = scene.observations.points2d_px.copy()
+        points_px[second, :2, wrist] += wandering_px(np.random.default_rng(seed), 50, 1 / fps)
+        hallucinated = replace(scene, observations=replace(scene.observations, points2d_px=points_px))
+        for persistent_px in worst_mm:
+            worst = errors_mm(hallucinated, persistent_px)[second, wrist].max()
+            worst_mm[persistent_px] = max(worst_mm[persistent_px], worst)
+    # 44 mm when the detections are distrusted, 62 mm when they are not
+    assert worst_mm[12.0] < 0.8 * worst_mm[1e6]
+
+
+def wandering_px(rng: np.random.Generator, n_frames: int, step_s: float) -> np.ndarray:
+    """Errors (frame, view, 2) of 45 px per axis that are correlated over 0.5 s, as hallucinations are."""
+    keep = np.exp(-step_s / 0.5)
+    error_px = [45.0 * rng.normal(size=(2, 2))]
+    for _ in range(n_frames - 1):
+        error_px.append(keep * error_px[-1] + np.sqrt(1 - keep**2) * 45.0 * rng.normal(size=(2, 2)))
+    return np.array(error_px)
 
 
 def test_running_persistence_forgets_what_is_older_than_the_memory() -> None:
