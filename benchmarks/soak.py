@@ -1,4 +1,4 @@
-"""Feed the online estimator what no estimator likes: ``python benchmarks/soak.py``. Exit code 1 unless it holds.
+"""The online estimator under random trouble: ``python benchmarks/soak.py``. Exit code 1 unless it holds.
 
 Random scenes (soak_scenes.py), one after the other in a child process (soak_run.py), so that a crash is seen as such
 and ends one run only. What is done already is not done again: an interrupted soak goes on where it stopped.

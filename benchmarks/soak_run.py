@@ -32,7 +32,7 @@ _REPEATED_SHARE = 0.02
 
 @dataclass
 class Result:
-    """What came of a run."""
+    """The result of a run."""
 
     seed: int
     n_frames: int
@@ -45,7 +45,7 @@ class Result:
     failures: list[str] = field(default_factory=list)
     """Exceptions and estimates that contradict themselves; the first few."""
     printed_bytes: int = 0
-    """What reached standard output and standard error."""
+    """The text that reached standard output and standard error."""
     death: str | None = None
 
 

@@ -47,7 +47,7 @@ class Soak:
     clip_fps: float
     fps: float
     missing_share: float
-    """Of all detections, in stretches."""
+    """Share of all detections that is missing, in intervals."""
     with_3d: bool
     starts_s: float
     troubles: frozenset[str]
@@ -202,7 +202,7 @@ def _swinging(soak: Soak, first: int, n_frames: int) -> np.ndarray:
 def _stretches(
     rng: np.random.Generator, shape: tuple[int, ...], share: float, frames: tuple[float, float]
 ) -> np.ndarray:
-    """True for about this share of the frames (first axis), in stretches, for each of the other axes by itself."""
+    """True for about this share of the frames (first axis), in intervals, independently along the other axes."""
     chosen = np.zeros(shape, dtype=bool).reshape(shape[0], -1)
     for column in chosen.T:
         start = 0

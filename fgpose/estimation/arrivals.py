@@ -1,4 +1,4 @@
-"""What comes in live: frames, and images of one camera that belong to a frame."""
+"""The live input: whole frames, and images of one camera, which are assigned to frames."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
 _REMEMBERED_STEPS = 50
-# Nearly a whole step: a frame then has an image of every camera, and they confirm each other. With half a step, four
-# cameras at different times of their step had an error 4 to 8 % (occluded: 26 %) above that of synchronous ones.
+# Nearly a whole step: a frame then has an image of every camera, and the cameras confirm each other. With half a step,
+# four cameras at different times of their step had an error 4 to 8 % (occluded: 26 %) above that of synchronous ones.
 _NEW_FRAME_STEPS = 0.9
 
 
@@ -80,7 +80,8 @@ class Arrivals:
 
 
 def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarray, " camera"]) -> Observations:
-    """The frame with what these cameras saw taken from the image; both have all cameras of the rig."""
+    """The frame with the detections of these cameras replaced by those of the image; both have all cameras of the
+    rig."""
 
     def taken(ours: np.ndarray | None, theirs: np.ndarray | None) -> np.ndarray | None:
         if ours is None and theirs is None:

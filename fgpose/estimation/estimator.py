@@ -148,7 +148,7 @@ class Estimator:
         is_own = np.arange(self.rig.n_cameras) == number
         if at is not None:
             return self._join(at, image, is_own)
-        if self._window:  # what has not come by now was too late for the newest pose
+        if self._window:  # images that come later are too late for the newest pose
             self._learn_lengths(self._window[-1])
             self._learn_offsets()
         return self._begin(image, np.where(is_own, time_s, np.nan), is_whole=False)
@@ -170,7 +170,7 @@ class Estimator:
         return self._estimate(np.isfinite(image_time_s))
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
-        """Another image of a frame in the window: what is known of the frame is gathered and weighed anew."""
+        """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
         state, is_newest = self._read(self._window[at]), at == len(self._window) - 1
         observations = with_image(state.observations, image, is_own)
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
@@ -189,8 +189,8 @@ class Estimator:
         return self._estimate(is_own & is_newest)
 
     def _move(self, at: int, state: FrameState) -> None:
-        """Move joints to where they are triangulated by now, if the images say so. The robust kernels would not: the
-        first images may have shown them elsewhere."""
+        """Move joints to their present triangulation, if that fits the images better. The robust kernels would keep
+        them at the position that the first images gave."""
         current, guess_m = self._read(state), state.evidence.guess_m[0]
         better = fits_better(guess_m, current.positions_m, state.evidence, self._rig, self.config.projection)
         # Two views that agree by chance are contradicted by the next image.
@@ -234,8 +234,9 @@ class Estimator:
         image_time_s: Float[np.ndarray, " camera"],
         evidence: Evidence,
     ) -> FrameState:
-        """First guess of the newest frame: the motion carried on or, where it explains the images better, the
-        triangulated point. Joints that take part are triangulated now or, with a motion model, not too long ago."""
+        """First guess of the newest frame: the predicted position or, if its reprojection error is smaller, the
+        triangulated point. The joints that are estimated are triangulated now or, with a motion model, not too long
+        ago."""
         time_s, guess_m = float(evidence.time_s[0]), evidence.guess_m[0]
         active = self._note(evidence, np.ones(self.skeleton.n_joints, dtype=bool))
         linked, step_s = np.zeros_like(active), np.inf

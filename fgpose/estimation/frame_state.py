@@ -1,4 +1,4 @@
-"""What the online estimator keeps of each frame in its window."""
+"""The state of a frame in the window of the online estimator."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from fgpose.trajectory import joint_status
 
 @dataclass(frozen=True, eq=False)
 class FrameState:
-    """A frame in the window: what was seen, and the pose as it was estimated when it was last looked at."""
+    """A frame in the window: its observations, and the pose as it was last read from the solver."""
 
     at: FrameTime
     step_s: float
@@ -30,7 +30,7 @@ class FrameState:
     positions_m: Float[np.ndarray, "joint 3"]
     velocities_mps: Float[np.ndarray, "joint 3"]
     active: Bool[np.ndarray, " joint"]
-    """Which joints take part."""
+    """Which joints are estimated."""
     linked: Bool[np.ndarray, " joint"]
     """Which of them a motion factor joins to the frame before; the others enter the graph here."""
     status: np.ndarray
@@ -41,7 +41,7 @@ class FrameState:
 
     @property
     def joints(self) -> list[int]:
-        """Those that take part."""
+        """The joints that are estimated."""
         return np.flatnonzero(self.active).tolist()
 
     @property
@@ -53,7 +53,7 @@ class FrameState:
         return [velocity_key(joint, self.at.frame) for joint in self.joints]
 
     def carried_on_m(self, step_s: float) -> Float[np.ndarray, "joint 3"]:
-        """Where the joints would be so much later at their velocities."""
+        """Predicted positions after this time, by the velocities."""
         return self.positions_m + self.velocities_mps * step_s
 
     def since_seen_s(self, time_s: float) -> Float[np.ndarray, " joint"]:

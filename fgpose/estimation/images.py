@@ -1,4 +1,4 @@
-"""A motion held against the images of one frame."""
+"""A motion compared with the images of one frame."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Errors of detections that are correlated in time: more frames tell less than as many independent measurements.
+"""Errors of detections that are correlated in time: n frames carry less information than n independent measurements.
 
-Whatever counts errors asks here: covariances, bone lengths, time offsets, the depth of a view.
+Used wherever errors are counted: covariances, bone lengths, time offsets, the depth of a view.
 """
 
 from __future__ import annotations
@@ -53,6 +53,6 @@ def with_correlated_errors(
 
 def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
     """Mean of exp(-|a - b|) over all a and b in [0, duration]."""
-    # Of a short one no digit is left after the subtractions: its series.
+    # For a short duration the subtractions cancel all digits: take the series.
     exact = 2 * (duration - 1 + np.exp(-duration)) / np.maximum(duration, _SHORT) ** 2
     return np.where(duration > _SHORT, exact, 1 - duration / 3)

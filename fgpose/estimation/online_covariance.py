@@ -1,4 +1,5 @@
-"""Covariances of the online estimator: those of the graph, for what the graph does not know of its errors."""
+"""Covariances of the online estimator: those of the graph, scaled and widened for errors that the graph does not
+model."""
 
 from __future__ import annotations
 
@@ -22,10 +23,10 @@ def online_covariance_m2(
     rig: CameraRig,
     config: Config,
 ) -> Float[np.ndarray, "joint 3 3"]:
-    """Covariance of every joint of a frame; NaN where it takes no part.
+    """Covariance of every joint of a frame; NaN where it is not estimated.
 
-    The lagged pose is treated as the newest one is. It has seen what follows, as the batch has; but what was
-    hallucinated has entered the window, and the batch would have noticed.
+    The lagged pose is treated like the newest one. As in batch, the frames after it are known; but hallucinated
+    detections keep the weight that they had in the newest pose, while the batch would lower it.
 
     Args:
         state: the frame.
@@ -47,7 +48,7 @@ def online_covariance_m2(
 def total_weight(
     evidence: Evidence, share: float | Float[np.ndarray, "camera joint"] = 1.0
 ) -> Float[np.ndarray, " joint"]:
-    """Weights of the detections of each joint in one frame, of each this share, summed over the cameras."""
+    """Weights of the detections of each joint in one frame, each times its share, summed over the cameras."""
     seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
     return np.where(seen, share * evidence.weights[0], 0.0).sum(axis=0)
 

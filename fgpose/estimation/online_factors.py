@@ -20,7 +20,7 @@ from fgpose_factors import freeze
 def segment_of(
     state: FrameState, rig: CameraRig, lengths: RunningLengths, density: Float[np.ndarray, " joint"], config: Config
 ) -> Segment:
-    """A frame in the window as what factors are made from; density: see process_noise."""
+    """A frame in the window as a segment, from which factors are made; density: see process_noise."""
     is_first = not np.isfinite(state.step_s)
     return Segment(
         rig=rig,

@@ -34,7 +34,8 @@ from threadpoolctl import ThreadpoolController
 Result = TypeVar("Result")
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
-# Where all is lost but where the joints were. Loose enough that new detections (about 1 cm) decide.
+# Of the priors after a start from the estimates alone, metres and m/s. So loose that new detections (about 1 cm)
+# dominate.
 _RESTART_SIGMA = 0.1
 # What GTSAM's exceptions become in Python; LinAlgError of numpy is a ValueError.
 _FAILURES = (RuntimeError, IndexError, ValueError)
@@ -43,9 +44,9 @@ _FAILURES = (RuntimeError, IndexError, ValueError)
 class FixedLagSmoother:
     """The variables of the newest frames; older ones live on as a prior on the oldest frame that is left.
 
-    It does not fail where GTSAM does. GTSAM's Cholesky factorisation refuses a system in which one thing is known
-    thousands of times better than another: at 100 Hz and more, how far a joint moves from frame to frame, and where it
-    is while hardly anybody sees it. QR takes such a system, in 2.5 times the time, so for the length of a window the
+    It does not fail where GTSAM does. GTSAM's Cholesky factorisation refuses a system in which one quantity is known
+    thousands of times better than another: at 100 Hz and more, the motion from frame to frame and the position of a
+    joint that hardly any camera sees. QR takes such a system, in 2.5 times the time, so for the length of a window the
     elimination is by QR. Where there is no solution at all, it starts again from its own estimates.
 
     Args:
@@ -125,7 +126,7 @@ class FixedLagSmoother:
             self._recover()
 
     def drop_oldest(self) -> None:
-        """Marginalise the oldest frame: what is known of it stays as a prior on the next."""
+        """Marginalise the oldest frame: its information stays as a prior on the next one."""
         oldest = self._frames[0]
         if oldest:
             self._tried(lambda: self._isam.marginalizeLeaves(_key_list(oldest)))
@@ -197,7 +198,7 @@ class FixedLagSmoother:
         return params
 
     def _tried(self, act: Callable[[], Result]) -> Result:
-        """What GTSAM gives, if need be after a recovery, or after a start without any factor that could do harm."""
+        """The result of GTSAM; if it fails, after a recovery by QR, or else after a start from the estimates alone."""
         for recover in (self._recover, self._start_again):
             try:
                 return act()
@@ -238,7 +239,7 @@ class FixedLagSmoother:
         self._slots = self._own_slots()
 
     def _start_again(self) -> None:
-        """With every variable of the window at its last estimate, each by itself: that cannot fail."""
+        """Start again with a prior on every variable of the window, around its last estimate: that cannot fail."""
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         noise = gtsam.noiseModel.Isotropic.Sigma(3, _RESTART_SIGMA)
         for key, estimate in self._estimates.items():

@@ -297,7 +297,7 @@ def test_the_solution_is_that_of_gtsam_on_a_real_recording():
     apart_m = np.linalg.norm(solved["numpy"].positions_m - solved["gtsam"].positions_m, axis=-1)
     assert solved["numpy"].convergence is not None
     assert solved["numpy"].convergence.converged
-    # Both end when the error falls by less than 1e-7 of itself: of 11,300 in the first of the two solves that is 0.05
-    # sigma for one joint, here of 60 mm. The weights of the second solve come from the first.
+    # Both end when no joint moves by more than 1 um. The rough solutions, from which the weights of the last one come,
+    # end at 50 um; weights of weakly determined joints amplify that.
     assert np.nanmax(apart_m) < 3e-3
     assert np.nanmedian(apart_m) < 1e-4
