@@ -94,6 +94,7 @@ def test_the_error_of_what_is_correlated_is_what_is_claimed(rig: fgpose.CameraRi
     np.testing.assert_allclose(fast.offsets_s, slow.offsets_s, atol=0.005)
 
 
+@pytest.mark.slow
 def test_a_smoother_that_has_not_converged_is_told(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     assert fgpose.estimate_time_offsets(late, rig).converged
     hasty = Config(solver=SolverConfig(max_iterations=1))

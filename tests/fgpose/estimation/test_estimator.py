@@ -147,6 +147,7 @@ def test_the_lagged_covariance_is_the_marginal_of_the_window(
     np.testing.assert_allclose(smoother.oldest_covariances(keys), smoother.covariances(keys), rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_frame_is_known_better_one_lag_later(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """A wrist that is unseen for 0.2 s is seen again within the lag: what is known of it then is a multiple."""
     wrist = mocap_clear.observations.skeleton.index("left_wrist")

@@ -117,6 +117,7 @@ def test_one_frame_is_judged_by_itself() -> None:
     assert weights_of(error_px)[0, 0, 0] == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_it_helps_under_occlusion(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     scene = simulate(truth_m[:100], skeleton, rig, fps, DetectionNoise(), Occlusion(), seed=1)

@@ -101,6 +101,7 @@ def test_finds_the_truth_when_the_detections_are_exact(rig, skeleton):
     np.testing.assert_allclose(refine(scene.observations, rig).positions_m, truth_m, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_is_better_than_the_fused_pose_it_starts_from(walking_scene: Scene, rig: CameraRig):
     observations = walking_scene.observations
     truth_m = walking_scene.truth_m

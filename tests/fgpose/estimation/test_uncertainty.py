@@ -80,6 +80,7 @@ def covered(observations: fgpose.Observations, rig: fgpose.CameraRig, truth_m: n
     return {percent: float(100 * np.mean(squared < chi2.ppf(percent / 100, 3))) for percent in (50, 90, 99)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["mocap_scene", "walking_scene"])
 def test_covariances_cover_the_error(scene: str, request: pytest.FixtureRequest, rig: fgpose.CameraRig) -> None:
     """Occluded and not. One scene of two or three seconds has a few dozen independent errors of 17 joints: eight
@@ -91,6 +92,7 @@ def test_covariances_cover_the_error(scene: str, request: pytest.FixtureRequest,
     assert found[99] > 95
 
 
+@pytest.mark.slow
 def test_the_covariance_of_single_frames_covers_the_error(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
     """Nothing is averaged over time, so correlation has no effect. On the safe side only: sigma_px is cautious."""
     singles = [slice(frame, frame + 1) for frame in range(0, 60, 6)]
