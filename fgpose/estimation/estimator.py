@@ -332,21 +332,14 @@ class Estimator:
         if not self._is_lagged(oldest, time_s):
             return None
         oldest = replace(oldest, positions_m=self._points(oldest.position_keys, oldest.active))
-        covariance_m2 = None
-        if self.config.online.smoothed_covariance:
-            unseen_s = np.min(
-                [oldest.unseen_s, *(state.since_seen_s(oldest.at.time_s) for state in self._window)], axis=0
-            )
-            linear_m2 = self._smoother.oldest_covariances(oldest.position_keys)
-            covariance_m2 = self._covariance_m2(oldest, linear_m2, unseen_s)
-        return Estimate(
-            skeleton=self.skeleton,
-            frame=oldest.at.frame,
-            time_s=oldest.at.time_s,
-            positions_m=oldest.positions_m,
-            status=oldest.status,
-            covariance_m2=covariance_m2,
-        )
+        covariance_m2 = self._lagged_covariance_m2(oldest) if self.config.online.smoothed_covariance else None
+        frame, time_s = oldest.at.frame, oldest.at.time_s
+        return Estimate(self.skeleton, frame, time_s, oldest.positions_m, oldest.status, covariance_m2)
+
+    def _lagged_covariance_m2(self, oldest: FrameState) -> np.ndarray:
+        later_s = [state.since_seen_s(oldest.at.time_s) for state in self._window]
+        linear_m2 = self._smoother.oldest_covariances(oldest.position_keys)
+        return self._covariance_m2(oldest, linear_m2, np.min([oldest.unseen_s, *later_s], axis=0))
 
     def _covariance_m2(self, state: FrameState, linear_m2: np.ndarray, unseen_s: np.ndarray) -> np.ndarray:
         return online_covariance_m2(state, linear_m2, unseen_s, self._usual_step_s(), self._rig, self.config)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fgpose import config as config_module
+from fgpose import parameters
 from fgpose.config import Config, config_to_toml, load_config
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -93,7 +93,7 @@ def _comment(text: str) -> list[str]:
 
 def _field_docstrings(cls: type) -> dict[str, str]:
     """The string below each field, which Python itself does not keep."""
-    tree = ast.parse(inspect.getsource(config_module))
+    tree = ast.parse(inspect.getsource(parameters))
     (body,) = (node.body for node in tree.body if isinstance(node, ast.ClassDef) and node.name == cls.__name__)
     explanations = {}
     for statement, following in itertools.pairwise(body):

@@ -1,0 +1,227 @@
+"""The parameters of each part: every number in physical units, with the effect of raising it.
+
+The defaults live here and nowhere else; ``configs/default.toml`` is tested equal to them. The field docstrings are
+what ``--help`` prints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from fgpose_factors.kernels import Kernel
+
+
+@dataclass(frozen=True)
+class FusionConfig:
+    """Fusion of the per-view 3D poses (eq. 1-2), or robust triangulation where there are none."""
+
+    exponent: Literal["squared", "unsquared"] = "squared"
+    """Reprojection error in the weights of eq. 2: squared as printed, or un-squared as in the authors' earlier code.
+    Squared trusts the best view more."""
+    mean: Literal["reprojection", "covariance"] = "reprojection"
+    """reprojection: eq. 1-2. covariance: by the covariance that each view states, with a robust kernel; where there is
+    none, eq. 1-2."""
+    inlier_px: float = 20.0
+    """Views whose detection lies farther than this from a triangulated point are outliers. Raising it keeps more views,
+    also worse ones."""
+    anchor_sigma_m: float = 0.3
+    """Standard deviation of the fused per-view 3D, metres: a joint that cannot be triangulated is held near it. Raising
+    it trusts motion and bones more."""
+
+
+@dataclass(frozen=True)
+class ProjectionConfig:
+    """Reprojection factors: one per camera, joint and frame."""
+
+    sigma_px: float = 6.0
+    """Standard deviation of a good detection. Raising it trusts motion and bones more."""
+    kernel: Kernel = "cauchy"
+    """Robust kernel on the reprojection error."""
+    kernel_scale: float = 2.2
+    """Error, in sigmas, from which the kernel begins to discount a detection. Raising it trusts outliers more."""
+    weighting: Literal["fusion", "confidence", "uniform"] = "fusion"
+    """Where the weight of each detection comes from: the views' agreement (eq. 2) and the detector's confidence, the
+    confidence alone, or none."""
+    confirming_px: float = 20.0
+    """Distance between a detection and the nearest candidate of another view at which the agreement makes up for half
+    of the missing confidence (weighting = fusion). Raising it uses the detector's confidence less."""
+    agreement_px: float = 100.0
+    """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
+    fusion). Raising it trusts detections that no other view confirms."""
+    min_weight: float = 0.001
+    """Least weight of a detection, so that none is switched off. Raising it makes the weights more equal."""
+    persistent_px: float = 12.0
+    """Median error of a joint in a camera, over memory_s before and after, at which the weight of a detection is halved
+    (batch only): it is probably hallucinated. Raising it trusts detections that have not fitted for a while."""
+    memory_s: float = 0.12
+    """Time before and after a detection over which the median error is taken, seconds. Raising it detects short
+    occlusions less."""
+
+
+@dataclass(frozen=True)
+class DepthConfig:
+    """The depth that each view's own 3D gives a joint, as a factor along its ray; needs per-view 3D with covariance.
+
+    Across the ray the factor has no information: the view's 2D detection has it already.
+    """
+
+    use: Literal["never", "few_views", "always"] = "few_views"
+    """few_views: for joints that at most two cameras detect."""
+    sigma_scale: float = 1.0
+    """Factor on the standard deviation of the depth that the network states. Raising it trusts the depth less."""
+    correlation_s: float = 0.02
+    """Time over which the error of a view's depth is correlated: all frames within twice this count as one measurement,
+    seconds. Raising it trusts the depth less. (Measured is about 0.15 s; this value gave the lowest errors where the
+    depth is needed.)"""
+    kernel: Kernel = "cauchy"
+    """Robust kernel."""
+    kernel_scale: float = 1.5
+    """Error, in sigmas, from which the kernel begins to discount a depth. Raising it trusts outliers more."""
+
+
+@dataclass(frozen=True)
+class SymmetryConfig:
+    """Left and right bones are equally long."""
+
+    form: Literal["none", "frame", "shared_length"] = "shared_length"
+    """frame: left minus right limb length within each frame (eq. 4). shared_length: one unknown length per bone pair,
+    the same left and right and at all times."""
+    sigma_m: float = 0.005
+    """Standard deviation of the difference (frame) or of a bone around its length (shared_length), metres. Raising it
+    lets bones vary more."""
+
+
+@dataclass(frozen=True)
+class MotionConfig:
+    """Smoothness over time."""
+
+    model: Literal["none", "random_walk", "constant_velocity"] = "constant_velocity"
+    """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
+    adaptive: bool = True
+    """Let each joint's acceleration density follow its motion (constant_velocity): 2 * acceleration_time_s * mean
+    square acceleration nearby_s around. Otherwise it is acceleration_density at all times."""
+    acceleration_time_s: float = 0.06
+    """Time constant with which an acceleration passes, seconds (adaptive). Raising it follows motion more closely and
+    smooths less."""
+    nearby_s: float = 0.2
+    """Time before and after over which accelerations are averaged, seconds (adaptive). Raising it follows changes of
+    pace less."""
+    acceleration_density: float = 4.0
+    """Power spectral density of the acceleration, m^2/s^3 (constant_velocity); where adaptive, until the motion is
+    known. Raising it follows fast motion more closely and smooths less."""
+    velocity_density: float = 1.0
+    """Power spectral density of the velocity, m^2/s (random_walk). Raising it smooths less."""
+    fade_s: float = 0.05
+    """Time constant with which the velocity of an unseen joint fades to that of the body, seconds. Raising it carries
+    its last movement on for longer."""
+    max_unseen_s: float = 3.0
+    """A joint that two cameras have not seen for longer than this is given up (NaN) until it is seen again."""
+
+
+@dataclass(frozen=True)
+class SwingConfig:
+    """How far a joint that no camera sees may have swung around the joint that holds it; widens its covariance only.
+
+    The defaults fit the error of 60 intervals of 2 s, unseen, on four motion capture clips (CMU): rms 0.18, 0.31, 0.49,
+    0.60, 0.59 bone lengths after 0.1, 0.2, 0.4, 1 and 2 s, wrists 0.84 in the end.
+    """
+
+    angle_rad: float = 0.85
+    """Root mean square angle after a long time, radians. Raising it makes unseen joints less certain."""
+    time_s: float = 0.35
+    """Time constant with which the angle grows, seconds. Raising it keeps unseen joints certain for longer."""
+
+
+@dataclass(frozen=True)
+class PriorConfig:
+    """Weak priors that keep every joint determined. They should not change a result noticeably."""
+
+    position_sigma_m: float = 5.0
+    """Standard deviation of a joint around its first guess, metres."""
+    velocity_sigma_mps: float = 3.0
+    """Standard deviation of a joint's first velocity around zero, m/s."""
+    length_sigma_m: float = 0.3
+    """Standard deviation of a bone's length around its first guess, metres."""
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """The paper's method: each frame alone, eq. 3-5."""
+
+    px_per_mm: float = 1.0
+    """Eq. 5 adds squared pixels and squared lengths and leaves the unit of length open: pixels of reprojection error
+    that cost as much as one millimetre of asymmetry. Raising it enforces symmetry more."""
+
+
+@dataclass(frozen=True)
+class CalibrationConfig:
+    """Calibrating the cameras on the recording itself (refine_rig, estimate_time_offsets, self_calibrate); only done
+    when asked for. Of these, the online estimator of time offsets uses those named offset_ and error_."""
+
+    rotation_sigma_deg: float = 0.1
+    """Standard deviation of the orientation of an untouched camera in the calibration, degrees. Raising it moves
+    cameras further."""
+    translation_sigma_m: float = 0.005
+    """Standard deviation of the position of an untouched camera in the calibration, metres. Raising it moves cameras
+    further."""
+    bumped_sigmas: float = 1.0
+    """Move of a camera, in these standard deviations, from which the prior discounts it as bumped (scale of a Cauchy
+    kernel).
+    Raising it spreads the move of one camera over all of them, which shifts the world."""
+    offset_sigma_s: float = 0.1
+    """Standard deviation of the time offsets that the rig has, seconds. Raising it trusts the recording more."""
+    offset_memory_s: float = 30.0
+    """Time constant with which the online estimate of time offsets forgets, seconds, since clocks drift. Raising it
+    makes the offsets less noisy and slower to follow a drift."""
+    error_correlation_s: float = 0.15
+    """Time over which the errors of a pose network are correlated, seconds: all frames within twice this count as one
+    measurement of a time offset. Raising it trusts the recording less."""
+    independent_measurements: float = 50.0
+    """How many independent measurements of a camera's pose all its detections are worth: the errors of a network on one
+    person in one view are correlated. Raising it trusts the recording more, the calibration less."""
+    max_frames: int = 300
+    """Frames that are used, spread evenly. Raising it takes longer."""
+    max_duration_s: float = 30.0
+    """Longest part of the recording that time offsets are estimated on, seconds; the part where most is seen. Raising
+    it takes longer."""
+    max_rounds: int = 8
+    """Greatest number of times that the motion is smoothed while time offsets are estimated. Raising it lets difficult
+    recordings converge and may take longer."""
+
+
+@dataclass(frozen=True)
+class SolverConfig:
+    """Batch optimisation (Levenberg-Marquardt)."""
+
+    backend: Literal["numpy", "gtsam"] = "numpy"
+    """What linearises the factors and solves for the step. numpy: all factors of a kind at once, frame after frame in
+    LAPACK. gtsam: GTSAM, on a graph of the same factors; several times slower, and the same result."""
+    max_iterations: int = 100
+    """Upper bound of iterations per window."""
+    step_tolerance_m: float = 5e-4
+    """Converged when an iteration moves no joint by more than this, metres. Raising it stops earlier."""
+    window_s: float = 15.0
+    """Longer recordings are solved in windows of this length, seconds. Raising it takes more memory."""
+    overlap_s: float = 0.75
+    """Each window is extended by this beyond its ends, seconds. Raising it makes seams smaller and takes longer."""
+    covariance: bool = True
+    """Also compute the marginal covariance of every joint in every frame; adds a quarter to the time."""
+
+
+@dataclass(frozen=True)
+class OnlineConfig:
+    """Online estimation (iSAM2, fixed lag)."""
+
+    lag_s: float = 0.5
+    """How far back a new image still changes the past, seconds. Raising it makes the smoothed result better and each
+    update slower; inf keeps the whole history (short recordings only: time and memory grow without end)."""
+    relinearize_m: float = 0.03
+    """A joint is linearised again when it moves by more than this, metres. Raising it is faster and less exact."""
+    covariance: bool = True
+    """Also give the covariance of the newest joints."""
+    smoothed_covariance: bool = False
+    """Also give the covariance of the joints that are one lag old. It is that of the whole window: an update takes two
+    to three times as long."""
+    estimate_time_offsets: bool = False
+    """Learn by how much each camera's clock is off from that of the first."""
