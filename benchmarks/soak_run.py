@@ -13,6 +13,7 @@ import os
 import stat
 import sys
 import traceback
+import warnings
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -114,7 +115,9 @@ def _refused(estimator: fgpose.Estimator, frames: list[fgpose.Observations]) -> 
 
 def _batch(soak: Soak, n_frames: int, result: Result) -> None:
     observations = next(parts(soak, min(n_frames, _BATCH_FRAMES)))
-    trajectory = fgpose.smooth(observations, soak.rig, soak.config)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=".*has not converged")  # documented, and part of the result
+        trajectory = fgpose.smooth(observations, soak.rig, soak.config)
     complain(result, "batch", trajectory.positions_m, trajectory.status, trajectory.covariance_m2)
 
 

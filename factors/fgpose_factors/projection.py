@@ -6,6 +6,9 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
+NEAREST_M = 0.01
+"""Nothing is seen nearer than this: towards the camera the Jacobian grows without bound, and so does the information."""
+
 
 def projection_residual(
     point_m: Float[np.ndarray, "*points 3"],
@@ -22,11 +25,11 @@ def projection_residual(
         measured_px: undistorted pixels.
 
     Returns:
-        Residual in pixels and its Jacobian by the point. NaN at or behind the camera.
+        Residual in pixels and its Jacobian by the point. NaN behind the camera and within NEAREST_M of its plane.
     """
     R, focal_px = camera_T_world[:3, :3], np.diag(K)[:2]
     in_camera = point_m @ R.T + camera_T_world[:3, 3]
-    depth_m = np.where(in_camera[..., 2:] > 0, in_camera[..., 2:], np.nan)
+    depth_m = np.where(in_camera[..., 2:] > NEAREST_M, in_camera[..., 2:], np.nan)
     normalized = in_camera[..., :2] / depth_m
     residual = normalized * focal_px + K[:2, 2] - measured_px
     jacobian = focal_px[:, None] / depth_m[..., None] * (R[:2] - normalized[..., None] * R[2])

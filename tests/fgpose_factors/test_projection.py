@@ -134,3 +134,10 @@ def test_a_point_behind_the_camera_neither_pulls_nor_prints(capfd):
     printed = capfd.readouterr()
     assert printed.out == ""
     assert printed.err == ""
+
+
+def test_nothing_is_seen_in_the_plane_of_the_camera():
+    """A Jacobian of 1e12 px/m would leave no digit for anything else in the system."""
+    for depth_m, seen in ((1e-9, False), (0.009, False), (0.011, True)):
+        residual, (jacobian,) = projection_residual(np.array([0.0, 0.0, depth_m]), np.eye(4), K, np.zeros(2))
+        assert np.isfinite(residual).all() == np.isfinite(jacobian).all() == seen
