@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 NEAREST_M = 0.01
-"""Nothing is seen nearer than this: towards the camera the Jacobian grows without bound, and so does the information."""
+"""Nothing is seen nearer than this: towards the camera the Jacobian, and with it the information, has no bound."""
 
 
 def projection_residual(
