@@ -70,6 +70,7 @@ def smooth(
     return smooth_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
 
 
+@one_blas_thread()
 def smooth_evidence(
     evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config, progress: Progress | None = None
 ) -> Trajectory:
@@ -90,7 +91,7 @@ def smooth_evidence(
         warnings.warn(
             f"the smoother has not converged within solver.max_iterations = {config.solver.max_iterations} in "
             f"{sum(parts)} of {len(parts)} windows; the largest errors may be centimetres",
-            stacklevel=3,
+            stacklevel=4,  # past the decorator and smooth
         )
     return _trajectory(recording, solution)
 
@@ -149,19 +150,18 @@ def _with_learned_lengths(recording: Segment) -> Segment:
 
 def _solve(segment: Segment) -> Solution:
     """Alternate between the optimum and the delays, hallucinated detections and process noise that follow from it."""
-    with one_blas_thread():
-        solution = _optimum(_roughly(segment))
-        for _ in range(_ROUNDS - 1):
-            solution = _optimum(_roughly(_informed(segment, solution)))
-        informed = _informed(segment, solution)
-        solution = _optimum(informed)
-        return _with_covariance(informed, solution) if segment.config.solver.covariance else solution
+    solution = _optimum(_roughly(segment))
+    for _ in range(_ROUNDS - 1):
+        solution = _optimum(_roughly(_informed(segment, solution)))
+    informed = _informed(segment, solution)
+    solution = _optimum(informed)
+    return _with_covariance(informed, solution) if segment.config.solver.covariance else solution
 
 
 def _roughly(segment: Segment) -> Segment:
     """The segment with a wider tolerance."""
-    solver = replace(segment.config.solver, step_tolerance_m=_ROUGHLY * segment.config.solver.step_tolerance_m)
-    return replace(segment, config=replace(segment.config, solver=solver))
+    tolerance_m = _ROUGHLY * segment.config.solver.step_tolerance_m
+    return replace(segment, config=segment.config.replace(solver={"step_tolerance_m": tolerance_m}))
 
 
 def _informed(segment: Segment, solution: Solution) -> Segment:
