@@ -47,6 +47,15 @@ def image_motion_px(
     if not delay_s.any():
         return np.zeros((*delay_s.shape, positions_m.shape[1], 2))
     at_camera_m = np.stack([_at(time_s + delay_s[:, c], positions_m, time_s) for c in range(rig.n_cameras)], axis=1)
+    return image_shift_px(positions_m, at_camera_m, rig)
+
+
+def image_shift_px(
+    positions_m: Float[np.ndarray, "*frames joint 3"],
+    at_camera_m: Float[np.ndarray, "*frames camera joint 3"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "*frames camera joint 2"]:
+    """How far the image of each joint moves in each camera from one position to another; zero where not known."""
     return np.nan_to_num(rig.project_each(at_camera_m) - rig.project(positions_m))
 
 

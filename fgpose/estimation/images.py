@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig
+from fgpose.estimation.delays import image_shift_px
 from fgpose.estimation.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
 
@@ -23,7 +24,7 @@ def on_time(
     if not delay_s.any():
         return evidence
     at_camera_m = positions_m + velocities_mps * delay_s[:, None, None]
-    moved_px = np.nan_to_num(rig.project_each(at_camera_m) - rig.project(positions_m))
+    moved_px = image_shift_px(positions_m, at_camera_m, rig)
     return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
 
 

@@ -3,6 +3,8 @@ model."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
@@ -49,8 +51,7 @@ def total_weight(
     evidence: Evidence, share: float | Float[np.ndarray, "camera joint"] = 1.0
 ) -> Float[np.ndarray, " joint"]:
     """Weights of the detections of each joint in one frame, each times its share, summed over the cameras."""
-    seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
-    return np.where(seen, share * evidence.weights[0], 0.0).sum(axis=0)
+    return replace(evidence, weights=share * evidence.weights).total_weight[0]
 
 
 def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:

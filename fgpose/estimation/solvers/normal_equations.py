@@ -7,7 +7,6 @@ every factor separately, which takes several times as long for a graph as regula
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -41,30 +40,24 @@ class NormalEquations:
         n_frames, n_kinds, n_slots = len(segment.active), 1 + segment.with_velocity, len(segment.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
         self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
+        self._shape = self._frames.shape[:4]
+        self.step_tolerance = segment.config.solver.step_tolerance_m
+        self.damping_scale = self._damping_scale()
 
     def initial(self) -> BatchState:
         """The first guess; velocities start at zero, the solution does not depend on them."""
         segment = self._segment
-        joints = np.zeros(self._frames.shape[:4])
+        joints = np.zeros(self._shape)
         joints[:, 0][self._active] = segment.start_m[:, segment.joints][self._active]
         return BatchState(joints, np.nan_to_num(segment.lengths_m))
 
     def error(self, state: BatchState) -> float:
         return sum(factors.error(state) for factors in self._factors)
 
-    @property
-    def step_tolerance(self) -> float:
-        return self._segment.config.solver.step_tolerance_m
-
-    @property
-    def damping_scale(self) -> Float[np.ndarray, " unknown"]:
-        return self._damping_scale
-
-    @cached_property
     def _damping_scale(self) -> Float[np.ndarray, " unknown"]:
         """1 for positions, squared seconds for velocities, the number of frames for lengths: they move joints in all
         frames."""
-        joints = np.ones(self._frames.shape[:4])
+        joints = np.ones(self._shape)
         joints[:, 1:] = DAMPING_TIME_S**2
         return np.append(joints, np.full(self._segment.skeleton.n_lengths, float(len(joints))))
 
@@ -83,11 +76,11 @@ class NormalEquations:
         for factors in self._factors:
             if isinstance(factors, SharedLengths):
                 factors.add_tension(information, state)
-        joints, lengths = self._split(damping * self.damping_scale)
+        joints, lengths = _split(damping * self.damping_scale, self._shape)
         np.einsum("tkjakja->tkja", self._frames)[:] += joints
         np.einsum("ll->l", information.corner)[:] += lengths
         try:
-            return _Factorized(self._factorize(information), joints.shape)
+            return _Factorized(self._factorize(information), self._shape)
         except np.linalg.LinAlgError:
             return None
 
@@ -104,16 +97,12 @@ class NormalEquations:
         border = information.border.reshape(len(diagonal), size, -1)
         return BlockTridiagonal(diagonal, self._coupling, border, information.corner)
 
-    def _split(self, vector: Float[np.ndarray, " unknown"]) -> tuple[np.ndarray, np.ndarray]:
-        """Its parts of joints (frame kind joint 3) and of lengths."""
-        return _split(vector, self._frames.shape[:4])
-
     def moved(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> BatchState:
-        joints, lengths_m = self._split(step)
+        joints, lengths_m = _split(step, self._shape)
         return BatchState(state.joints + joints, state.lengths_m + lengths_m)
 
     def step_size(self, step: Float[np.ndarray, " unknown"]) -> float:
-        moves_m = np.linalg.norm(self._split(step)[0][:, 0][self._active], axis=-1)
+        moves_m = np.linalg.norm(_split(step, self._shape)[0][:, 0][self._active], axis=-1)
         return float(moves_m.max(initial=0.0))
 
     def positions_m(self, state: BatchState) -> Float[np.ndarray, "frame joint 3"]:
@@ -172,5 +161,6 @@ class _Factorized:
 
 
 def _split(vector: Float[np.ndarray, " unknown"], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """The parts of a vector of all unknowns: of the joints, in this shape (frame kind joint 3), and of the lengths."""
     size = int(np.prod(shape))
     return vector[:size].reshape(shape), vector[size:]
