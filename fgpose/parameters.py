@@ -53,7 +53,8 @@ class ProjectionConfig:
     """Least weight of a detection, so that none is switched off. Raising it makes the weights more equal."""
     persistent_px: float = 12.0
     """Median error of a joint in a camera, over memory_s before and after, at which the weight of a detection is halved
-    (batch only): it is probably hallucinated. Raising it trusts detections that have not fitted for a while."""
+    (batch only): it is probably hallucinated. Raising it trusts detections that have not fitted for a while. Twice the
+    median error of the recording is the least."""
     memory_s: float = 0.12
     """Time before and after a detection over which the median error is taken, seconds. Raising it detects short
     occlusions less."""
