@@ -40,7 +40,7 @@ class Result:
     conditions: list[str]
     repairs: int = 0
     memory_growth_mb: float = 0.0
-    """Most resident memory in the last quarter of the run, over that before; 0 where the window was longer then."""
+    """Median resident memory in the last quarter of the run, over the quarters before."""
     slots: float = 0.0
     """Most slots for factors that iSAM2 held, over what the frames of the window can need."""
     failures: list[str] = field(default_factory=list)
@@ -64,20 +64,22 @@ def run(soak: Soak, n_frames: int) -> Result:
 def _online(soak: Soak, n_frames: int, result: Result) -> None:
     rng = np.random.default_rng([soak.seed, 1])
     estimator = fgpose.Estimator(soak.rig, soak.skeleton, soak.config)
-    most_mb, longest = np.zeros(4), np.zeros(4, dtype=int)
+    held_mb: tuple[list[float], ...] = ([], [], [], [])
+    longest = 0
     for number, (before, frame) in enumerate(itertools.pairwise(_frames(soak, n_frames))):
         check(estimator.update(frame), result)
         if "repeated and old frames" in soak.troubles and number and rng.random() < _REPEATED_SHARE:
             _refused(estimator, [frame, before])
         quarter = 4 * number // n_frames
-        longest[quarter] = max(longest[quarter], len(estimator._window))
-        result.slots = max(result.slots, _n_factors(estimator) / _most_factors(soak, int(longest.max())))
+        longest = max(longest, len(estimator._window))
+        result.slots = max(result.slots, _n_factors(estimator) / _most_factors(soak, longest))
         # QR takes several times the memory, but for a while only.
         if number % _FRAMES_PER_LOOK == 0 and not estimator._smoother._qr_frames:
-            most_mb[quarter] = max(most_mb[quarter], _held_mb())
+            held_mb[quarter].append(_held_mb())
     result.repairs = estimator.repairs
-    if longest[3] <= longest[:3].max():
-        result.memory_growth_mb = float(most_mb[3] - most_mb[:3].max())
+    usual_mb = [float(np.median(quarter)) for quarter in held_mb if quarter]
+    if len(usual_mb) == len(held_mb):
+        result.memory_growth_mb = usual_mb[-1] - max(usual_mb[:-1])
 
 
 def _held_mb() -> float:

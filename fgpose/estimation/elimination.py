@@ -7,7 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-_MIN_INFORMATION = 1e-9  # 1/m^2, keeps a joint that no two cameras see invertible; it then contributes nothing
+# What keeps a joint that no two cameras see invertible; it then contributes nothing. The relative one is far above the
+# rounding errors of a joint next to a camera, whose information is 1e8 / m^2 in two directions and zero in the third.
+_MIN_INFORMATION = 1e-9  # 1/m^2
+_MIN_INFORMATION_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +61,9 @@ def eliminate_joints(
     """
     n_cameras, each = by_camera.shape[1], by_camera.shape[-1]
     weighted = weights[..., None, None] * by_joint
-    of_joints = np.einsum("tcjia,tcjib->tjab", weighted, by_joint) + (_MIN_INFORMATION + damping) * np.eye(3)
+    of_joints = np.einsum("tcjia,tcjib->tjab", weighted, by_joint)
+    least = _MIN_INFORMATION + damping + _MIN_INFORMATION_SHARE * np.trace(of_joints, axis1=-2, axis2=-1)
+    of_joints += least[..., None, None] * np.eye(3)
     across = np.einsum("tcjik,tcjia->tjcka", by_camera, weighted)
     across = across.reshape(*across.shape[:2], n_cameras * each, 3)
     inverse = np.linalg.inv(of_joints)

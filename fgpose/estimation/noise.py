@@ -17,6 +17,9 @@ _CORRELATED_SHARE = 0.64
 _EQUAL_FRAMES = 0.35
 _MAX_FRAMES = 1e4
 _MAX_STEP_S = 1e3
+# Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre in
+# the third; rounding errors would make the least variance negative.
+_ROUNDING = 1e-12
 _SHORT = 1e-4  # there both forms of the mean correlation are good to 1e-7
 
 
@@ -42,6 +45,8 @@ def with_correlated_errors(
         frame_information: of the detections of each frame alone, 1/m^2.
         step_s: time from frame to frame.
     """
+    trace_m2 = np.trace(covariance_m2, axis1=-2, axis2=-1)
+    covariance_m2 = covariance_m2 + _ROUNDING * trace_m2[..., None, None] * np.eye(3)
     information = np.trace(np.linalg.inv(covariance_m2), axis1=-2, axis2=-1)
     alone = np.trace(frame_information, axis1=-2, axis2=-1)
     n_frames = np.clip(_EQUAL_FRAMES * information / np.maximum(alone, information / _MAX_FRAMES), 1e-3, None)

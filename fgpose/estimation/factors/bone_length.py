@@ -14,7 +14,8 @@ from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
 from fgpose_factors import bone_length_and_direction, noise_model, shared_bone_length_factor, shared_length_residual
 
-# Two joints nearer than this are at one point. Two detections at one pixel in every view place them so.
+# Two joints nearer than this are at one point, and their bone has no direction. Two detections at one pixel in every
+# view place them so.
 _ONE_POINT_M = 1e-9
 
 
@@ -44,7 +45,7 @@ class SharedLengths(JointRows):
         start, end = self.slots
         distance_m, direction = bone_length_and_direction(positions_m[:, start], positions_m[:, end])
         excess_m = np.maximum(distance_m - state.lengths_m[self.length_of_row], 0.0)
-        taut = self.present & (excess_m > 0)
+        taut = self.present & (excess_m > 0) & (distance_m > _ONE_POINT_M)
         stiffness = np.divide(excess_m, distance_m * self.sigma_m**2, out=np.zeros_like(excess_m), where=taut)
         along = direction[..., :, None] * direction[..., None, :]
         across = stiffness[..., None, None] * (np.eye(3) - along)
