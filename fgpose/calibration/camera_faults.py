@@ -56,8 +56,7 @@ def camera_faults(observations: Observations, rig: CameraRig, config: Config | N
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
     """
-    config = config or Config()
-    config = replace(config, solver=replace(config.solver, max_iterations=_MAX_ITERATIONS))
+    config = (config or Config()).replace(solver={"max_iterations": _MAX_ITERATIONS})
     observations.check_cameras(rig.names)
     if rig.n_cameras < 3 or observations.n_frames < 2:
         return ()

@@ -8,8 +8,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-CORRELATION_S = 0.15
-"""Time over which the errors of a pose network are correlated, measured on a monocular network."""
+from fgpose.parameters import CalibrationConfig
+
+CORRELATION_S = CalibrationConfig.error_correlation_s
+"""Time over which the errors of a pose network are correlated. Always the default: the other numbers below, which scale
+the covariances, were fitted with it."""
 # Share of the variance of a visible detection that is correlated (4 of 5 px), measured on the same network.
 _CORRELATED_SHARE = 0.64
 # The information of the whole graph over that of one frame counts frames of unequal weight. Fitted with the factors in
