@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected, PersonRegion
-    from fgpose.monocular.flips import Mended
+    from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import Outputs
@@ -110,18 +110,18 @@ class VideoOptions:
                 progress=status.update,
             )
 
-    def wanted(self, detected: Detected, console: Console) -> Mended:
+    def wanted(self, detected: Detected, console: Console) -> FlipCorrection:
         """The wanted person as each camera saw them, with left and right corrected; prints what was found."""
-        from fgpose.monocular.flips import mend_flips
+        from fgpose.monocular.flips import correct_flips
 
         region = None if self.person_region is None else parse_region(self.person_region)
         followed = detected.follow(0 if region is None else region)
         observations = followed.observations
         if self.frames is not None and self.frames < observations.n_frames:
             observations = observations.frames(slice(0, self.frames))
-        mended = mend_flips(observations, detected.rig)
-        print_views(console, mended, followed.problems[: observations.n_frames])
-        return mended
+        corrected = correct_flips(observations, detected.rig)
+        print_views(console, corrected, followed.problems[: observations.n_frames])
+        return corrected
 
     def _open(self) -> Sources:
         from fgpose.io.calibration import load_rig
@@ -206,17 +206,17 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
     console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
 
 
-def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "frame camera"]) -> None:
+def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np.ndarray, "frame camera"]) -> None:
     """In how many frames each camera saw the person, how often left and right were exchanged, why 3D is missing or
     uncertain."""
     from fgpose.cli.tables import new_table
 
-    observations = mended.observations
+    observations = corrected.observations
     table = new_table("", *observations.camera_names)
     n_seen = observations.seen.any(axis=-1).sum(axis=0)
     table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
-    table.add_row("left and right exchanged, corrected", *map(str, mended.flipped.sum(axis=0).tolist()))
-    table.add_row("uncertain, trusted less", *map(str, mended.doubtful.sum(axis=0).tolist()))
+    table.add_row("left and right exchanged, corrected", *map(str, corrected.flipped.sum(axis=0).tolist()))
+    table.add_row("uncertain, trusted less", *map(str, corrected.uncertain.sum(axis=0).tolist()))
     kinds = [[problem.partition(":")[0] for problem in of_camera] for of_camera in problems.T.tolist()]
     for kind in sorted({kind for of_camera in kinds for kind in of_camera if kind}):
         table.add_row(f"3D missing or uncertain: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))

@@ -43,18 +43,18 @@ _FRAMES_AT_ONCE = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Mended:
+class FlipCorrection:
     """Observations whose left and right are the same in all views."""
 
     observations: Observations
     """Sides exchanged where flipped; confidence lowered where uncertain."""
     flipped: Bool[np.ndarray, "frame camera"]
     """Views whose left and right were exchanged."""
-    doubtful: Bool[np.ndarray, "frame camera"]
+    uncertain: Bool[np.ndarray, "frame camera"]
     """Views that may be flipped or not, as with two cameras that always contradict each other."""
 
 
-def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
+def correct_flips(observations: Observations, rig: CameraRig) -> FlipCorrection:
     """Exchange left and right of the views that are flipped as a whole, and lower the confidence of uncertain ones.
 
     A camera can only be judged by others. With one camera nothing is done; with two that disagree, only the frames
@@ -75,10 +75,10 @@ def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
             break
         observations, flipped = _exchanged(observations, found), flipped ^ found
         probability = flip_probability(observations, rig)
-    doubtful = probability > 1.0 - _SURE
-    share = np.where(doubtful, np.maximum(np.abs(2.0 * probability - 1.0), _MIN_SHARE), 1.0)
+    uncertain = probability > 1.0 - _SURE
+    share = np.where(uncertain, np.maximum(np.abs(2.0 * probability - 1.0), _MIN_SHARE), 1.0)
     observations = replace(observations, confidence=observations.confidence * share[..., None])
-    return Mended(observations, flipped, doubtful)
+    return FlipCorrection(observations, flipped, uncertain)
 
 
 def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
@@ -264,7 +264,7 @@ def _exchanged(observations: Observations, flipped: Bool[np.ndarray, "frame came
     for left, right in observations.skeleton.left_right:
         mirror[[left, right]] = right, left
 
-    def mended(values: np.ndarray) -> np.ndarray:
+    def exchanged(values: np.ndarray) -> np.ndarray:
         return np.where(flipped.reshape(*flipped.shape, *[1] * (values.ndim - 2)), values[:, :, mirror], values)
 
-    return replace(observations, **observations.per_detection(mended))
+    return replace(observations, **observations.per_detection(exchanged))
