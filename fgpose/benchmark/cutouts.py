@@ -16,7 +16,8 @@ from fgpose.monocular.network import Image
 Cutout = UInt8[np.ndarray, "height width 4"]
 """RGB and alpha, not premultiplied."""
 
-# As Sárándi et al. load the objects of Pascal VOC: smaller ones are left out, the rim is made softer, the size halved.
+# All four as Sárándi et al. load the objects of Pascal VOC: smaller ones are left out, a rim of this width gets this
+# alpha, the size is halved.
 _MIN_OBJECT_PX = 500
 _RIM_PX = 8
 _RIM_ALPHA = 192

@@ -11,8 +11,11 @@ from fgpose.estimation.initial_guess import fill_gaps
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate
 
+# More iterations take longer. Beyond 2 px a view counts less; a larger threshold trusts the worst of the inliers
+# more.
 _REFINE_ITERATIONS = 10
 _HUBER_PX = 2.0
+# Order and cut-off of Pose2Sim's default filter.
 _FILTER_ORDER = 4
 _CUTOFF_HZ = 6.0
 _PADDING = 9  # frames of odd continuation at the ends, scipy's default for this order

@@ -15,6 +15,7 @@ from fgpose.io.skeletons import load_skeleton
 
 # Rooms are smaller: a median coordinate beyond this is a unit mistake.
 _MAX_PLAUSIBLE_M = 100.0
+# Names of the array of positions, and the metres of its unit.
 _POSITIONS = {"positions_m": 1.0, "positions_mm": 1e-3}
 # The numbers by which the data set and the tools around it call the actions.
 _ACTION_NUMBERS = {

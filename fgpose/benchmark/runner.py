@@ -30,7 +30,7 @@ _FOLDER = Path(__file__).parent
 _SOLVER_SOURCES = (_FOLDER.parent, Path(fgpose_factors.__file__).parent)
 _OWN_SOURCES = ("methods.py", "linear.py", "scores.py")
 _PEER_SOURCES = ("peer.py", "peer_server.py", "peer_methods.py", "scores.py")
-_WARM_UP = "clean", "cmu_02_03_short", 15
+_WARM_UP = "clean", "cmu_02_03_short", 15  # the shortest clip; enough to import and compile everything
 _AHEAD = 2  # recordings wait for workers, not workers for recordings; more would only fill memory
 
 _warm: set[str] = set()

@@ -16,11 +16,12 @@ GROUPS = ("per-frame", "linear", "peer", "file", "ours", "oracle")
 """The order in which they are shown; unknown ones follow."""
 OTHERS = ("per-frame", "linear", "peer")
 """What ours is compared with."""
+# The usual level of intervals. More resamples take longer and make their ends less random.
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 FEWEST_RECORDINGS = 5
 """From fewer, an interval is no more than the range from the best recording to the worst."""
-_SEED = 0
+_SEED = 0  # any; the same report comes out each time
 
 
 @dataclass(frozen=True)

@@ -168,7 +168,7 @@ _COLUMNS = (
     _Column("50/90/99 %", lambda e: _slashed(_coverage(e, "coverage"))),
     _Column("NEES", lambda e: _significant(e.mean("nees"))),
 )
-_NOMINAL = 100 * np.array(COVERAGE_LEVELS)
+_NOMINAL = 100 * np.array(COVERAGE_LEVELS)  # percent
 
 
 def _coverage(entry: Summary, number: str) -> np.ndarray:

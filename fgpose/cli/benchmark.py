@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 _OUTPUT = Path("out/benchmark")
 _SCORES = "scores.json"
 _QUICK_VARIANTS = ("clean", "occluded", "occluded_2_cameras", "desync_3", "industrial")
+# As much as fits into 90 seconds on two cores.
 _QUICK_CLIPS = 2
 _QUICK_FRAMES = 100
 # It takes as long as all others together.
 _NOT_QUICK = ("fgpose batch, self-calibrated",)
+# Larger, smaller losses of accuracy pass --check; smaller, harmless changes of the code fail it.
 _MARGIN = 0.05
 
 

@@ -12,7 +12,9 @@ from fgpose.assessment.recording_info import CameraInfo, RecordingInfo
 from fgpose.calibration.camera_faults import CameraFault
 from fgpose.cli.tables import new_table
 
+# More would hide the rest of the report.
 _MAX_GAPS = 10
+# Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
 
 

@@ -11,13 +11,14 @@ from jaxtyping import Float
 from fgpose.parameters import CalibrationConfig
 
 CORRELATION_S = CalibrationConfig.error_correlation_s
-"""Time over which the errors of a pose network are correlated. Always the default: the other numbers below, which scale
-the covariances, were fitted with it."""
+"""Time over which the errors of a pose network are correlated. Always the default, with which
+_EQUAL_FRAMES was fitted."""
 # Share of the variance of a visible detection that is correlated (4 of 5 px), measured on the same network.
 _CORRELATED_SHARE = 0.64
 # The information of the whole graph over that of one frame counts frames of unequal weight. Fitted with the factors in
 # fgpose.estimation.uncertainty.
 _EQUAL_FRAMES = 0.35
+# Keep the formula finite where a frame alone knows nothing, or after a pause; both are beyond any real recording.
 _MAX_FRAMES = 1e4
 _MAX_STEP_S = 1e3
 _SHORT = 1e-4  # there both forms of the mean correlation are good to 1e-7

@@ -31,7 +31,7 @@ _DEPTH_SIGMA_M = {
     "elbow": 0.122,
     "wrist": 0.150,
 }
-_OTHER_DEPTH_SIGMA_M = 0.12
+_OTHER_DEPTH_SIGMA_M = 0.12  # of joints not measured: as an elbow
 # The network does not know how tall the person is. Adults differ by 4 to 5 % (SD) in height, so the relative error of
 # one person's depth is constant. Measured: 4.3 % of the distance.
 _SCALE_SIGMA = 0.045
@@ -45,23 +45,29 @@ _FIT_PRIOR_JOINTS = 4.0
 _LATERAL_SIGMA_M = 0.020
 _PIXEL_SIGMA_PX = 1.5
 
+# Fewer joints, or such that the network hardly believes in, give a translation that looks certain and is wrong. Higher,
+# people who are half hidden get no 3D.
 _MIN_JOINTS = 6
 _MIN_CONFIDENCE = 0.1
 _BORDER_SHARE = 0.01
 """Share of the longer side of the image. Networks put a joint that is out of sight at the edge as often as beyond
 it."""
+# From this share of the joints on, the border has cut the crop too, and the pose is reported as uncertain.
 _MAX_CUT_SHARE = 0.25
 _MAX_DISTANCE_SIGMA = 0.2
 """Largest relative standard deviation of the distance: beyond it the pose counts as unknown."""
 _MAX_FIT_RATIO = 4 * _FIT_RATIO
+"""Beyond it the pose is reported as a poor fit. Lower, unusual poses are reported too."""
 _MIN_DEPTH_M = 0.1
+"""No network sees a person who is nearer."""
+# Half a millimetre is far below the standard deviation of any translation.
 _ITERATIONS = 10
 _CONVERGED_M = 5e-4
 _MIN_FIT_RATIO = 1e-3
 """Keeps the weights finite where everything fits exactly: 0.1 mm."""
 _CAUCHY = 2.385  # 95 % efficient where there is no outlier
-_MEDIAN_OF_RAYLEIGH = 1.1774
-_MIN_SPREAD = 1e-9
+_MEDIAN_OF_RAYLEIGH = 1.1774  # sqrt(2 ln 2): median length of a 2D Gaussian vector, in sigmas
+_MIN_SPREAD = 1e-9  # keeps the division finite where all joints are at one pixel
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,7 @@ person."""
 _SAME_REGION = 0.1
 _SAME_REGION_FACTOR = 1.5
 _SAME_POSE = 0.12
-_PRESENT = 0.5
+_PRESENT = 0.5  # as likely in the picture as not
 
 
 class BlazePose:

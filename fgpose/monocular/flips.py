@@ -36,6 +36,8 @@ _SURE = 0.9
 uncertain."""
 _MIN_SHARE = 0.1
 """Smallest factor on the confidence of an uncertain view: its joints still show where the limbs are."""
+# These bound time and memory, which grow with states, pairs of views and frames. In a rig of more than six cameras two
+# flips are found in each round; 15 are all pairs of six cameras.
 _MAX_FLIPPED_AT_ONCE = 2
 _ROUNDS = 3
 _MAX_PAIRS = 15

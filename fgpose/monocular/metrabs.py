@@ -29,13 +29,14 @@ CONFIDENCE = 0.5
 # plausibility calls a joint inconsistent from 200 mm on, which is then 0.2.
 _HALF_CONFIDENCE_M = 0.1
 
+# Gamma of the images, and the ranges of the augmentations (gamma, angle, scale) as MeTRAbs has them.
 _GAMMA = 2.2
 _GAMMAS = (0.6, 1.0)
 _MAX_ANGLE_RAD = np.deg2rad(25.0)
 _SCALES = (0.8, 1.0, 1.1)
-_PYRAMID_LEVELS = 3
-_CAMERA_UP = (0.0, -1.0, 0.0)
-_MAX_ROUND_TRIP_PX = 1.0
+_PYRAMID_LEVELS = 3  # more would only help people who are more than four times as large as the crop
+_CAMERA_UP = (0.0, -1.0, 0.0)  # y points down in the image
+_MAX_ROUND_TRIP_PX = 1.0  # as in geometry/camera.py
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 

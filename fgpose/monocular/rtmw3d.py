@@ -26,9 +26,9 @@ from fgpose.monocular.topdown import Box, Boxes, PersonDetector, TopDown, TopDow
 from fgpose.monocular.yolox import person_detector
 from fgpose.skeleton import LIMBS, Skeleton
 
-_N_KEYPOINTS = 133
+_N_KEYPOINTS = 133  # of COCO-WholeBody
 _N_BODY = 17  # COCO-WholeBody begins with the joints of COCO; feet, face and hands follow
-_DEPTH_RANGE_M = 2.1744869
+_DEPTH_RANGE_M = 2.1744869  # z_range of mmpose's configuration of RTMW3D: depth of the last bin
 
 HEIGHT_M = 1.70
 """Standing height that is assumed unless the user says better."""
@@ -40,10 +40,10 @@ _TRUNK_SHARE = 0.288  # hip to shoulder of one side
 _LENGTH_SIGMA = 0.10
 # Difference of depth of two joints; RTMW3D's mean error on H3WB is 57 mm over the three axes.
 _DEPTH_SIGMA_M = 0.06
-_MIN_CONFIDENCE = 0.3
-_MIN_BONES = 3
+_MIN_CONFIDENCE = 0.3  # mmpose draws joints from here on
+_MIN_BONES = 3  # of two that disagree, nothing tells which is wrong
 _CAUCHY = 2.385  # 95 % efficient where there is no outlier
-_ITERATIONS = 20
+_ITERATIONS = 20  # bounds the time; the weights change less each time
 
 
 class RTMW3D:

@@ -14,6 +14,7 @@ from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 
 # Video encoders work on blocks of 16 x 16 px: they pad an image on the right and at the bottom, or drop what is left.
 _BLOCK_PX = 16
+# Rounding of a resized image to whole pixels changes its aspect ratio by less; cropping usually by more.
 _ASPECT_TOLERANCE = 0.01
 # Cameras that are stopped one after the other end within a few frames.
 _EARLY_S = 0.1

@@ -25,8 +25,9 @@ _MIN_SHARE = 0.5
 _JOINTS_TO_PERSON = 1.25
 # Newcomers are found, and boxes that have become too small corrected, after this many images at the latest.
 _DETECT_EVERY = 10
+# Lower, one of two people who stand behind each other is dropped; higher, one person is followed twice.
 _SAME_PERSON_OVERLAP = 0.65
-_MIN_SIDE_PX = 1.0
+_MIN_SIDE_PX = 1.0  # smaller boxes have no pixels to crop
 
 
 @runtime_checkable

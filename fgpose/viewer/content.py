@@ -16,6 +16,7 @@ from fgpose.viewer import paths
 from fgpose.viewer.palette import Colour, faded, weight_colours
 from fgpose.viewer.rows import Rows, bone_rows, document_rows, ellipsoid_rows, point_rows, scalar_rows, status_rows
 
+# Thick enough to be seen from the distance of the cameras, thinner than a wrist.
 _JOINT_RADIUS_M = 0.017
 _BONE_RADIUS_M = 0.007
 # A predicted joint is half as thick as an observed one, and paler.
