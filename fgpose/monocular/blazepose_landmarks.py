@@ -95,7 +95,7 @@ class LandmarkNetwork:
 def _refine(
     points_crop: Float[np.ndarray, "landmark 2"], logits: Float[np.ndarray, "row column landmark"]
 ) -> Float[np.ndarray, "landmark 2"]:
-    """Each landmark at the centre of mass of its heatmap around it, where the heatmap is sure; else as it was."""
+    """Each landmark moved to the centre of mass of the heatmap around it, if the heatmap has a clear peak there."""
     scale = _SIZE / _HEATMAP_SIZE
     column, row = (points_crop / scale).astype(int).T
     columns, rows = column[:, None, None] + _WINDOW, row[:, None, None] + _WINDOW[:, None]

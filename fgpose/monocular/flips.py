@@ -1,4 +1,4 @@
-"""Finding and correcting views in which the network has exchanged the left and right side of the body.
+"""Finding and correcting views in which the network has exchanged the left and the right side of the body.
 
 A flip is a state of one camera that begins and ends: a hidden Markov model over time, whose state says which cameras
 are flipped. Three things tell how probable a state is: how well the limbs of all views meet in space when the sides of
@@ -46,7 +46,7 @@ _FRAMES_AT_ONCE = 200
 
 @dataclass(frozen=True, eq=False)
 class FlipCorrection:
-    """Observations whose left and right are the same in all views."""
+    """Observations in which left and right mean the same in all views."""
 
     observations: Observations
     """Sides exchanged where flipped; confidence lowered where uncertain."""
@@ -151,8 +151,8 @@ def _disagreement(
     rig: CameraRig,
     states: Int[np.ndarray, "state camera"],
 ) -> Float[np.ndarray, "frame state"]:
-    """Disagreement of the views in every state: the sum of the weights of the detections that miss; a near miss counts
-    in part.
+    """Disagreement of the views in every state: the sum of the weights of the detections that do not fit. A detection
+    that fits roughly counts in part.
 
     Every two views propose a point, with either side of each; the proposal with which most views agree counts (MSAC).
     """

@@ -1,4 +1,4 @@
-"""Networks that answer with one histogram per joint and axis (Li et al. 2022, "SimCC"), as RTMPose and its kin do."""
+"""Networks that answer with one histogram per joint and axis (Li et al. 2022, "SimCC"), such as RTMPose."""
 
 from __future__ import annotations
 

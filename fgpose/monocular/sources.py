@@ -51,8 +51,8 @@ def open_sources(
         UserWarning: the size of a video differs from that of its calibration, or it ends early.
 
     Raises:
-        ValueError: there are no videos, they are not those of the calibration, one is damaged or empty, an image cannot
-            be read, the size of a video cannot be fitted, fps is missing; the message names the file.
+        ValueError: there are no videos, they do not match the calibration, one is damaged or empty, an image cannot be
+            read, the size of a video does not fit the calibration, fps is missing; the message names the file.
         OSError: a file cannot be opened.
     """
     path = Path(path)
