@@ -28,9 +28,9 @@ _SIDES = ("xmin", "ymin", "xmax", "ymax")
 def load_cutouts(folder: str | Path) -> dict[str, Cutout]:
     """Cut-outs by name: the PNG files with alpha in a folder and those below it, or the objects of Pascal VOC 2012.
 
-    Pascal VOC is a folder with Annotations, JPEGImages and SegmentationObject (VOCdevkit/VOC2012). Of its segmented
-    images come, as Sárándi et al. (2018, synthetic-occlusion) take them, the objects that are neither persons, nor
-    truncated, nor difficult, of 500 px or more, at half size, their rim at alpha 192.
+    Pascal VOC is a folder with Annotations, JPEGImages and SegmentationObject (VOCdevkit/VOC2012). Its objects are
+    chosen as by Sárándi et al. (2018, synthetic-occlusion): 500 px or more, and neither persons, nor truncated, nor
+    difficult. They are halved in size, and their rim gets alpha 192.
 
     Raises:
         ValueError: there is no cut-out, or a file is damaged or has no alpha; the message names it.

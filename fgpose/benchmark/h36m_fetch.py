@@ -169,7 +169,7 @@ def _rows_by_camera(
 def _agreed(
     world_m: Float[np.ndarray, "frame camera joint 3"], rig: CameraRig, subject: str
 ) -> Float[np.ndarray, "frame joint 3"]:
-    """The one motion that all views have, once it is certain that they have the same."""
+    """The motion in the first view of each frame. Raises ValueError unless all views agree."""
     known = np.isfinite(world_m).all(axis=(-1, -2))
     first_m = world_m[np.arange(len(world_m)), known.argmax(axis=1)]
     distances_m = np.linalg.norm(world_m - first_m[:, None], axis=-1).max(axis=-1)

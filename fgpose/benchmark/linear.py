@@ -1,4 +1,4 @@
-"""What is used without an estimator: triangulation frame by frame, and a low-pass filter over it."""
+"""What is usual without an estimator: triangulation frame by frame, and a low-pass filter over it."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def triangulate_ransac(
 ) -> Float[np.ndarray, "frame joint 3"]:
     """RANSAC over the pairs of views, refined on its inliers: the baseline of Iskakov et al. (2019).
 
-    As their published code: each pair proposes a point by DLT; the pair and all views within the threshold are its
-    inliers; the largest set wins, is triangulated together, and the reprojection error (Huber) is minimised over it.
-    Theirs draws ten pairs at random and takes the first of equals; here all pairs are tried and of equals the one with
-    the smaller error wins. Their threshold of 15 applies to half the distance in pixels: 30 px.
+    As in their published code, each pair proposes a point by DLT; its inliers are the pair and all views within the
+    threshold. The largest set of inliers is triangulated together, and its reprojection error (Huber) is minimised.
+    Their code draws ten pairs at random and takes the first of several largest sets; here all pairs are tried, and the
+    one with the smallest error is taken. Their threshold of 15 applies to half the distance in pixels: 30 px.
 
     Returns:
         World frame, metres; NaN where fewer than two views have the joint.

@@ -1,4 +1,4 @@
-"""What any method made of Human3.6M, as files, so that all methods are scored by the same code."""
+"""The results of any method on Human3.6M, as files, so that the same code scores all methods."""
 
 from __future__ import annotations
 

@@ -71,10 +71,10 @@ def evaluate(
 
     Args:
         sequences: those to be scored, see load_labels and load_annotations.
-        predictions: by subject and action. What is no frame to be scored is ignored.
+        predictions: by subject and action. Other frames are ignored.
         step: score every so many frames, see scored_frames.
-        allow_missing: score what is there, and say how much is not. By default all must be there, although joints may
-            be NaN.
+        allow_missing: score the frames that are there, and state how much is missing. By default no frame may be
+            missing, but joints may be NaN.
 
     Raises:
         ValueError: there is nothing to score, or predictions lack a sequence or a frame.

@@ -51,7 +51,7 @@ class Score:
     """Mean over the bones of the SD of their length over time."""
     ms_per_frame: float
     nees: float
-    """Mean normalised estimation error squared per degree of freedom; 1 is honest."""
+    """Mean normalised estimation error squared per degree of freedom; 1 if consistent."""
     coverage: tuple[float, ...]
     """Share of the joints inside the ellipsoids of COVERAGE_LEVELS."""
     coverage_occluded: tuple[float, ...]

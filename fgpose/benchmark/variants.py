@@ -1,4 +1,4 @@
-"""The open benchmark: real motion seen by simulated cameras, with everything that goes wrong, alone and all at once.
+"""The open benchmark: real motion seen by simulated cameras, with each thing that can go wrong, alone and together.
 
 The clips are motion capture that comes with fgpose; rig, noise and occluders are those of fgpose.synthetic. Every draw
 depends on the clip's name only, so that the variants of a clip differ in what they are named after and in nothing else.
