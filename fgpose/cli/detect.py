@@ -59,16 +59,16 @@ class VideoOptions:
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Use these cameras only."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use the first so many frames only."""
+    """Use only this many frames, from the beginning."""
     model: Annotated[str, arg(metavar="NAME|FILE", help=_MODEL)] = "blazepose-full"
     network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
-    """What the ONNX file given as --model is."""
+    """Kind of network of the ONNX file given as --model."""
     detector: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: that of blazepose)")] = None
     """ONNX file that finds the people: YOLOX, needed for every network but blazepose."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
-    """What the joints of a metrabs file are."""
+    """Skeleton of the joints of a metrabs file."""
     people: Annotated[int, arg(metavar="N")] = 1
-    """How many people to look for in each image: the wanted person and all who come near. More take longer."""
+    """How many people to find in each image at most: the wanted person and all who come near. More take longer."""
     person_region: Annotated[
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
     ] = None
@@ -79,7 +79,7 @@ class VideoOptions:
     )
     """Where detections are kept, so that another run does not need the network again."""
     no_cache: Annotated[bool, FlagCreatePairsOff] = False
-    """Keep no detections, and use none that were kept."""
+    """Neither keep detections nor use those that were kept."""
 
     def detect(self, console: Console) -> Detected:
         """All people in all images, with a progress bar. Everything is checked before the work begins."""
@@ -140,8 +140,8 @@ class Detect(VideoOptions):
     """Detect the joints of a person in videos, without estimating anything from them.
 
     Writes NAME.parquet: for each frame, camera and joint the pixels, the confidence, the absolute 3D joint that the
-    view alone gives, and its covariance. fgpose smooth, track, refine and info read it. Where the size of a video is
-    not that of its calibration, the calibration that fits is written as NAME_calibration.toml: use it with them.
+    view alone gives, and its covariance. fgpose smooth, track, refine and info read it. If a video has another size
+    than its calibration, the calibration for this size is written as NAME_calibration.toml: use it in these commands.
 
     Example: fgpose detect videos/ --rig Calib.qca.txt, then fgpose smooth detections/videos.parquet --rig
     Calib.qca.txt --skeleton blazepose_33
@@ -207,8 +207,8 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
 
 
 def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np.ndarray, "frame camera"]) -> None:
-    """In how many frames each camera saw the person, how often left and right were exchanged, why 3D is missing or
-    uncertain."""
+    """For each camera: in how many frames it saw the person, in how many left and right were exchanged, and why 3D is
+    missing or uncertain."""
     from fgpose.cli.tables import new_table
 
     observations = corrected.observations

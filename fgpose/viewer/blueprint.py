@@ -35,7 +35,7 @@ def blueprint(
         skeleton: the joints.
         trajectories: names of the results, the most important last.
         up: the world axis that points up.
-        following: show the newest frame all the time (live), or wait at the first one.
+        following: always show the newest frame (live); otherwise begin at the first one.
     """
     images = [_image_view(name, trajectories) for name in rig.names]
     grid = rrb.Grid(contents=images, grid_columns=_image_columns(rig))
