@@ -18,7 +18,7 @@ from fgpose.geometry.triangulation import triangulate, triangulate_robust
 from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
-from fgpose.monocular.flips import mend_flips
+from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose.synthetic import Occlusion
 
@@ -40,7 +40,7 @@ def _detected(model: str) -> Detected:
 
 
 def _observations(detected: Detected) -> fgpose.Observations:
-    return mend_flips(detected.observations(), detected.rig).observations
+    return correct_flips(detected.observations(), detected.rig).observations
 
 
 def _limbs(skeleton: fgpose.Skeleton) -> list[int]:

@@ -19,7 +19,7 @@ from fgpose.assessment.metrics import jitter_mps3
 from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.detection import detect
-from fgpose.monocular.flips import mend_flips
+from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose.monocular.sources import open_sources
 
@@ -51,7 +51,7 @@ def main(
     detected = detect(sources, open_network(model), cache=cache_folder() / "detections", frames=frames)
     print(f"{detected.n_images} images, {detected.n_new_images} of them new to the network")
 
-    corrected = mend_flips(detected.observations(), detected.rig)
+    corrected = correct_flips(detected.observations(), detected.rig)
     for camera, flipped in zip(detected.rig.names, corrected.flipped.sum(axis=0).tolist(), strict=True):
         print(f"{camera}: left and right exchanged in {flipped} frames, corrected")
 

@@ -52,7 +52,7 @@ from fgpose.parameters import (
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
-_MAX_KEY_PARTS = 100
+_MAX_KEY_PARTS = 100  # a key of fgpose has two; some ten thousand take tomllib minutes
 
 
 Section = Mapping[str, Any]

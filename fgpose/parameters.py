@@ -176,8 +176,8 @@ class CalibrationConfig:
     """Time constant with which the online estimate of time offsets forgets, seconds, since clocks drift. Raising it
     makes the offsets less noisy and slower to follow a drift."""
     error_correlation_s: float = 0.15
-    """Time over which the errors of a pose network are correlated, seconds: all frames within twice this count as one
-    measurement of a time offset. Raising it trusts the recording less."""
+    """Time over which the errors of a pose network are correlated, seconds, measured on a monocular network: all frames
+    within twice this count as one measurement of a time offset. Raising it trusts the recording less."""
     independent_measurements: float = 50.0
     """How many independent measurements of a camera's pose all its detections are worth: the errors of a network on one
     person in one view are correlated. Raising it trusts the recording more, the calibration less."""

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-MAX_JOINTS = 4096
+MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
 

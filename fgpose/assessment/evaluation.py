@@ -20,7 +20,9 @@ from fgpose.assessment.metrics import (
 )
 from fgpose.trajectory import Trajectory
 
+# The usual threshold of 3D PCK (MPI-INF-3DHP).
 PCK_THRESHOLD_M = 0.15
+# Ellipsoids of this probability are compared with the share of joints inside them.
 COVERAGE_PROBABILITY = 0.95
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.skeleton import Skeleton
 
+# Fewer points leave the rotation undetermined.
 _MIN_PROCRUSTES_JOINTS = 3
 
 

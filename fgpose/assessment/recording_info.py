@@ -17,18 +17,23 @@ from fgpose.assessment.metrics import mean_known
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
+from fgpose.parameters import FusionConfig
 from fgpose.sampling import frames_per_second, spread_evenly
 
-_INLIER_PX = 20.0
-_MAX_FRAMES = 2000
+_INLIER_PX = FusionConfig.inlier_px  # the report judges views as the estimator does
+_MAX_FRAMES = 2000  # bounds the time; the medians need no more
 # A camera turned by 5 degrees is off by ten times as much as real cameras are; its neighbours by up to twice, since it
 # takes part in their comparison.
 _CALIBRATION_RATIO = 2.5
+# Below this, detections rather than the calibration may cause the difference. Lower, good rigs are reported too.
 _MIN_CALIBRATION_PX = 20.0
 # Clearly swapped: the swapped labels fit at least twice as well, and the two joints lie well apart in the image.
 _SWAP_RATIO = 0.5
 _MIN_SWAP_SEPARATION_PX = 30.0
+# Share of the pairs. Lower, single errors of a good detector are reported; higher, rare swaps are not.
 _SUSPECT_SWAPS = 0.02
+# Diagonal of the box around a person and distance of the cameras: wide enough for a child and a hall, narrow enough
+# to notice a factor of 1000 in the unit.
 _PERSON_M = (0.3, 3.0)
 _DISTANCE_M = (0.3, 50.0)
 

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.skeleton import Skeleton
 
+# One point alone may be a false detection. More would leave out people of whom little is seen.
 _MIN_FEATURES = 2
 
 

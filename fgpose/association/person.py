@@ -15,7 +15,10 @@ NOBODY = -1
 # A candidate belongs to a person whose midline is as near as this, and as much farther as people walk meanwhile: the
 # midlines of two people side by side are about half a metre apart.
 NEAR_M = 0.4
+# A brisk walk. Higher, a person who is hidden for a moment is confused with a neighbour sooner.
 _SPEED_M_PER_S = 2.0
+# Beyond this, whoever appears is somebody else. Higher, two people are joined; lower, one person becomes two after a
+# gap.
 _FARTHEST_M = 1.5
 # A person who was seen in fewer frames than this, and not for a second, is a chance agreement of views or a false
 # detection.

@@ -1,1 +1,1 @@
-"""The occlusion benchmark: the estimator and its competitors side by side, on motion whose truth is known."""
+"""The occlusion benchmark: the estimator and other methods on the same recordings, whose truth is known."""

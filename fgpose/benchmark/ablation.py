@@ -1,4 +1,4 @@
-"""The batch estimator with one ingredient removed or exchanged at a time: what each is worth."""
+"""The batch estimator with one part removed or replaced at a time, which shows the effect of each."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from fgpose.benchmark.methods import batch
 from fgpose.benchmark.recording import Method
 from fgpose.config import Config, Sections
 
-# A detection whose neighbours in time are off by so much does not exist.
+# No error is that large, so no detection loses weight.
 _NEVER_PX = 1e9
-# On the tuning clips, of 0.25 to 16 m^2/s^3.
+# The best on the tuning clips, of 0.25 to 16 m^2/s^3.
 _BEST_DENSITY = 1.0
 
 _CHANGES: dict[str, Sections] = {
@@ -28,6 +28,6 @@ _CHANGES: dict[str, Sections] = {
 
 
 def ablations() -> list[Method]:
-    """The estimator as it is, then with each change."""
+    """The estimator without a change, then with each change alone."""
     positions_only = Config(solver={"covariance": False})
     return [batch(name, positions_only.replace(**changes)) for name, changes in _CHANGES.items()]

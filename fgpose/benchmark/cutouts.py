@@ -16,7 +16,8 @@ from fgpose.monocular.network import Image
 Cutout = UInt8[np.ndarray, "height width 4"]
 """RGB and alpha, not premultiplied."""
 
-# As Sárándi et al. load the objects of Pascal VOC: smaller ones are left out, the rim is made softer, the size halved.
+# All four as Sárándi et al. load the objects of Pascal VOC: smaller ones are left out, a rim of this width gets this
+# alpha, the size is halved.
 _MIN_OBJECT_PX = 500
 _RIM_PX = 8
 _RIM_ALPHA = 192
@@ -27,9 +28,9 @@ _SIDES = ("xmin", "ymin", "xmax", "ymax")
 def load_cutouts(folder: str | Path) -> dict[str, Cutout]:
     """Cut-outs by name: the PNG files with alpha in a folder and those below it, or the objects of Pascal VOC 2012.
 
-    Pascal VOC is a folder with Annotations, JPEGImages and SegmentationObject (VOCdevkit/VOC2012). Of its segmented
-    images come, as Sárándi et al. (2018, synthetic-occlusion) take them, the objects that are neither persons, nor
-    truncated, nor difficult, of 500 px or more, at half size, their rim at alpha 192.
+    Pascal VOC is a folder with Annotations, JPEGImages and SegmentationObject (VOCdevkit/VOC2012). Its objects are
+    chosen as by Sárándi et al. (2018, synthetic-occlusion): 500 px or more, and neither persons, nor truncated, nor
+    difficult. They are halved in size, and their rim gets alpha 192.
 
     Raises:
         ValueError: there is no cut-out, or a file is damaged or has no alpha; the message names it.

@@ -1,4 +1,4 @@
-"""Pictures of the benchmark, as PNG files: errors against what goes wrong, errors of the joints, calibration."""
+"""Pictures of the benchmark, as PNG files: errors over the variants, errors of the joints, calibration."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_DPI = 150
+_DPI = 150  # sharp on a screen, and the files stay small
 _STRIPE = "#f4f4f4"
 _SKELETON = "h36m_17"
 """Of the open benchmark. Joints of scores with another number of joints go by their index."""
@@ -44,8 +44,8 @@ _STEP_SPREAD = 0.12
 """How far apart the methods of one step are drawn, as a share of the distance of two steps."""
 _ROW_SPREAD = 0.5
 """How far apart the methods of one joint are drawn, as a share of the distance of two joints."""
-_HONEST_POINTS = 5.0
-"""How far a coverage may be from its nominal value and still be called honest, percentage points."""
+_CONSISTENT_POINTS = 5.0
+"""How far a coverage may be from its nominal value and still be called consistent, percentage points."""
 
 
 @dataclass(frozen=True)
@@ -266,11 +266,13 @@ def _draw_coverage(
 
 
 def _draw_diagonal(axes: Axes) -> None:
-    """Where an honest covariance lies. The axes begin below all that is drawn, at 40 % at the latest."""
+    """Where a consistent covariance lies. The axes begin below all that is drawn, at 40 % at the latest."""
     lowest = max(0.0, min(axes.get_ylim()[0], 40.0))
     ends = np.array([0.0, 110.0])
-    band = (ends - _HONEST_POINTS, ends + _HONEST_POINTS)
-    axes.fill_between(ends, *band, color=PALE, linewidth=0, label=f"honest, ±{_HONEST_POINTS:g} points", zorder=0)
+    band = (ends - _CONSISTENT_POINTS, ends + _CONSISTENT_POINTS)
+    axes.fill_between(
+        ends, *band, color=PALE, linewidth=0, label=f"consistent, ±{_CONSISTENT_POINTS:g} points", zorder=0
+    )
     axes.plot(ends, ends, color=GREY, linewidth=0.8, zorder=0)
     axes.set_ylim(lowest, 102.0)
     axes.set_xlim(44.0, 102.0)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _ANNOTATIONS = "annot.h5"
 _DATASETS = ("camera", "frame", "pose/2d", "pose/3d")
-_N_JOINTS = 32
+_N_JOINTS = 32  # of the original skeleton
 # Of the 32 joints of the original, half of which are ends of bones or there twice, those of h36m_17, in its order.
 _H36M_17 = [0, 1, 2, 3, 6, 7, 8, 12, 13, 14, 15, 17, 18, 19, 25, 26, 27]
 # The views' 3D joints are one motion, seen in each camera's frame: brought back to the world they agree to less than a
@@ -169,7 +169,7 @@ def _rows_by_camera(
 def _agreed(
     world_m: Float[np.ndarray, "frame camera joint 3"], rig: CameraRig, subject: str
 ) -> Float[np.ndarray, "frame joint 3"]:
-    """The one motion that all views have, once it is certain that they have the same."""
+    """The motion in the first view of each frame. Raises ValueError unless all views agree."""
     known = np.isfinite(world_m).all(axis=(-1, -2))
     first_m = world_m[np.arange(len(world_m)), known.argmax(axis=1)]
     distances_m = np.linalg.norm(world_m - first_m[:, None], axis=-1).max(axis=-1)

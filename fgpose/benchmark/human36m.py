@@ -18,6 +18,8 @@ from fgpose.benchmark.numpy_pickle import read_dictionary
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 
+# Of the data set: rate of its videos, the joints and subjects of its usual protocol, the size of its images (two of
+# the four cameras are two rows higher).
 FPS = 50.0
 SKELETON = "h36m_17"
 N_JOINTS = 17
@@ -29,6 +31,7 @@ _SIZES_PX = {"54138969": (1000, 1002), "60457274": (1000, 1002)}
 _SAME_JOINT = {"neck": "thorax", "nose": "neck_base", "head_top": "head"}
 # Joints lie inside the body: 3 % of a standing person's height is about 5 cm of flesh. As in fgpose.synthetic.
 _BOX_MARGIN = 0.03
+# Fields of the labels of Learnable Triangulation, with the shape of one entry.
 _TABLE_FIELDS = {"subject_idx": (), "action_idx": (), "frame_idx": (), "keypoints": (N_JOINTS, 3)}
 _CAMERA_FIELDS = {"R": (3, 3), "t": (3, 1), "K": (3, 3), "dist": (5,)}
 

@@ -1,4 +1,4 @@
-"""What is used without an estimator: triangulation frame by frame, and a low-pass filter over it."""
+"""What is usual without an estimator: triangulation frame by frame, and a low-pass filter over it."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from fgpose.estimation.initial_guess import fill_gaps
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate
 
+# More iterations take longer. Beyond 2 px a view counts less; a larger threshold trusts the worst of the inliers
+# more.
 _REFINE_ITERATIONS = 10
 _HUBER_PX = 2.0
+# Order and cut-off of Pose2Sim's default filter.
 _FILTER_ORDER = 4
 _CUTOFF_HZ = 6.0
 _PADDING = 9  # frames of odd continuation at the ends, scipy's default for this order
@@ -23,10 +26,10 @@ def triangulate_ransac(
 ) -> Float[np.ndarray, "frame joint 3"]:
     """RANSAC over the pairs of views, refined on its inliers: the baseline of Iskakov et al. (2019).
 
-    As their published code: each pair proposes a point by DLT; the pair and all views within the threshold are its
-    inliers; the largest set wins, is triangulated together, and the reprojection error (Huber) is minimised over it.
-    Theirs draws ten pairs at random and takes the first of equals; here all pairs are tried and of equals the one with
-    the smaller error wins. Their threshold of 15 applies to half the distance in pixels: 30 px.
+    As in their published code, each pair proposes a point by DLT; its inliers are the pair and all views within the
+    threshold. The largest set of inliers is triangulated together, and its reprojection error (Huber) is minimised.
+    Their code draws ten pairs at random and takes the first of several largest sets; here all pairs are tried, and the
+    one with the smallest error is taken. Their threshold of 15 applies to half the distance in pixels: 30 px.
 
     Returns:
         World frame, metres; NaN where fewer than two views have the joint.

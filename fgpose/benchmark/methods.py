@@ -1,4 +1,4 @@
-"""The methods of the open benchmark, side by side: what a user could run on the same recording."""
+"""The methods of the open benchmark: what a user could run on the same recording."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def _ransac(recording: Recording) -> Positions:
 
 
 def _msac(recording: Recording) -> Positions:
-    """fgpose's robust triangulation. It gives nothing where no two views agree, which flatters its mean error."""
+    """fgpose's robust triangulation. It gives nothing where no two views agree, which lowers its mean error."""
     observations, rig = recording.observations, recording.rig
     undistorted_px = rig.undistort(observations.points2d_px)
     return triangulate_robust(undistorted_px, observations.confidence, rig, _MSAC_PX).positions_m
@@ -144,14 +144,14 @@ def _batch(config: Config, recording: Recording) -> Result:
 
 
 def _self_calibrated(recording: Recording) -> Result:
-    """The recording itself first corrects where the cameras are and how much their clocks are off."""
+    """First corrects the poses and clocks of the cameras, from the recording itself."""
     calibrated = self_calibrate(recording.observations, recording.rig)
     result = _smoothed(calibrated.observations, calibrated.rig, Config())
     return replace(result, offsets_s=calibrated.rig.time_offsets_s)
 
 
 def _synchronised(recording: Recording) -> Result:
-    """The recording itself first says how much the cameras' clocks are off."""
+    """First estimates the time offsets of the cameras, from the recording itself."""
     rig = estimate_time_offsets(recording.observations, recording.rig).rig
     result = _smoothed(recording.observations, rig, Config())
     return replace(result, offsets_s=rig.time_offsets_s)
@@ -167,8 +167,8 @@ def _newest(recording: Recording) -> Result:
 
 
 def _lagged(lag_s: float, recording: Recording) -> Result:
-    """The pose at the time of each frame as it is known one lag later. The recording ends with frames that show
-    nothing, so that the last ones are known as late as all others, from nothing that others have not."""
+    """The pose at the time of each frame as it is estimated one lag later. Empty frames follow the recording, so that
+    its last frames too are estimated one lag later."""
     config = Config(online=OnlineConfig(lag_s=lag_s, covariance=False))
     estimator = Estimator(recording.rig, recording.observations.skeleton, config)
     positions_m = np.full_like(recording.truth_m, np.nan)
@@ -180,7 +180,7 @@ def _lagged(lag_s: float, recording: Recording) -> Result:
 
 
 def _empty_frames(recording: Recording, duration_s: float) -> Observations:
-    """What follows the recording when the cameras see nothing any more."""
+    """Frames after the recording in which the cameras see nothing."""
     observations = recording.observations
     n_frames = int(np.ceil(duration_s * recording.fps)) + 1
     after_s = observations.frame_time_s[-1] + np.arange(1, n_frames + 1) / recording.fps

@@ -27,7 +27,7 @@ _MODULES = ("numpy.core.multiarray", "numpy.core.numeric", "numpy._core.multiarr
 
 
 class _Dtype:
-    """A dtype from what its pickle says of it, but for flags, which say how NumPy treats the memory of its items."""
+    """A dtype from its state in the pickle, without the flags, which say how NumPy treats the memory of its items."""
 
     def __init__(self, code: str, align: bool = False, copy: bool = True) -> None:
         self.dtype = np.dtype(str(code))
@@ -45,7 +45,7 @@ class _Dtype:
 
 
 class _Array:
-    """An array from what its pickle says of it."""
+    """An array from its state in the pickle."""
 
     array: np.ndarray
 
@@ -86,9 +86,9 @@ def _new_array(*_: Any) -> _Array:
 
 
 class _NumpyUnpickler(pickle.Unpickler):
-    """Admits plain values and arrays alone: whatever find_class gives to a pickle, the pickle may call.
+    """Reads only plain values and arrays: a pickle may call whatever find_class returns.
 
-    NumPy's own functions are not given to it either: some of them believe what they are told about memory.
+    It does not return NumPy's own functions either: some of them trust the sizes that a file states.
     """
 
     def find_class(self, module_name: str, global_name: str, /) -> Any:

@@ -25,6 +25,7 @@ from fgpose.benchmark.human36m import PoseSequence, image_path
 from fgpose.benchmark.protocol import STEP, scored_frames
 from fgpose.io.atomic import write_bytes, write_text
 
+# These four numbers (_SCALES is a range) are those of the authors' generator, see the head of this file.
 SEED = 42
 DESCRIPTION = "occluders.json"
 _N_VIEWS = 3

@@ -1,8 +1,7 @@
-"""aniposelib's triangulate_optim from outside: it brings an OpenCV that would overwrite ours, so it lives in an
-environment of its own and runs there as a second process.
+"""aniposelib's triangulate_optim in a second process. Its OpenCV would overwrite ours, so it has its own environment.
 
-That process stays alive between calls and takes its own time: neither its start, nor its just-in-time compilation (once
-it has solved something), nor the transfer counts.
+The process keeps running between calls and measures its own time. Its start, its just-in-time compilation (in the first
+call) and the transfer of data do not count.
 """
 
 from __future__ import annotations
@@ -24,8 +23,8 @@ from jaxtyping import Float
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 
-# With the default number of threads the same run, of as many iterations, took 10 or 34 ms a frame on a shared machine;
-# with one, always 8 to 10.
+# With the default number of threads the same run, with the same number of iterations, took 10 or 34 ms per frame on a
+# shared machine; with one thread always 8 to 10.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1"}
 _DEFAULT_PYTHON = Path(".venv/bench/bin/python")
 

@@ -14,8 +14,8 @@ from fgpose.benchmark.recording import Method, Recording, Result
 DEFAULT = PeerSettings()
 # Out of 43: the best on the tuning clips (150 frames of each; mean error in mm, clean / occluded / occluded_2_cameras /
 # industrial). The defaults give 13.3 / 43.5 / 69.4 / 51.0. Tried: n_deriv_smooth 1 to 3, scale_smooth 1 to 1000,
-# reproj_error_threshold 0.3 to 15, scale_length 2 and 6, with and without scores; these span what a frame rate of 15 Hz
-# asks for, too. Not tried: init_ransac, which fails where fewer than two cameras see a joint (0.8.0).
+# reproj_error_threshold 0.3 to 15, scale_length 2 and 6, with and without scores; the ranges also cover
+# what 15 Hz needs. Not tried: init_ransac, which fails where fewer than two cameras see a joint (0.8.0).
 BEST = (
     PeerSettings(  # 12.3 / 32.4 / 61.1 / 40.2
         scores=False, optim={"n_deriv_smooth": 2, "scale_smooth": 10.0, "reproj_error_threshold": 2.0}
@@ -30,7 +30,7 @@ BEST = (
 
 
 def peer_methods(python: Path) -> list[Method]:
-    """aniposelib at its defaults and at the best of a few good settings.
+    """aniposelib with its defaults and with the best of a few good settings.
 
     Args:
         python: of an environment that has it.
@@ -42,8 +42,8 @@ def peer_methods(python: Path) -> list[Method]:
 
 
 def _solve(python: Path, settings: tuple[PeerSettings, ...], recording: Recording) -> Result:
-    """The setting that is best on this very recording, judged by the truth, which no user has: this favours the peer.
-    Its time is that of this setting alone."""
+    """The setting with the lowest error on this recording. No user knows the truth, so this favours the peer. The time
+    is that of this setting alone."""
     peer = _peer(python)
     results = [peer.solve(recording.observations, recording.rig, each) for each in settings]
     best = min(results, key=lambda result: mpjpe_m(result.positions_m, recording.truth_m))

@@ -1,4 +1,4 @@
-"""What every camera alone gives for Human3.6M, as files, and what fgpose makes of it."""
+"""Poses of each camera alone for Human3.6M, as files, and the poses that fgpose estimates from them."""
 
 from __future__ import annotations
 

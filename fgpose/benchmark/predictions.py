@@ -1,4 +1,4 @@
-"""What any method made of Human3.6M, as files, so that all methods are scored by the same code."""
+"""The results of any method on Human3.6M, as files, so that the same code scores all methods."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from fgpose.io.skeletons import load_skeleton
 
 # Rooms are smaller: a median coordinate beyond this is a unit mistake.
 _MAX_PLAUSIBLE_M = 100.0
+# Names of the array of positions, and the metres of its unit.
 _POSITIONS = {"positions_m": 1.0, "positions_mm": 1e-3}
 # The numbers by which the data set and the tools around it call the actions.
 _ACTION_NUMBERS = {

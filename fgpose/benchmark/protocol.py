@@ -13,6 +13,7 @@ from fgpose.benchmark.human36m import N_JOINTS, SKELETON, PoseSequence, Sequence
 from fgpose.benchmark.predictions import Prediction, Predictions
 from fgpose.io.skeletons import load_skeleton
 
+# Of the field's protocol: every 64th frame of the 50 Hz videos.
 STEP = 64
 DAMAGED: frozenset[SequenceKey] = frozenset({("S9", "Greeting-2"), ("S9", "SittingDown-2"), ("S9", "Waiting-1")})
 """Sequences in which parts of the truth are shifted against the images: left out of absolute errors. The list is that
@@ -37,7 +38,7 @@ ACTIONS = {
 }
 """Names of the actions and their headings, in the order of the field's tables."""
 
-_MAX_NAMED = 5
+_MAX_NAMED = 5  # more names would make the message unreadable
 
 
 @dataclass(frozen=True)
@@ -70,10 +71,10 @@ def evaluate(
 
     Args:
         sequences: those to be scored, see load_labels and load_annotations.
-        predictions: by subject and action. What is no frame to be scored is ignored.
+        predictions: by subject and action. Other frames are ignored.
         step: score every so many frames, see scored_frames.
-        allow_missing: score what is there, and say how much is not. By default all must be there, although joints may
-            be NaN.
+        allow_missing: score the frames that are there, and state how much is missing. By default no frame may be
+            missing, but joints may be NaN.
 
     Raises:
         ValueError: there is nothing to score, or predictions lack a sequence or a frame.

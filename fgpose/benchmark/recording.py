@@ -1,4 +1,4 @@
-"""What the methods of the benchmark get, and what they give."""
+"""Input and output of the methods of the benchmark."""
 
 from __future__ import annotations
 

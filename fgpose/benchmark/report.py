@@ -1,4 +1,4 @@
-"""The report of the benchmark: one Markdown file and its pictures; and errors to hold later runs against."""
+"""The report of the benchmark: one Markdown file and its pictures; and stored errors to compare later runs with."""
 
 from __future__ import annotations
 
@@ -80,8 +80,8 @@ def _head(summaries: Summaries, command: str) -> list[str]:
         f"    {command}",
         f"Numbers are means over the recordings. ± is half the width of the {100 * CONFIDENCE:.0f} % confidence "
         f"interval over the recordings, by bootstrap ({RESAMPLES} resamples), widened for small numbers of them; "
-        "ratios, with their intervals, are those of means over the same recordings. Bold: the best but for the oracle, "
-        f"which is told what nobody knows. {tables.FEWER}: over fewer recordings than the others. "
+        "ratios, with their intervals, are those of means over the same recordings. Bold: the best, without the "
+        f"oracle, which knows the truth. {tables.FEWER}: over fewer recordings than the others. "
         f"{tables.NONE}: no such number.",
         *([_FEW] if min(counts) < FEWEST_RECORDINGS else []),
     ]
@@ -97,9 +97,9 @@ def _overview(summaries: Summaries) -> list[str]:
     if ours:
         parts += [
             "## Ours against the best other",
-            f"Absolute MPJPE in mm. Best other: the lowest of the groups {', '.join(OTHERS)}. Each ratio is to the "
-            "best in that very number: of the MPJPE, of the 95th percentile of the error, of the MPJPE to the "
-            "oracle's, of the acceleration error to that of the best linear smoother. Below 1, ours is better.",
+            f"Absolute MPJPE in mm. Best other: the lowest of the groups {', '.join(OTHERS)}. The ratios compare the "
+            "MPJPE and the 95th percentile of the error, each with the method that is best in it, the MPJPE with the "
+            "oracle's, and the acceleration error with the best linear method's. Below 1, ours is better.",
         ]
     for method in ours:
         parts += [f"### {method}", tables.comparison(summaries, method)]
@@ -136,7 +136,7 @@ def _details(summaries: Summaries) -> list[str]:
         "Absolute and pelvis-relative MPJPE, median and 95th percentile of the absolute error in mm; PCK: joints "
         "within 150 mm, and missing joints, in %; acceleration error in mm/frame²; bones: standard deviation of the "
         "bone lengths over time in mm; ms per frame; coverage of the 50/90/99 % ellipsoids in %; NEES per degree of "
-        "freedom (1 is honest).",
+        "freedom (1 if consistent).",
     ]
     for variant in variants_of(summaries):
         parts += [f"### {tables.words(variant)}", *_description(variant), tables.all_numbers(summaries, variant)]
@@ -182,7 +182,7 @@ def _stored(summary: Summary, margin: float | None) -> dict[str, Any]:
 
 
 def check_against(stored: Path, scores: list[Score]) -> list[str]:
-    """Hold the mean MPJPE of every variant and method against its stored interval.
+    """Compare the mean MPJPE of every variant and method with its stored interval.
 
     An interval is widened on both sides by TOLERANCE times the stored mean. An error below its interval is a violation
     too: the stored intervals are then out of date.

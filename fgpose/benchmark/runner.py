@@ -30,7 +30,7 @@ _FOLDER = Path(__file__).parent
 _SOLVER_SOURCES = (_FOLDER.parent, Path(fgpose_factors.__file__).parent)
 _OWN_SOURCES = ("methods.py", "linear.py", "scores.py")
 _PEER_SOURCES = ("peer.py", "peer_server.py", "peer_methods.py", "scores.py")
-_WARM_UP = "clean", "cmu_02_03_short", 15
+_WARM_UP = "clean", "cmu_02_03_short", 15  # the shortest clip; enough to import and compile everything
 _AHEAD = 2  # recordings wait for workers, not workers for recordings; more would only fill memory
 
 _warm: set[str] = set()
@@ -46,16 +46,16 @@ def run(
 ) -> list[Score]:
     """Every method on every recording.
 
-    Each score is written into the cache as soon as it is known: an interrupted run goes on where it was, and a second
-    run takes seconds. Measured anew is what depends on something that has changed: the recording, the version of the
-    benchmark, the source code of fgpose (for aniposelib's lines, only that which calls it).
+    Each score is written into the cache as soon as it is known: an interrupted run continues where it was, and a second
+    run takes seconds. A score is measured again if something that it depends on has changed: the recording, the version
+    of the benchmark, the source code of fgpose (for aniposelib only the code that calls it).
 
     Args:
         recordings: taken one by one.
         methods: with different names; picklable, unless there are no workers.
         cache: folder, made if absent; None: measure everything.
         progress: told every score, in the order in which they become known.
-        n_workers: processes, each with one BLAS thread; 0: in this one.
+        n_workers: number of processes, each with one BLAS thread; 0: run in this process.
 
     Returns:
         The scores in the order of the recordings, then of the methods.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.assessment.evaluation import PCK_THRESHOLD_M
 from fgpose.assessment.metrics import (
     acceleration_error_mps2,
     bone_length_spread_m,
@@ -23,8 +24,8 @@ from fgpose.assessment.metrics import (
 from fgpose.benchmark.recording import Method, Recording, Result
 from fgpose.io.atomic import write_text
 
+# The middle, the usual one and the tail of the distribution.
 COVERAGE_LEVELS = (0.5, 0.9, 0.99)
-_CORRECT_M = 0.15
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class Score:
     """Mean over the bones of the SD of their length over time."""
     ms_per_frame: float
     nees: float
-    """Mean normalised estimation error squared per degree of freedom; 1 is honest."""
+    """Mean normalised estimation error squared per degree of freedom; 1 if consistent."""
     coverage: tuple[float, ...]
     """Share of the joints inside the ellipsoids of COVERAGE_LEVELS."""
     coverage_occluded: tuple[float, ...]
@@ -87,7 +88,7 @@ def score(recording: Recording, result: Result, method: Method) -> Score:
         relative_mpjpe_mm=1000 * mpjpe_m(*pair, skeleton.root),
         median_mm=median_mm,
         p95_mm=p95_mm,
-        pck_150mm=float(np.mean(errors_mm <= 1000 * _CORRECT_M)),
+        pck_150mm=float(np.mean(errors_mm <= 1000 * PCK_THRESHOLD_M)),
         missing_share=share_missing(errors_mm),
         acceleration_mm_per_frame2=1000 * acceleration_error_mps2(*pair, np.arange(n_frames, dtype=float)),
         bone_spread_mm=1000 * float(mean_known(bone_length_spread_m(skeleton, result.positions_m))),

@@ -16,11 +16,12 @@ GROUPS = ("per-frame", "linear", "peer", "file", "ours", "oracle")
 """The order in which they are shown; unknown ones follow."""
 OTHERS = ("per-frame", "linear", "peer")
 """What ours is compared with."""
+# The usual level of intervals. More resamples take longer and make their ends less random.
 CONFIDENCE = 0.95
 RESAMPLES = 10_000
 FEWEST_RECORDINGS = 5
 """From fewer, an interval is no more than the range from the best recording to the worst."""
-_SEED = 0
+_SEED = 0  # any; the same report comes out each time
 
 
 @dataclass(frozen=True)
@@ -154,9 +155,9 @@ def _number(score: Score, number: str, index: int) -> float:
 
 def _interval(numerators: Float[np.ndarray, " recording"], denominators: Float[np.ndarray, " recording"]) -> Interval:
     """Ratio of the means over recordings. Percentile bootstrap, widened as few recordings demand (Hesterberg, What
-    Teachers Should Know About the Bootstrap, The American Statistician, 2015): of errors with a normal distribution,
-    95 % intervals from six recordings hold the truth in 93 % of the cases, without that in 87 %. From four recordings
-    even these hold it in 87 % only: no interval goes beyond the best and the worst recording."""
+    Teachers Should Know About the Bootstrap, The American Statistician, 2015): if errors are normally distributed,
+    95 % intervals from six recordings contain the truth in 93 % of the cases, without the widening in 87 %. From four
+    recordings they contain it in only 87 %, as no interval extends beyond the best and the worst recording."""
     n = len(numerators)
     if n == 0:
         return Interval(np.nan, np.nan, np.nan, 0)

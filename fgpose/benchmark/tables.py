@@ -15,7 +15,7 @@ NONE = "–"
 FEWER = "†"
 """Marks a mean over fewer recordings than the variant has."""
 _ORACLE = "oracle"
-"""A group whose methods are told what nobody knows: never the best."""
+"""A group whose methods know the truth: never marked as the best."""
 _MAX_VARIANTS = 6
 """More columns than these are hard to read: further variants get a table of their own."""
 _ACCELERATION = "acceleration_mm_per_frame2"
@@ -55,7 +55,7 @@ def all_numbers(summaries: Summaries, variant: str) -> str:
 def comparison(summaries: Summaries, method: str) -> str:
     """Ratios of the means of one method to those of the best others on every variant, with confidence intervals.
 
-    Each number is compared with the method that is best in this very number.
+    Each number is compared with that of the method that is best in it.
     """
     rows = []
     for variant in variants_of(summaries):
@@ -168,7 +168,7 @@ _COLUMNS = (
     _Column("50/90/99 %", lambda e: _slashed(_coverage(e, "coverage"))),
     _Column("NEES", lambda e: _significant(e.mean("nees"))),
 )
-_NOMINAL = 100 * np.array(COVERAGE_LEVELS)
+_NOMINAL = 100 * np.array(COVERAGE_LEVELS)  # percent
 
 
 def _coverage(entry: Summary, number: str) -> np.ndarray:

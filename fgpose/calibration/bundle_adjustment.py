@@ -21,7 +21,7 @@ from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_ma
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_factors import projection_residual, robust_loss, robust_weight
 
-_POSE, _CLOCK = slice(0, 6), 6
+_POSE, _CLOCK = slice(0, 6), 6  # where they are among the unknowns of a camera
 _N_UNKNOWNS = 7  # of a camera: rotation vector, translation, offset of the clock
 _MAX_ITERATIONS = 100  # about ten are needed on the tuning clips of the benchmark
 # In standard deviations of the priors: 1e-4 degrees, 5 um, 0.1 ms. A tenth of what any result is stated to.

@@ -14,8 +14,8 @@ from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
 
-# Bounds of the time that it takes. Errors of detections are correlated over 0.15 s: 25 Hz have as much information as
-# 50.
+# These four bound the time that it takes. Errors of detections are correlated over 0.15 s: 25 Hz have as much
+# information as 50. More would make the offsets a little more precise.
 _MAX_DURATION_S = 20.0
 _MAX_FRAMES = 300
 _RATE_HZ = 25.0
@@ -56,8 +56,7 @@ def camera_faults(observations: Observations, rig: CameraRig, config: Config | N
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
     """
-    config = config or Config()
-    config = replace(config, solver=replace(config.solver, max_iterations=_MAX_ITERATIONS))
+    config = (config or Config()).replace(solver={"max_iterations": _MAX_ITERATIONS})
     observations.check_cameras(rig.names)
     if rig.n_cameras < 3 or observations.n_frames < 2:
         return ()

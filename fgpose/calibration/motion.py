@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
 
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
@@ -14,7 +13,7 @@ from fgpose.trajectory import Trajectory
 
 def smoothed_motion(observations: Observations, rig: CameraRig, config: Config) -> Trajectory:
     """fgpose.smooth without covariances, and without its warning: whether it has converged is part of every result."""
-    config = replace(config, solver=replace(config.solver, covariance=False))
+    config = config.replace(solver={"covariance": False})
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*converge")
         return smooth(observations, rig, config)

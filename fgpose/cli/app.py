@@ -34,6 +34,7 @@ FGPOSE_TRACEBACK=1) shows where an error comes from.
 FAILED = 2
 """Exit code after an error of the input or the system, which is one line on stderr."""
 INTERRUPTED = 130
+# 128 plus the number of the signal (SIGPIPE), as shells report it.
 _BROKEN_PIPE = 141
 _COMMANDS = {
     "demo": Demo,

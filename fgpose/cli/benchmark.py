@@ -21,10 +21,12 @@ if TYPE_CHECKING:
 _OUTPUT = Path("out/benchmark")
 _SCORES = "scores.json"
 _QUICK_VARIANTS = ("clean", "occluded", "occluded_2_cameras", "desync_3", "industrial")
+# As much as fits into 90 seconds on two cores.
 _QUICK_CLIPS = 2
 _QUICK_FRAMES = 100
 # It takes as long as all others together.
 _NOT_QUICK = ("fgpose batch, self-calibrated",)
+# Larger, smaller losses of accuracy pass --check; smaller, harmless changes of the code fail it.
 _MARGIN = 0.05
 
 
@@ -33,8 +35,8 @@ class Open:
     """The open benchmark: real motion, simulated detections with the errors of real ones, in twelve variants.
 
     Every method on every recording, in less than 20 minutes on two cores. Writes scores.json and the report into the
-    output folder. What is finished is kept there in cache: an interrupted run goes on where it was. What a change of
-    the code concerns is measured anew.
+    output folder. Finished results are kept there in the folder cache, so an interrupted run continues where it was.
+    Results that a change of the code affects are measured again.
 
     Example: fgpose benchmark open --quick
     """
@@ -43,7 +45,7 @@ class Open:
     """Five variants on the first 100 frames of two clips, without the slowest method, in less than 90 seconds: for a
     first look."""
     ablation: bool = False
-    """Instead of the methods: fgpose's batch with one part removed or exchanged at a time."""
+    """Instead of the methods: fgpose's batch with one part removed or replaced at a time."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
     """Folder for the results; it is made if it is absent."""
     variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
@@ -53,17 +55,17 @@ class Open:
     clips: Literal["test", "tuning"] = "test"
     """test: the motions on which results are stated. tuning: those on which defaults may be chosen."""
     workers: Annotated[int, arg(metavar="N")] = 2
-    """Processes at work. More than there are cores distort the times."""
+    """Number of processes. More processes than cores distort the times."""
     cache: bool = True
-    """Keep finished results and take what is there. --no-cache measures everything, and keeps nothing."""
+    """Keep finished results, and use those that were kept. --no-cache measures everything and keeps nothing."""
     aniposelib: Annotated[
         Path | None, arg(metavar="PYTHON", help_behavior_hint="(default: .venv/bench/bin/python)")
     ] = None
     """Python of an environment that has aniposelib; without one its lines are left out."""
     check: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
-    """Compare the errors with those that --store has written, and fail where they differ. Without aniposelib."""
+    """Compare the errors with those that --store has written, and fail if they differ. Without aniposelib."""
     store: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
-    """Write the errors of this run, give or take 5 %, for --check. Without aniposelib."""
+    """Write the errors of this run, plus and minus 5 %, for --check. Without aniposelib."""
 
     def run(self) -> None:
         from fgpose.benchmark.plot_style import check_matplotlib
@@ -76,7 +78,7 @@ class Open:
         check_matplotlib()
         check_writable(self.output)
         if self.check is not None:
-            self.check.stat()  # that it is missing shall be known before the work is done
+            self.check.stat()  # report that it is missing before the work is done
         scores = self._scores(variants, methods)
         save_scores(scores, self.output / _SCORES)
         if not self.methods and not self._without_peer and not any(method.group == "peer" for method in methods):
@@ -86,7 +88,7 @@ class Open:
 
     @property
     def _without_peer(self) -> bool:
-        """Errors that are kept must not depend on whether aniposelib is there; an ablation is of fgpose alone."""
+        """Stored errors must not depend on whether aniposelib is installed; an ablation is of fgpose alone."""
         return self.ablation or self.check is not None or self.store is not None
 
     def _compare(self, scores: list[Score]) -> None:
@@ -175,7 +177,7 @@ def _report(folder: Path, command: str) -> None:
 class Benchmark:
     """Compare fgpose with other methods on recordings whose truth is known.
 
-    Without a name of a benchmark it is the open one: fgpose benchmark --quick is fgpose benchmark open --quick.
+    Without a name it runs the open benchmark: fgpose benchmark --quick is fgpose benchmark open --quick.
 
     Example: fgpose benchmark --quick
     """
@@ -197,7 +199,7 @@ ACTIONS = ("open", "report", "human36m", "occlude", "workcell")
 
 
 def with_action(arguments: list[str]) -> list[str]:
-    """The arguments of the command line with the benchmark named that is meant where none is."""
+    """The arguments of the command line, with "open" added where no benchmark is named."""
     if arguments[:1] != ["benchmark"] or arguments[1:2] in ([name] for name in (*ACTIONS, "-h", "--help")):
         return arguments
     return ["benchmark", "open", *arguments[1:]]

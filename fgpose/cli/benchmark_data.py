@@ -33,9 +33,9 @@ class LabelOptions:
         None
     )
     step: Annotated[int, arg(metavar="N")] = 64
-    """Take every so many frames of the 50 Hz videos."""
+    """Take every n-th frame of the 50 Hz videos."""
     subjects: Annotated[tuple[str, ...], arg(metavar="NAME ...")] = ("S9", "S11")
-    """Whose sequences; the protocol has S9 and S11."""
+    """Subjects whose sequences are used; the protocol has S9 and S11."""
 
     def sequences(self) -> list[PoseSequence]:
         """Those of the subjects. Raises ValueError and OSError as load_labels and load_annotations."""
@@ -62,17 +62,17 @@ class Human36M(LabelOptions):
     """
 
     predictions: Annotated[tuple[Path, ...], arg(metavar="FILE ...", help_behavior_hint="(default: none)")] = ()
-    """Results of methods: one line of the tables for each, named after the file."""
+    """Results of methods; each gets a line in the tables, named after its file."""
     views: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: none)")] = None
     """Poses of each camera alone, from which fgpose estimates poses."""
     estimation: Literal["smooth", "refine", "fuse"] = "smooth"
-    """How it does: the whole motion; each frame alone by the paper's method; the fusion of the paper's eq. 1-2."""
+    """How fgpose estimates: the whole motion; each frame alone by the paper's method; the fusion of eq. 1-2 alone."""
     config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """TOML file of parameters for it, as those in configs/."""
     allow_missing: bool = False
-    """Score what there is although frames are missing; the last column says how much is."""
+    """Score the frames that are there if others are missing; the last column states the share of missing joints."""
     output: Annotated[Path | None, arg(metavar="FOLDER", aliases=("-o",), help_behavior_hint="(default: none)")] = None
-    """Folder for the tables (human36m.md) and for the poses that fgpose made (fgpose_ESTIMATION.npz)."""
+    """Folder for the tables (human36m.md) and for the poses that fgpose estimates (fgpose_ESTIMATION.npz)."""
 
     def run(self) -> None:
         from fgpose.benchmark.predictions import save_predictions
@@ -124,7 +124,7 @@ class OccludeImages(LabelOptions):
 
     Of every 64th frame of S9 and S11 three views are drawn; in each, two objects are pasted over the person, as the
     generator of the paper's authors does. The fourth image is copied. Writes the images into the same folders below the
-    output folder, and occluders.json, which says what is where.
+    output folder, and occluders.json, which lists the objects and their places.
 
     Example: fgpose benchmark occlude labels.npy --images processed/ --cutouts VOCdevkit/VOC2012 -o occluded
     """
@@ -138,7 +138,7 @@ class OccludeImages(LabelOptions):
     boxes: Literal["joints", "labels"] = "joints"
     """The person's box: around the joints; or as in the labels, where Learnable Triangulation made it a square."""
     seed: int = 42
-    """Of all draws; the authors' is 42."""
+    """Seed of the random numbers; the authors' is 42."""
 
     def run(self) -> None:
         from fgpose.benchmark.cutouts import load_cutouts

@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 def calibrated(
     source: Source, config: Config, outputs: Outputs, console: Console, *, poses: bool, clocks: bool
 ) -> Source:
-    """The recording with its cameras refined, their time offsets estimated, both or neither.
+    """The recording with refined camera poses, with estimated time offsets, with both or with neither.
 
-    Writes the calibration that results as NAME_calibration.toml and says what has changed.
+    Writes the resulting calibration as NAME_calibration.toml and prints what has changed.
     """
     from fgpose.calibration.self_calibration import calibrate_cameras
     from fgpose.cli.tables import calibration_table

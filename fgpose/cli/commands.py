@@ -44,8 +44,8 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
 class Smooth(EstimatorOptions):
     """Smooth a whole recording: the most probable motion given all frames.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. With --solver.no-covariance it takes less
-    time and does not say how uncertain each joint is.
+    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. With --solver.no-covariance it is faster and
+    does not state how uncertain each joint is.
 
     Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --projection.sigma-px 4
     """
@@ -152,8 +152,8 @@ class Info(RecordingOptions):
 class Evaluate:
     """Compare a result with a reference: errors in millimetres, jitter in m/s^3, and a table of the joints.
 
-    Any trajectory files: parquet, npz, TRC, C3D. Joints are matched by name, frames by time; nothing is interpolated
-    and nothing is aligned but for PA-MPJPE.
+    Any trajectory files: parquet, npz, TRC, C3D. Joints are matched by name, frames by time. Nothing is interpolated,
+    and only PA-MPJPE aligns the poses.
 
     Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
     """

@@ -12,7 +12,7 @@ from fgpose.pipeline import OutputError, Outputs, Result, show, write_outputs
 from fgpose.viewer import Recording
 
 Summary = Callable[[Result, tuple[Path, ...]], None]
-"""Says what a result is and which files it is in."""
+"""Prints a summary of a result and the files that it is in."""
 
 
 def deliver(
@@ -22,7 +22,7 @@ def deliver(
     display: Callable[[Result, Recording], None] = show,
     summary: Summary | None = None,
 ) -> None:
-    """Write a result, show it and say what it is; then serve the viewers of a live one until Ctrl-C.
+    """Write a result, show it and print its summary; then, if it is live, serve the viewers until Ctrl-C.
 
     Raises:
         OutputError: a file could not be written; the others were, and the result has been summed up.

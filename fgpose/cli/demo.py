@@ -37,7 +37,7 @@ class Demo:
     output: Annotated[Path, arg(metavar="FOLDER")] = Path("out")
     """Folder for the results; it is made if it is absent."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use the first so many frames only."""
+    """Use only this many frames, from the beginning."""
 
     videos: Annotated[bool, FlagCreatePairsOff] = False
     """Start from the videos."""

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected, PersonRegion
-    from fgpose.monocular.flips import Mended
+    from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import Outputs
@@ -59,16 +59,16 @@ class VideoOptions:
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Use these cameras only."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use the first so many frames only."""
+    """Use only this many frames, from the beginning."""
     model: Annotated[str, arg(metavar="NAME|FILE", help=_MODEL)] = "blazepose-full"
     network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
-    """What the ONNX file given as --model is."""
+    """Kind of network of the ONNX file given as --model."""
     detector: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: that of blazepose)")] = None
     """ONNX file that finds the people: YOLOX, needed for every network but blazepose."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
-    """What the joints of a metrabs file are."""
+    """Skeleton of the joints of a metrabs file."""
     people: Annotated[int, arg(metavar="N")] = 1
-    """How many people to look for in each image: the wanted person and all who come near. More take longer."""
+    """How many people to find in each image at most: the wanted person and all who come near. More take longer."""
     person_region: Annotated[
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
     ] = None
@@ -79,7 +79,7 @@ class VideoOptions:
     )
     """Where detections are kept, so that another run does not need the network again."""
     no_cache: Annotated[bool, FlagCreatePairsOff] = False
-    """Keep no detections, and use none that were kept."""
+    """Neither keep detections nor use those that were kept."""
 
     def detect(self, console: Console) -> Detected:
         """All people in all images, with a progress bar. Everything is checked before the work begins."""
@@ -110,18 +110,18 @@ class VideoOptions:
                 progress=status.update,
             )
 
-    def wanted(self, detected: Detected, console: Console) -> Mended:
+    def wanted(self, detected: Detected, console: Console) -> FlipCorrection:
         """The wanted person as each camera saw them, with left and right corrected; prints what was found."""
-        from fgpose.monocular.flips import mend_flips
+        from fgpose.monocular.flips import correct_flips
 
         region = None if self.person_region is None else parse_region(self.person_region)
         followed = detected.follow(0 if region is None else region)
         observations = followed.observations
         if self.frames is not None and self.frames < observations.n_frames:
             observations = observations.frames(slice(0, self.frames))
-        mended = mend_flips(observations, detected.rig)
-        print_views(console, mended, followed.problems[: observations.n_frames])
-        return mended
+        corrected = correct_flips(observations, detected.rig)
+        print_views(console, corrected, followed.problems[: observations.n_frames])
+        return corrected
 
     def _open(self) -> Sources:
         from fgpose.io.calibration import load_rig
@@ -140,8 +140,8 @@ class Detect(VideoOptions):
     """Detect the joints of a person in videos, without estimating anything from them.
 
     Writes NAME.parquet: for each frame, camera and joint the pixels, the confidence, the absolute 3D joint that the
-    view alone gives, and its covariance. fgpose smooth, track, refine and info read it. Where the size of a video is
-    not that of its calibration, the calibration that fits is written as NAME_calibration.toml: use it with them.
+    view alone gives, and its covariance. fgpose smooth, track, refine and info read it. If a video has another size
+    than its calibration, the calibration for this size is written as NAME_calibration.toml: use it in these commands.
 
     Example: fgpose detect videos/ --rig Calib.qca.txt, then fgpose smooth detections/videos.parquet --rig
     Calib.qca.txt --skeleton blazepose_33
@@ -206,17 +206,17 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
     console.print(f"{detected.n_images} images of {detected.rig.n_cameras} cameras{known}", soft_wrap=True)
 
 
-def print_views(console: Console, mended: Mended, problems: Shaped[np.ndarray, "frame camera"]) -> None:
-    """In how many frames each camera saw the person, how often left and right were exchanged, why 3D is missing or
-    uncertain."""
+def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np.ndarray, "frame camera"]) -> None:
+    """For each camera: in how many frames it saw the person, in how many left and right were exchanged, and why 3D is
+    missing or uncertain."""
     from fgpose.cli.tables import new_table
 
-    observations = mended.observations
+    observations = corrected.observations
     table = new_table("", *observations.camera_names)
     n_seen = observations.seen.any(axis=-1).sum(axis=0)
     table.add_row(f"seen, of {observations.n_frames} frames", *map(str, n_seen.tolist()))
-    table.add_row("left and right exchanged, corrected", *map(str, mended.flipped.sum(axis=0).tolist()))
-    table.add_row("uncertain, trusted less", *map(str, mended.doubtful.sum(axis=0).tolist()))
+    table.add_row("left and right exchanged, corrected", *map(str, corrected.flipped.sum(axis=0).tolist()))
+    table.add_row("uncertain, trusted less", *map(str, corrected.uncertain.sum(axis=0).tolist()))
     kinds = [[problem.partition(":")[0] for problem in of_camera] for of_camera in problems.T.tolist()]
     for kind in sorted({kind for of_camera in kinds for kind in of_camera if kind}):
         table.add_row(f"3D missing or uncertain: {kind}", *(str(of_camera.count(kind)) for of_camera in kinds))

@@ -12,7 +12,9 @@ from fgpose.assessment.recording_info import CameraInfo, RecordingInfo
 from fgpose.calibration.camera_faults import CameraFault
 from fgpose.cli.tables import new_table
 
+# More would hide the rest of the report.
 _MAX_GAPS = 10
+# Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
 
 
@@ -42,7 +44,7 @@ def print_info(console: Console, info: RecordingInfo, faults: tuple[CameraFault,
 
 
 def hints(info: RecordingInfo) -> Iterator[str]:
-    """What is probably wrong, and what to do about it, in plain words."""
+    """What is probably wrong, and what to do about it."""
     for remark in info.implausible:
         yield f"Implausible: {remark}. Millimetres taken for metres, or the reverse? See --unit and --points3d-unit."
     if info.suspected_calibration:
@@ -103,8 +105,8 @@ def _check_table(cameras: tuple[CameraInfo, ...]) -> Table:
     """How well each camera agrees with the others."""
     table = new_table("camera", "error\n[px]", "90 %\n[px]", "left out\n[px]", "constant\n[px]", "swapped\n[%]")
     table.caption = (
-        "error: distance to the triangulation of all cameras (median, 90 % quantile). left out: to that of the other "
-        "cameras alone; constant: the part of it that is. swapped: left and right exchanged."
+        "error: distance to the triangulation of all cameras (median, 90 % quantile). left out: distance to that of "
+        "the other cameras only. constant: the constant part of it. swapped: left and right exchanged."
     )
     table.caption_justify = "left"
     for camera in cameras:
@@ -121,8 +123,9 @@ def _faults_table(faults: tuple[CameraFault, ...], fps: float) -> Table:
     """What would make the cameras agree."""
     table = new_table("camera", "taken later\n[ms]", "taken later\n[frames]", "turned\n[deg]", "moved\n[cm]")
     table.caption = (
-        "taken later: images, than their times say, by the camera whose clock is nearest to all (- earlier). turned, "
-        "moved: what else would make the cameras agree, on 20 s at most."
+        "taken later: how much later than their times the images were taken (negative: earlier), relative to the "
+        "camera whose clock is nearest to all others. turned, moved: the change of pose that would make the cameras "
+        "agree. All estimated on 20 s at most."
     )
     table.caption_justify = "left"
     for fault in faults:

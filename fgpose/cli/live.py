@@ -15,13 +15,13 @@ from fgpose.viewer import Recording
 def live_viewer(
     source: Source, trajectories: tuple[str, ...], outputs: Outputs, *, grows: bool = False
 ) -> Iterator[Recording | None]:
-    """What viewers can connect to from now on, with the .rrd file if that is wanted; None without --live.
+    """A recording that viewers can connect to at once, also written to the .rrd file if wanted; None without --live.
 
     Args:
         source: the recording.
         trajectories: names of those that will be shown.
         outputs: where the results go.
-        grows: it is shown frame by frame, so that Ctrl-C leaves a file of the frames so far.
+        grows: it is shown frame by frame, so that after Ctrl-C the file has the frames so far.
 
     Raises:
         ImportError: Rerun is not installed.
@@ -54,7 +54,7 @@ def _port(recording: Recording) -> str:
 
 
 def wait_for_viewers(outputs: Outputs) -> None:
-    """Serve until Ctrl-C, which is how a live session ends: it is no error then."""
+    """Serve until Ctrl-C. That is how a live session ends, so it is not an error."""
     written = f" (then {outputs.path('rrd')} is complete)" if "rrd" in outputs.formats else ""
     new_console(stderr=True).print(f"Done; still serving viewers. Ctrl-C ends{written}.", soft_wrap=True)
     try:

@@ -1,4 +1,4 @@
-"""The weights of pose networks: fetching them, and which there are."""
+"""The weights of pose networks: fetching and listing them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Pull:
 
 @dataclass(frozen=True, kw_only=True)
 class ListModels:
-    """Which models can be fetched, and which are in the cache.
+    """List the models that can be fetched, and which of them are in the cache.
 
     Example: fgpose models list
     """
@@ -57,7 +57,7 @@ class ListModels:
 
 @dataclass(frozen=True, kw_only=True)
 class Models:
-    """Weights of pose networks: fetch them (pull), see which there are (list).
+    """Weights of pose networks: fetch them (pull), list them (list).
 
     Example: fgpose models pull blazepose-full
     """

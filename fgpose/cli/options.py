@@ -33,7 +33,7 @@ _SKELETON = (
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingOptions:
-    """Where a recording is and what it is."""
+    """Where a recording is, and its skeleton, rate and units."""
 
     keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
     rig: Annotated[Path, arg(metavar="FILE")]
@@ -50,7 +50,7 @@ class RecordingOptions:
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Use these cameras only."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use the first so many frames only."""
+    """Use only this many frames, from the beginning."""
 
     def load(self) -> Source:
         """Read the recording. Raises ValueError and OSError as pipeline.load_source."""

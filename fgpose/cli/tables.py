@@ -27,7 +27,7 @@ _MEANING = {
 
 
 def print_result(console: Console, result: Result, written: tuple[Path, ...]) -> None:
-    """What a run gave, and where it is."""
+    """The result of a run, and the files that it is in."""
     print_source(console, result.source)
     console.print(result_table(result))
     if result.update_ms is not None:
@@ -95,7 +95,10 @@ def calibration_table(source: Source, refinement: RigRefinement | None, offsets:
             "taken later [frames]": (fps * offsets.offsets_s, 2),
             "standard deviation [frames]": (fps * offsets.sigma_s, 2),
         }
-        table.caption = "taken later: than the times of the images say (- earlier), by the clock of the first camera"
+        table.caption = (
+            "taken later: how much later than their times the images were taken (negative: earlier), relative to the "
+            "first camera"
+        )
         table.caption_justify = "left"
     for name, (values, digits) in rows.items():
         table.add_row(name, *(f"{value:.{digits}f}" for value in values))

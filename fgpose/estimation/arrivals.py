@@ -12,6 +12,8 @@ from jaxtyping import Bool, Float
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
+# The median of these is the usual step. With more, a change of the frame rate is noticed later; with fewer, jitter
+# disturbs it.
 _REMEMBERED_STEPS = 50
 # Nearly a whole step: a frame then has an image of every camera, and the cameras confirm each other. With half a step,
 # four cameras at different times of their step had an error 4 to 8 % (occluded: 26 %) above that of synchronous ones.

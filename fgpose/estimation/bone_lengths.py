@@ -8,8 +8,8 @@ from jaxtyping import Bool, Float
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.skeleton import Skeleton
 
-_BIN_M = 1e-3
-_MAX_LENGTH_M = 2.0
+_BIN_M = 1e-3  # well below the 5 mm by which a bone may vary (symmetry.sigma_m)
+_MAX_LENGTH_M = 2.0  # no bone is longer; bounds the memory
 # Half the interquartile range of a Gaussian, in sigmas.
 _QUARTILE = 0.6745
 

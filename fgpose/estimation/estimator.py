@@ -31,7 +31,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, joint_status
 from fgpose_factors import noise_model
 
-_APPLY_OFFSETS_S = 0.5
+_APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
 _PULL_SIGMA_M = 1e-3  # for as long as it takes to linearise anew: much less than online.relinearize_m
 _TIME_ROUNDING_S = 1e-6  # a frame that is exactly one lag old is old enough
 
@@ -216,7 +216,6 @@ class Estimator:
         state = self._window[-1]
         detections = state.evidence.undistorted_px[0], state.evidence.weights[0]
         self._offsets.add(state.step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
-        # A new rig costs a millisecond, and offsets change slowly.
         if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
 

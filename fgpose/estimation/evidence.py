@@ -19,7 +19,7 @@ _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate 
 # Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. A few wrong
 # triangulations do not change the median.
 _MAX_BODY_M = 30.0
-_FEW_VIEWS = 2
+_FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ import gtsam
 from fgpose.skeleton import MAX_JOINTS
 
 _JOINTS_PER_FRAME = MAX_JOINTS
+# The first key of each kind; the character is in the highest byte, so kinds cannot overlap.
 _POSITION = gtsam.symbol("x", 0)
 _VELOCITY = gtsam.symbol("v", 0)
 _LENGTH = gtsam.symbol("l", 0)

@@ -8,13 +8,17 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-CORRELATION_S = 0.15
-"""Time over which the errors of a pose network are correlated, measured on a monocular network."""
+from fgpose.parameters import CalibrationConfig
+
+CORRELATION_S = CalibrationConfig.error_correlation_s
+"""Time over which the errors of a pose network are correlated. Always the default, with which
+_EQUAL_FRAMES was fitted."""
 # Share of the variance of a visible detection that is correlated (4 of 5 px), measured on the same network.
 _CORRELATED_SHARE = 0.64
 # The information of the whole graph over that of one frame counts frames of unequal weight. Fitted with the factors in
 # fgpose.estimation.uncertainty.
 _EQUAL_FRAMES = 0.35
+# Keep the formula finite where a frame alone knows nothing, or after a pause; both are beyond any real recording.
 _MAX_FRAMES = 1e4
 _MAX_STEP_S = 1e3
 # Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre in

@@ -75,12 +75,11 @@ def refine_evidence(
 
 def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config) -> Segment:
     """Eq. 3 and eq. 4, and weak priors around the fused pose; all detections have equal weight, as in the paper."""
-    paper = replace(
-        config,
+    paper = config.replace(
         projection=_SQUARED_PIXELS,
         symmetry=SymmetryConfig(form="frame", sigma_m=1e-3 / config.refinement.px_per_mm),
         motion=MotionConfig(model="none"),
-        solver=replace(config.solver, step_tolerance_m=_STEP_TOLERANCE_M),
+        solver={"step_tolerance_m": _STEP_TOLERANCE_M},
     )
     unweighted = replace(
         evidence,

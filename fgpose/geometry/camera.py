@@ -16,8 +16,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 LensModel = Literal["pinhole", "fisheye"]
+# The numbers of coefficients that OpenCV takes for each lens, without those of tilted sensors and thin prisms.
 _DISTORTION_SIZES = {"pinhole": (0, 4, 5, 8), "fisheye": (4,)}
-_MIN_DEPTH_M = 1e-6
+_MIN_DEPTH_M = 1e-6  # keeps the division by the depth finite
 # A rotation read from a text file with six digits is orthonormal to about 1e-6; 1e-3 still catches every real mistake.
 _ROTATION_TOLERANCE = 1e-3
 # Where the lens model is invertible the round trip is exact to 1e-6 px; where it is not, off by tens of pixels.

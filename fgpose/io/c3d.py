@@ -18,7 +18,7 @@ from fgpose.trajectory import Trajectory
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 # The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
 _MAX_FRAMES = 65535
-_MAX_INTERVAL_DEVIATION = 0.01
+_MAX_INTERVAL_DEVIATION = 0.01  # time stamps rounded to 0.1 ms at 100 Hz deviate by this much
 _SCREEN = {"z": ("+X", "+Z"), "y": ("+Z", "+Y")}
 
 

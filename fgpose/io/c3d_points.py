@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+# Of the C3D format: the unit of all addresses, the second byte of every file, and the codes of the processors.
 BLOCK_BYTES = 512
 _MAGIC = 0x50
 _LITTLE_ENDIAN, _DEC, _BIG_ENDIAN = 84, 85, 86

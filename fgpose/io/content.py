@@ -6,8 +6,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+# Larger than any recording should be. A file without an end (a device) must not fill the memory.
 _MAX_BYTES = 4 << 30
-_PART_BYTES = 1 << 20
+_PART_BYTES = 1 << 20  # a file without an end is noticed this much too late at most
 
 
 def read_content(path: Path, max_bytes: int = _MAX_BYTES) -> bytes:

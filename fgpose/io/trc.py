@@ -20,7 +20,7 @@ from fgpose.trajectory import Trajectory
 _HEADER = ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]
 _HEADER += ["OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"]
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
-_N_HEADER_LINES = 5
+_N_HEADER_LINES = 5  # of the TRC format
 
 
 def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> None:

@@ -2,9 +2,9 @@
 
 The joints X are metric but relative to the root, whose position is unknown. We look for the translation t with which
 the joints project onto their landmarks: (X + t)_xy = u (X + t)_z, with u the undistorted landmarks at depth one. Each
-joint keeps the depth that this gives; across the ray it is put onto its landmark, which is several times more accurate
-than the network's X there. So only the depth is new information, and its standard deviation is large; the covariance
-says so.
+joint keeps the depth that follows from t. Across the ray it is placed on its landmark, which is several times more
+accurate there than the network's X. So the 3D joints add only depth to the 2D detections, and the covariance states
+that this depth is known much less well.
 """
 
 from __future__ import annotations
@@ -31,37 +31,43 @@ _DEPTH_SIGMA_M = {
     "elbow": 0.122,
     "wrist": 0.150,
 }
-_OTHER_DEPTH_SIGMA_M = 0.12
+_OTHER_DEPTH_SIGMA_M = 0.12  # of joints not measured: as an elbow
 # The network does not know how tall the person is. Adults differ by 4 to 5 % (SD) in height, so the relative error of
 # one person's depth is constant. Measured: 4.3 % of the distance.
 _SCALE_SIGMA = 0.045
 # Residuals of X across the ray, over the depth sigmas (medians of 400 views: 0.32 and 0.29).
 _FIT_RATIO = 0.33
 _FIT_PRIOR_JOINTS = 4.0
-"""The expected fit counts as this many joints: a few joints alone always fit well."""
+"""Weight of the expected fit, in joints: a few joints alone always fit well."""
 # Across the ray, the error of a landmark has two parts. One is a share of the body, as the network sees every body in a
 # crop of the same size; the other, for people far away, is assumed to be constant in pixels. The variance is inversely
 # proportional to the confidence (measured at 3.5 m: 17 mm at confidence 1, 26 at 0.4, 50 at 0.2).
 _LATERAL_SIGMA_M = 0.020
 _PIXEL_SIGMA_PX = 1.5
 
+# Fewer joints, or such that the network hardly believes in, give a translation that looks certain and is wrong. Higher,
+# people who are half hidden get no 3D.
 _MIN_JOINTS = 6
 _MIN_CONFIDENCE = 0.1
 _BORDER_SHARE = 0.01
 """Share of the longer side of the image. Networks put a joint that is out of sight at the edge as often as beyond
 it."""
+# From this share of the joints on, the border has cut the crop too, and the pose is reported as uncertain.
 _MAX_CUT_SHARE = 0.25
 _MAX_DISTANCE_SIGMA = 0.2
 """Largest relative standard deviation of the distance: beyond it the pose counts as unknown."""
 _MAX_FIT_RATIO = 4 * _FIT_RATIO
+"""Beyond it the pose is reported as a poor fit. Lower, unusual poses are reported too."""
 _MIN_DEPTH_M = 0.1
+"""No network sees a person who is nearer."""
+# Half a millimetre is far below the standard deviation of any translation.
 _ITERATIONS = 10
 _CONVERGED_M = 5e-4
 _MIN_FIT_RATIO = 1e-3
 """Keeps the weights finite where everything fits exactly: 0.1 mm."""
 _CAUCHY = 2.385  # 95 % efficient where there is no outlier
-_MEDIAN_OF_RAYLEIGH = 1.1774
-_MIN_SPREAD = 1e-9
+_MEDIAN_OF_RAYLEIGH = 1.1774  # sqrt(2 ln 2): median length of a 2D Gaussian vector, in sigmas
+_MIN_SPREAD = 1e-9  # keeps the division finite where all joints are at one pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +75,7 @@ class AbsolutePose:
     """The joints of one person as one camera alone gives them."""
 
     points3d_m: Float[np.ndarray, "joint 3"]
-    """Camera frame; NaN where it cannot be had."""
+    """Camera frame; NaN where it cannot be computed."""
     covariance_m2: Float[np.ndarray, "joint 3 3"]
     """Camera frame; large along the ray, small across it; NaN where points3d_m is. The depth errors of the joints of
     one view are strongly correlated, with each other and from frame to frame."""
@@ -110,7 +116,7 @@ def absolute_pose(
             known. Without it all have the same weight.
 
     Returns:
-        AbsolutePose; a missing joint is NaN, all are NaN where no translation can be had, and problem then says why.
+        AbsolutePose; a missing joint is NaN, all are NaN if no translation can be found, and problem then says why.
     """
     n_joints = len(relative_m)
     u = (camera.undistort(points2d_px) - camera.K[:2, 2]) / np.diag(camera.K)[:2]
@@ -173,7 +179,7 @@ def _translation(
     confidence: Float[np.ndarray, " joint"],
     sigma_m: Float[np.ndarray, " joint"],
 ) -> _Translation:
-    """Weighted least squares of t_xy - u t_z = u X_z - X_xy, re-weighted after Cauchy with the residuals' own scale."""
+    """Weighted least squares of t_xy - u t_z = u X_z - X_xy, re-weighted (Cauchy) with the residuals' own scale."""
     target_m = relative_m[:, 2:] * u - relative_m[:, :2]
     information = confidence / sigma_m**2
     t_m, spread = _least_squares(target_m, u, information)

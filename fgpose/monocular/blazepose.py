@@ -21,15 +21,15 @@ from fgpose.monocular.network import Image, People, checked_image
 from fgpose.monocular.sessions import identity
 
 _SEARCH_EVERY = 5
-"""While somebody is tracked, the detector runs once in so many images to find further people: it takes as long as a
-person."""
+"""While somebody is tracked, the detector runs only once in this many images to find more people: it takes as long as
+the landmarks of one person."""
 # As shares of the side of a region. Measured: regions around one person lie within 0.06 of each other and differ by a
 # factor of up to 1.27 (400 views). The median distance of the joints of two results for one person is 0.1 at most, of
 # two people who stand side by side 0.2 at least (149 pairs). The overlap of the regions tells them apart less well.
 _SAME_REGION = 0.1
 _SAME_REGION_FACTOR = 1.5
 _SAME_POSE = 0.12
-_PRESENT = 0.5
+_PRESENT = 0.5  # as likely in the picture as not
 
 
 class BlazePose:
@@ -88,14 +88,15 @@ class BlazePoseTracker:
     def detect(self, image: np.ndarray) -> People:
         """The people in the next image, the most confident first.
 
-        Confidence of a joint: the network's probability that it is not hidden, times that it lies in the picture, times
-        that there is a person. Of a box: the last alone. The box spans the joints that lie in the picture.
+        The confidence of a joint is the product of three probabilities of the network: that the joint is not hidden,
+        that it lies in the picture, and that there is a person. The confidence of a box is the last of them. The box
+        spans the joints that lie in the picture.
 
         Args:
             image: RGB, (height, width, 3) uint8, of the camera's size.
 
         Raises:
-            ValueError: it is not; the message names the camera.
+            ValueError: the image is different; the message names the camera.
         """
         image = checked_image(image, self._camera)
         people: list[Landmarks] = []

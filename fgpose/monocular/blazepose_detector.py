@@ -15,15 +15,16 @@ from fgpose.monocular.crops import Region
 from fgpose.monocular.network import Image
 from fgpose.monocular.sessions import check_signature, open_session
 
+# Of the network: side of its input, and what it gives for each anchor.
 _SIZE = 224
 _INPUTS = {"input_1": (None, _SIZE, _SIZE, 3)}
 _OUTPUTS = {"Identity": (None, 2254, 12), "Identity_1": (None, 2254, 1)}
 # Cells of each stride, in crop pixels, and how many anchors lie at the centre of each cell.
 _ANCHORS = ((8, 2), (16, 2), (32, 6))
-_MIN_SCORE = 0.5
+_MIN_SCORE = 0.5  # as in MediaPipe
 _MAX_OVERLAP = 0.3
 """Boxes of one person overlap more than this. They span head and upper torso, so even neighbours overlap less."""
-_MAX_LOGIT = 100.0
+_MAX_LOGIT = 100.0  # exp() does not overflow, and the score is 0 or 1 long before
 # Rows of a decoded detection: two corners of the box, then four keypoints.
 _MID_HIP, _BODY_CIRCLE = 2, 3
 BODY_SCALE = 1.25

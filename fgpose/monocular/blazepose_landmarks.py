@@ -17,6 +17,8 @@ from fgpose.monocular.crops import Region
 from fgpose.monocular.network import Image
 from fgpose.monocular.sessions import check_signature, open_session
 
+# Of the network: sides of its input and heatmaps; 33 joints, then six auxiliary landmarks, of which two tell where to
+# look in the next image.
 _SIZE, _HEATMAP_SIZE = 256, 64
 _N_JOINTS = 33
 _N_LANDMARKS = 39
@@ -30,10 +32,10 @@ _OUTPUTS = {
 }
 _WINDOW = np.arange(-3, 4)
 """Cells around a landmark over which its heatmap is averaged, along each axis."""
-_MAX_LOGIT = 100.0
+_MAX_LOGIT = 100.0  # exp() does not overflow, and the sigmoid is 0 or 1 long before
 _MIN_PEAK = 0.5
 """A heatmap that stays below this around its landmark is not used."""
-_MIN_SCORE = 0.5
+_MIN_SCORE = 0.5  # of a person, as in MediaPipe
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,7 @@ class LandmarkNetwork:
 def _refine(
     points_crop: Float[np.ndarray, "landmark 2"], logits: Float[np.ndarray, "row column landmark"]
 ) -> Float[np.ndarray, "landmark 2"]:
-    """Each landmark at the centre of mass of its heatmap around it, where the heatmap is sure; else as it was."""
+    """Each landmark moved to the centre of mass of the heatmap around it, if the heatmap has a clear peak there."""
     scale = _SIZE / _HEATMAP_SIZE
     column, row = (points_crop / scale).astype(int).T
     columns, rows = column[:, None, None] + _WINDOW, row[:, None, None] + _WINDOW[:, None]

@@ -1,4 +1,4 @@
-"""The images of one camera over time: a video file, or a folder of image files. Probed at once, decoded lazily."""
+"""The images of one camera over time: a video file, or a folder of image files. Checked at once, decoded on demand."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DECODER_THREADS = 1
 _MAX_FPS = 2000.0
 # Numbers with larger gaps than this between the images are not frame numbers.
 _MAX_FRAMES_PER_IMAGE = 1000
-_HASHED_BYTES = 1 << 16
+_HASHED_BYTES = 1 << 16  # of head, middle and tail: at once even for large videos
 
 
 class Picture(NamedTuple):
@@ -45,7 +45,7 @@ class Clip:
     """What one camera recorded. Made by open_clip."""
 
     name: str
-    """By which the file or folder calls the camera."""
+    """Of the camera, as the file or folder is called."""
     path: Path
     size_px: tuple[int, int]
     """Width and height."""
@@ -85,8 +85,9 @@ class Clip:
     def times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
         """Time of each of the first images, given the stamps that they were read with.
 
-        Image n of a video is at its stamp, or at n / fps where the user gave fps or the stamps do not increase. The
-        image file with number n in its name is at n / fps; where such numbers do not increase, the n-th file is.
+        An image of a video has the time of its stamp. If the user gave fps, or if the stamps do not increase, image n
+        has the time n / fps. For image files n is the number in the name; if these numbers do not increase, it is the
+        position of the file in the order.
         """
         index = np.arange(len(stamps_s))
         if self.files:

@@ -22,7 +22,7 @@ class Region:
     center_px: tuple[float, float]
     side_px: float
     angle_rad: float = 0.0
-    """From the image's up to the square's up, clockwise as one sees it."""
+    """Angle from up in the image to up in the square, clockwise in the image."""
 
     @staticmethod
     def whole(size_px: tuple[int, int]) -> Region:

@@ -63,7 +63,7 @@ class Detected:
     views: tuple[ViewDetections, ...]
     """Of each camera of the rig, in the camera frame."""
     n_new_images: int
-    """How many were run through the network this time; the others came from the cache."""
+    """How many images were run through the network this time; the others came from the cache."""
 
     @property
     def rig(self) -> CameraRig:

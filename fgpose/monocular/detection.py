@@ -22,10 +22,10 @@ from fgpose.monocular.sources import Sources
 Progress = Callable[[int, int], None]
 """Called with the number of images done and the number of images in all."""
 
-# Threads change between cameras after so many images: all cores are busy until the end, however few cameras there are.
+# A thread changes to another camera after this many images. So all cores are busy until the end.
 _TURN_IMAGES = 10
-# A file is written anew after at least this many new images, and a tenth more than it has: so writing takes a constant
-# share of the time.
+# A file is written again after this many new images, or after a tenth of those that it has if that is more. So writing
+# takes a constant share of the time.
 _STORE_IMAGES = 100
 _STORE_GROWTH = 0.1
 # The number of images that a container states is often off by one or two.
@@ -43,16 +43,16 @@ def detect(
 ) -> Detected:
     """Find the people in every image.
 
-    Cameras are worked on in turns by several threads; within a camera images come in the order of time. What was found
-    is kept in one file per camera while it runs, also after Ctrl-C or an error, and the next run goes on from there; a
-    tracker then starts with a detection, as at the beginning, so the joints around that image may differ slightly.
+    Several threads take turns with the cameras; the images of one camera are taken in the order of time. What was found
+    is kept in one file per camera, also after Ctrl-C or an error, and the next run continues from there. Its tracker
+    starts with a detection, as at the beginning of a video, so the joints near that image may differ slightly.
 
     Args:
         sources: the videos.
         network: detects the people; its sessions should use one thread each.
         cache: folder of the files; None keeps nothing. It is made if it is absent.
         jobs: number of threads; by default as many as there are cores.
-        frames: look at so many images of the fastest camera only, and at those of the others up to the same time.
+        frames: only look at this many images of the fastest camera, and at those of the others up to the same time.
         progress: told how far it is, from the calling thread.
 
     Warns:
@@ -146,7 +146,7 @@ class _View:
             self.store()
 
     def store(self) -> None:
-        """Keep what was found. When the disk is full the work goes on without."""
+        """Keep what was found. If the disk is full, the work continues without keeping anything."""
         state = len(self._people), self._ended
         if self._path is None or state == self._stored:
             return

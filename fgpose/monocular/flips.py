@@ -1,4 +1,4 @@
-"""Finding and correcting views in which the network has exchanged the left and right side of the body.
+"""Finding and correcting views in which the network has exchanged the left and the right side of the body.
 
 A flip is a state of one camera that begins and ends: a hidden Markov model over time, whose state says which cameras
 are flipped. Three things tell how probable a state is: how well the limbs of all views meet in space when the sides of
@@ -36,6 +36,8 @@ _SURE = 0.9
 uncertain."""
 _MIN_SHARE = 0.1
 """Smallest factor on the confidence of an uncertain view: its joints still show where the limbs are."""
+# These bound time and memory, which grow with states, pairs of views and frames. In a rig of more than six cameras two
+# flips are found in each round; 15 are all pairs of six cameras.
 _MAX_FLIPPED_AT_ONCE = 2
 _ROUNDS = 3
 _MAX_PAIRS = 15
@@ -43,18 +45,18 @@ _FRAMES_AT_ONCE = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Mended:
-    """Observations whose left and right are the same in all views."""
+class FlipCorrection:
+    """Observations in which left and right mean the same in all views."""
 
     observations: Observations
     """Sides exchanged where flipped; confidence lowered where uncertain."""
     flipped: Bool[np.ndarray, "frame camera"]
     """Views whose left and right were exchanged."""
-    doubtful: Bool[np.ndarray, "frame camera"]
+    uncertain: Bool[np.ndarray, "frame camera"]
     """Views that may be flipped or not, as with two cameras that always contradict each other."""
 
 
-def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
+def correct_flips(observations: Observations, rig: CameraRig) -> FlipCorrection:
     """Exchange left and right of the views that are flipped as a whole, and lower the confidence of uncertain ones.
 
     A camera can only be judged by others. With one camera nothing is done; with two that disagree, only the frames
@@ -75,10 +77,10 @@ def mend_flips(observations: Observations, rig: CameraRig) -> Mended:
             break
         observations, flipped = _exchanged(observations, found), flipped ^ found
         probability = flip_probability(observations, rig)
-    doubtful = probability > 1.0 - _SURE
-    share = np.where(doubtful, np.maximum(np.abs(2.0 * probability - 1.0), _MIN_SHARE), 1.0)
+    uncertain = probability > 1.0 - _SURE
+    share = np.where(uncertain, np.maximum(np.abs(2.0 * probability - 1.0), _MIN_SHARE), 1.0)
     observations = replace(observations, confidence=observations.confidence * share[..., None])
-    return Mended(observations, flipped, doubtful)
+    return FlipCorrection(observations, flipped, uncertain)
 
 
 def flip_probability(observations: Observations, rig: CameraRig) -> Float[np.ndarray, "frame camera"]:
@@ -149,8 +151,8 @@ def _disagreement(
     rig: CameraRig,
     states: Int[np.ndarray, "state camera"],
 ) -> Float[np.ndarray, "frame state"]:
-    """Disagreement of the views in every state: the sum of the weights of the detections that miss; a near miss counts
-    in part.
+    """Disagreement of the views in every state: the sum of the weights of the detections that do not fit. A detection
+    that fits roughly counts in part.
 
     Every two views propose a point, with either side of each; the proposal with which most views agree counts (MSAC).
     """
@@ -264,7 +266,7 @@ def _exchanged(observations: Observations, flipped: Bool[np.ndarray, "frame came
     for left, right in observations.skeleton.left_right:
         mirror[[left, right]] = right, left
 
-    def mended(values: np.ndarray) -> np.ndarray:
+    def exchanged(values: np.ndarray) -> np.ndarray:
         return np.where(flipped.reshape(*flipped.shape, *[1] * (values.ndim - 2)), values[:, :, mirror], values)
 
-    return replace(observations, **observations.per_detection(mended))
+    return replace(observations, **observations.per_detection(exchanged))

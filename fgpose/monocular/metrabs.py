@@ -25,17 +25,18 @@ from fgpose.skeleton import Skeleton
 
 CONFIDENCE = 0.5
 """Confidence of every joint inside the image where there is no augmentation: MeTRAbs itself gives none."""
-# Spread over the augmentations, whole-body shift apart, at which confidence is a half. MeTRAbs's own check of
-# plausibility calls a joint inconsistent from 200 mm on, which is then 0.2.
+# Spread over the augmentations, without shifts of the whole body, at which the confidence is a half. MeTRAbs's own
+# check calls a joint inconsistent from 200 mm on; the confidence is then 0.2.
 _HALF_CONFIDENCE_M = 0.1
 
+# Gamma of the images, and the ranges of the augmentations (gamma, angle, scale) as MeTRAbs has them.
 _GAMMA = 2.2
 _GAMMAS = (0.6, 1.0)
 _MAX_ANGLE_RAD = np.deg2rad(25.0)
 _SCALES = (0.8, 1.0, 1.1)
-_PYRAMID_LEVELS = 3
-_CAMERA_UP = (0.0, -1.0, 0.0)
-_MAX_ROUND_TRIP_PX = 1.0
+_PYRAMID_LEVELS = 3  # more would only help people who are more than four times as large as the crop
+_CAMERA_UP = (0.0, -1.0, 0.0)  # y points down in the image
+_MAX_ROUND_TRIP_PX = 1.0  # as in geometry/camera.py
 _DTYPES = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 
 
@@ -50,7 +51,7 @@ class Augmentation:
 
 
 def augmentations(n: int) -> tuple[Augmentation, ...]:
-    """Those of MeTRAbs. Of an odd number, the one in the middle is neither turned nor scaled nor mirrored."""
+    """Those of MeTRAbs. If their number is odd, the middle one is neither turned nor scaled nor mirrored."""
     if n == 1:
         return (Augmentation(0.0, 1.0, sum(_GAMMAS) / 2, False),)
     angles, gammas = np.linspace(-_MAX_ANGLE_RAD, _MAX_ANGLE_RAD, n), np.linspace(*_GAMMAS, n)
@@ -87,7 +88,7 @@ class MeTRAbs:
                 intrinsic matrix [1, 3, 3] of the crop -> joints [1, J, 3] in millimetres in the frame of the crop's
                 camera, x right, y down, z forward. A file without the second input must know the intrinsics itself.
             detector: an ONNX file of YOLOX, or a detector of your own.
-            skeleton: of the J joints that the file gives; its left_right pairs are what mirroring needs.
+            skeleton: of the J joints that the file gives; mirroring needs its left_right pairs.
             num_aug: how many augmentations are averaged; MeTRAbs's own default is 5. Above 1 the confidence of a joint
                 comes from how well they agree.
             world_up: direction in the world that is to be up in the crops, for cameras that are not upright. By default
@@ -95,7 +96,7 @@ class MeTRAbs:
             threads: how many threads one run may use.
             max_people: how many people are looked at in an image, the most confident first.
             detect_every_frame: False follows the joints from image to image, see TopDownTracker. Without augmentation
-                every joint in the image is believed, and that a person has left is seen at the next detection only.
+                every joint in the image counts as seen, so the next detection is the first to show that a person left.
         """
         if num_aug < 1:
             raise ValueError(f"num_aug must be at least 1, got {num_aug}")
@@ -143,7 +144,7 @@ class MeTRAbs:
 
 
 def agreement(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np.ndarray, " joint"]:
-    """Confidence of each joint: how well the augmentations agree on it, shifts of the whole body apart."""
+    """Confidence of each joint: how well the augmentations agree on it, without shifts of the whole body."""
     if len(answers_m) == 1:
         return np.full(answers_m.shape[1], CONFIDENCE)
     relative_m = answers_m - answers_m.mean(axis=1, keepdims=True)
@@ -158,7 +159,7 @@ def _spread_m2(answers_m: Float[np.ndarray, "augmentation joint 3"]) -> Float[np
 
 
 class _View:
-    """What crops need of a camera."""
+    """What is needed of a camera to make crops."""
 
     def __init__(self, camera: Camera, world_up: tuple[float, float, float] | None) -> None:
         self.camera = camera
@@ -264,7 +265,7 @@ def _pyramid(image: Image) -> list[np.ndarray]:
 
 
 class _CropModel:
-    """The network itself, whichever way its crops lie in memory."""
+    """The network itself, for crops with the channels first or last."""
 
     def __init__(self, path: Path, skeleton: Skeleton, threads: int) -> None:
         self._session = open_session(path, threads)

@@ -1,7 +1,7 @@
-"""The networks whose weights fgpose can fetch: which there are, and how they get into the user's cache.
+"""The networks whose weights fgpose can fetch: their list, and how they get into the user's cache.
 
-The weights are files of TensorFlow Lite in registry packages. They are converted to ONNX here; the bytes that come out
-are known beforehand (the same with onnx 1.15 to 1.23), so both ends are checked.
+The weights are TensorFlow Lite files in registry packages and are converted to ONNX here. The conversion always gives
+the same bytes (with onnx 1.15 to 1.23), so both the source and the result are checked by their digests.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Model:
 
     @property
     def n_bytes(self) -> int:
-        """What it takes in the cache; the detector is shared by several models."""
+        """Size in the cache; several models share the detector."""
         return self.landmarks.n_bytes + self.detector.n_bytes
 
     @property
@@ -97,7 +97,7 @@ def find_model(name: str) -> Model:
 
 
 def _converted(name: str, source: Member, n_bytes: int, sha256: str, outputs: tuple[str, ...]) -> CachedFile:
-    """The ONNX file of a network, as the licence asks with what was changed (Apache-2.0, section 4b)."""
+    """The ONNX file of a network, with a note of what was changed, as the licence asks (Apache-2.0, section 4b)."""
     origin = {
         "source": str(source),
         "source_sha256": source.sha256,

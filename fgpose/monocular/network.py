@@ -104,7 +104,7 @@ class Network(Protocol):
 
     @property
     def name(self) -> str:
-        """What tells its results from those of another: model, file and settings. Part of the key of the cache."""
+        """Model, file and settings: differs if results may differ. Part of the key of the cache."""
         ...
 
     @property

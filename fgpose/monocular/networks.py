@@ -1,4 +1,4 @@
-"""Networks by name: those whose weights fgpose fetches, and ONNX files of the user's."""
+"""Networks by name: those whose weights fgpose fetches, and ONNX files of the user."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ def open_network(
 
     Args:
         model: the name of a model that can be pulled, which is done if it is not in the cache; or an ONNX file.
-        kind: what such a file is.
+        kind: which network such a file is.
         detector: ONNX file that finds the people: YOLOX, for blazepose its own detector. Needed with a file of any kind
             but blazepose, for which it is pulled.
-        skeleton: of a MeTRAbs file, whose joints are a matter of its export.
+        skeleton: of a MeTRAbs file, whose joints depend on its export.
         max_people: how many people to find in an image at most.
         progress: told what is done next while weights are fetched.
 
@@ -41,7 +41,7 @@ def open_network(
     path = Path(model)
     if path.suffix != ".onnx" and not path.is_file():
         if kind != "blazepose" or detector is not None:
-            raise ValueError(f"{model} is no ONNX file: there are none to fetch for {kind}, nor a detector to choose")
+            raise ValueError(f"{model} is not an ONNX file, which --detector and every --network but blazepose need")
         _refuse_skeleton(skeleton, kind)
         return _blazepose(str(model), None, None, max_people, progress)
     if kind == "blazepose":

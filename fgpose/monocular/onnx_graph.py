@@ -13,6 +13,7 @@ from fgpose.monocular.tflite_model import TfliteModel
 if TYPE_CHECKING:
     import onnx
 
+# Permutations of (image, row, column, channel) and back.
 CHANNELS_FIRST = (0, 3, 1, 2)
 _CHANNELS_LAST = (0, 2, 3, 1)
 

@@ -1,4 +1,4 @@
-"""Files out of packages of the Python and npm registries. A package is fetched and read, never installed or run."""
+"""Files from packages of the Python and npm registries. A package is fetched and read, never installed or run."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from fgpose.monocular.simcc import SimccNetwork
 from fgpose.monocular.topdown import Boxes, PersonDetector, TopDown, TopDownTracker
 from fgpose.monocular.yolox import person_detector
 
-_SKELETONS = {17: "coco_17", 26: "halpe_26"}
+_SKELETONS = {17: "coco_17", 26: "halpe_26"}  # by the number of keypoints
 
 
 class RTMPose:

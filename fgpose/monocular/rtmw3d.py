@@ -26,9 +26,9 @@ from fgpose.monocular.topdown import Box, Boxes, PersonDetector, TopDown, TopDow
 from fgpose.monocular.yolox import person_detector
 from fgpose.skeleton import LIMBS, Skeleton
 
-_N_KEYPOINTS = 133
+_N_KEYPOINTS = 133  # of COCO-WholeBody
 _N_BODY = 17  # COCO-WholeBody begins with the joints of COCO; feet, face and hands follow
-_DEPTH_RANGE_M = 2.1744869
+_DEPTH_RANGE_M = 2.1744869  # z_range of mmpose's configuration of RTMW3D: depth of the last bin
 
 HEIGHT_M = 1.70
 """Standing height that is assumed unless the user says better."""
@@ -36,14 +36,14 @@ HEIGHT_M = 1.70
 # Movement", fig. 4.1).
 _SHARE_OF_HEIGHT = dict(zip(LIMBS, (0.186, 0.146, 0.245, 0.246), strict=True))
 _TRUNK_SHARE = 0.288  # hip to shoulder of one side
-# The shares differ by some 5 % from person to person, and by as much with where a data set defines a joint.
+# The shares differ by about 5 % from person to person, and as much between the joint definitions of data sets.
 _LENGTH_SIGMA = 0.10
 # Difference of depth of two joints; RTMW3D's mean error on H3WB is 57 mm over the three axes.
 _DEPTH_SIGMA_M = 0.06
-_MIN_CONFIDENCE = 0.3
-_MIN_BONES = 3
+_MIN_CONFIDENCE = 0.3  # mmpose draws joints from here on
+_MIN_BONES = 3  # of two that disagree, nothing tells which is wrong
 _CAUCHY = 2.385  # 95 % efficient where there is no outlier
-_ITERATIONS = 20
+_ITERATIONS = 20  # bounds the time; the weights change less each time
 
 
 class RTMW3D:
@@ -172,7 +172,7 @@ def _bones(skeleton: Skeleton, height_m: float) -> tuple[Int[np.ndarray, "bone 2
 
 
 def _robust_mean(values: Float[np.ndarray, " n"], sigmas: Float[np.ndarray, " n"]) -> tuple[float, float]:
-    """Weighted mean after Cauchy, and its standard deviation: by the sigmas, or by the differences if that is more."""
+    """Weighted mean with Cauchy weights, and its standard deviation: from the sigmas or the scatter, the larger one."""
     mean, weights = float(np.median(values)), sigmas**-2
     for _ in range(_ITERATIONS):
         weights = sigmas**-2 / (1 + ((values - mean) / (_CAUCHY * sigmas)) ** 2)

@@ -14,7 +14,7 @@ Shape = tuple[int | str | None, ...]
 """None or a name stands for any length."""
 
 _FLOAT32 = "tensor(float)"
-_FATAL = 4
+_FATAL = 4  # onnxruntime's number of this level
 
 
 def open_session(path: Path, threads: int = 1) -> InferenceSession:

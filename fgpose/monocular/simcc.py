@@ -1,4 +1,4 @@
-"""Networks that answer with one histogram per joint and axis (Li et al. 2022, "SimCC"), as RTMPose and its kin do."""
+"""Networks that answer with one histogram per joint and axis (Li et al. 2022, "SimCC"), such as RTMPose."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from fgpose.monocular.network import Image
 from fgpose.monocular.sessions import Shape, check_signature, open_session
 from fgpose.monocular.topdown import Box, by_order
 
+# As mmpose trains these networks: bins of the histograms, size of the crop over that of the box, and mean and standard
+# deviation of ImageNet, RGB.
 _BINS_PER_PIXEL = 2
 _PADDING = 1.25
-# Of ImageNet, RGB.
 _MEAN = np.array([123.675, 116.28, 103.53], dtype=np.float32)
 _STANDARD_DEVIATION = np.array([58.395, 57.12, 57.375], dtype=np.float32)
 

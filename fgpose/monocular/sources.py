@@ -14,6 +14,7 @@ from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 
 # Video encoders work on blocks of 16 x 16 px: they pad an image on the right and at the bottom, or drop what is left.
 _BLOCK_PX = 16
+# Rounding of a resized image to whole pixels changes its aspect ratio by less; cropping usually by more.
 _ASPECT_TOLERANCE = 0.01
 # Cameras that are stopped one after the other end within a few frames.
 _EARLY_S = 0.1
@@ -50,8 +51,8 @@ def open_sources(
         UserWarning: the size of a video differs from that of its calibration, or it ends early.
 
     Raises:
-        ValueError: there are no videos, they are not those of the calibration, one is damaged or empty, an image cannot
-            be read, the size of a video cannot be fitted, fps is missing; the message names the file.
+        ValueError: there are no videos, they do not match the calibration, one is damaged or empty, an image cannot be
+            read, the size of a video does not fit the calibration, fps is missing; the message names the file.
         OSError: a file cannot be opened.
     """
     path = Path(path)

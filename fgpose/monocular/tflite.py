@@ -17,7 +17,7 @@ from fgpose.monocular.tflite_operators import OPSET, convert_operator, fold_cons
 if TYPE_CHECKING:
     import onnx
 
-_IR_VERSION = 8
+_IR_VERSION = 8  # of ONNX; fixed, so that the bytes do not depend on the version of onnx
 _BATCH = "N"
 
 

@@ -69,7 +69,7 @@ class TfliteModel:
 
 
 def read_tflite(data: bytes) -> TfliteModel:
-    """Take a .tflite file to pieces.
+    """Parse a .tflite file.
 
     Raises:
         ValueError: the data is no TensorFlow Lite model, or damaged, or has several graphs or operators with several
@@ -84,12 +84,12 @@ def read_tflite(data: bytes) -> TfliteModel:
     except _UnsupportedError as error:
         raise ValueError(str(error)) from None
     except Exception as error:
-        # The generated accessors follow the offsets of the file wherever they lead, so damage shows as anything.
+        # The generated accessors follow any offset in the file, so a damaged file can raise any exception.
         raise ValueError(f"this TensorFlow Lite model is damaged: {type(error).__name__}: {error}") from error
 
 
 class _UnsupportedError(Exception):
-    """The file is all right, but more than this reader takes."""
+    """The file is intact, but this reader does not support what it contains."""
 
 
 def _model(table: Any) -> TfliteModel:

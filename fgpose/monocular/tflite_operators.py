@@ -9,7 +9,7 @@ import numpy as np
 from fgpose.monocular.onnx_graph import CHANNELS_FIRST, OnnxGraph
 from fgpose.monocular.tflite_model import Operator
 
-OPSET = 13
+OPSET = 13  # of ONNX; every onnxruntime that fgpose supports runs it
 
 _CLIPS = {"RELU6": (0.0, 6.0), "RELU_N1_TO_1": (-1.0, 1.0)}
 

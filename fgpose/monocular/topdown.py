@@ -25,8 +25,9 @@ _MIN_SHARE = 0.5
 _JOINTS_TO_PERSON = 1.25
 # Newcomers are found, and boxes that have become too small corrected, after this many images at the latest.
 _DETECT_EVERY = 10
+# Lower, one of two people who stand behind each other is dropped; higher, one person is followed twice.
 _SAME_PERSON_OVERLAP = 0.65
-_MIN_SIDE_PX = 1.0
+_MIN_SIDE_PX = 1.0  # smaller boxes have no pixels to crop
 
 
 @runtime_checkable
@@ -34,7 +35,7 @@ class PersonDetector(Protocol):
     """Finds people in an image. May be used from several threads at once."""
 
     name: str
-    """What tells its results from those of another: model, file and settings."""
+    """Model, file and settings: differs if results may differ."""
 
     def boxes(self, image: Image) -> Boxes:
         """The people in an image, the most confident first."""
@@ -68,11 +69,11 @@ class TopDown:
 class TopDownTracker:
     """The people in the images of one camera, each seen in the crop around a box.
 
-    The boxes come from the detector. Without detect_every_frame they come from it only in every tenth image, and in the
-    one after somebody was lost; in between from the joints in the image before. That is what mmpose and its kin do, and
-    sound as long as most joints are seen: a person who moves by less than an eighth of their size between two images
-    stays in the crop. But somebody who comes in is seen up to ten images late, and of a person half hidden the box may
-    shrink to the half that was seen, until the next detection.
+    The boxes come from the detector. Without detect_every_frame the detector only runs in every tenth image, and in the
+    image after somebody was lost; in between the boxes come from the joints in the image before, as in mmpose. This
+    works as long as most joints are seen: a person who moves by less than an eighth of their size between two images
+    stays in the crop. But somebody who enters is seen up to ten images late. And if half of a person is hidden, the box
+    may shrink to the half that is seen, until the next detection.
     """
 
     def __init__(
@@ -146,7 +147,7 @@ def suppress(boxes: Boxes, max_overlap: float) -> Bool[np.ndarray, " person"]:
 
     Args:
         boxes: in the order of their confidence.
-        max_overlap: intersection over union from which the less confident of two boxes goes.
+        max_overlap: intersection over union from which the less confident of two boxes is removed.
     """
     low, size = boxes[:, :2], boxes[:, 2:4]
     corner = np.minimum(low[:, None] + size[:, None], low + size) - np.maximum(low[:, None], low)
@@ -160,9 +161,9 @@ def suppress(boxes: Boxes, max_overlap: float) -> Bool[np.ndarray, " person"]:
 
 
 def by_order(nodes: Sequence[Any], expected: Mapping[str, Shape]) -> Mapping[str, Shape]:
-    """The expected shapes under the names that a file gives its inputs or outputs: those are up to the exporter.
+    """The expected shapes under the names that a file gives its inputs or outputs, which the exporter chooses.
 
-    Where their number differs the expected names stay, and tell the reader of the error what is what.
+    If the numbers differ, the expected names stay, so that the error message shows them.
 
     Args:
         nodes: onnxruntime's, in the order of the file.

@@ -15,6 +15,7 @@ from fgpose.monocular.network import Image
 from fgpose.monocular.sessions import check_signature, identity, open_session
 from fgpose.monocular.topdown import Boxes, PersonDetector, by_order, suppress, usable
 
+# Of the published networks: usual side of the input, strides of their outputs, grey value beside the image.
 _SIDE = 640
 _STRIDES = (8, 16, 32)
 _FILL = 114

@@ -13,7 +13,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.synthetic.noise import DetectionNoise, detection_error
 from fgpose.synthetic.occlusion import Occlusion, hallucination, occluded_joints
 
-_MIN_CONFIDENCE = 0.02
+_MIN_CONFIDENCE = 0.02  # 0 would mean that there is no detection
 _MIN_LATERAL_M = 1e-3  # a covariance must be positive definite
 
 

@@ -1,4 +1,4 @@
-"""The Rerun viewer: everything that is known of a recording in one window, live, in a .rrd file, or both.
+"""The Rerun viewer: a recording and its results in one window, live, in a .rrd file, or both.
 
 Rerun is an optional dependency; it is imported only when a recording is opened.
 """

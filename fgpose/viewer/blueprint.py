@@ -17,9 +17,11 @@ from fgpose.viewer import palette, paths
 from fgpose.viewer.recording import UpAxis
 from fgpose.viewer.scene import viewing_distance_m, viewing_target_m
 
+# High enough to see the floor, low enough that nobody is foreshortened.
 _EYE_ELEVATION_RAD = math.radians(22)
 # The eye is as far away as the cameras: those on the other side are then in view, with their pictures.
 _EYE_DISTANCE_SHARE = 1.0
+# A third of that in the pictures (scene.py), see _small.
 _FRUSTUM_DETECTION_RADIUS = rr.Radius.ui_points(1.2)
 
 
@@ -33,7 +35,7 @@ def blueprint(
         skeleton: the joints.
         trajectories: names of the results, the most important last.
         up: the world axis that points up.
-        following: show the newest frame all the time (live), or wait at the first one.
+        following: always show the newest frame (live); otherwise begin at the first one.
     """
     images = [_image_view(name, trajectories) for name in rig.names]
     grid = rrb.Grid(contents=images, grid_columns=_image_columns(rig))

@@ -16,11 +16,12 @@ from fgpose.viewer import paths
 from fgpose.viewer.palette import Colour, faded, weight_colours
 from fgpose.viewer.rows import Rows, bone_rows, document_rows, ellipsoid_rows, point_rows, scalar_rows, status_rows
 
+# Thick enough to be seen from the distance of the cameras, thinner than a wrist.
 _JOINT_RADIUS_M = 0.017
 _BONE_RADIUS_M = 0.007
 # A predicted joint is half as thick as an observed one, and paler.
 _PREDICTED_SCALE = 0.5
-# The residual that pulls hardest is set in bold, if it pulls at all: more than this many sigmas.
+# The largest residual of a joint is set in bold if it is more than this many sigmas.
 _NOTABLE_SIGMAS = 2.0
 
 
@@ -30,7 +31,7 @@ def observation_rows(
     weights: Float[np.ndarray, "frame camera joint"] | None,
     undistorted_px: Float[np.ndarray, "frame camera joint 2"] | None = None,
 ) -> Iterator[Rows]:
-    """Detections in every camera, the views' own 3D poses, the share of each view."""
+    """Detections in every camera, the views' own 3D poses, the weight of each view."""
     assert observations.confidence is not None
     undistorted_px = rig.undistort(observations.points2d_px) if undistorted_px is None else undistorted_px
     if weights is None:
@@ -106,7 +107,7 @@ def residual_rows(skeleton: Skeleton, residuals: Mapping[str, Float[np.ndarray, 
 
 
 def _table(skeleton: Skeleton, factors: tuple[str, ...], values: Float[np.ndarray, "joint factor"]) -> str:
-    """Markdown: one line per joint, the factor that pulls hardest in bold."""
+    """Markdown: one line per joint, the factor with the largest residual in bold."""
     names = [factor.rpartition("/")[2] for factor in factors]
     lines = [f"| sigmas | {' | '.join(names)} |", "|---" * (len(factors) + 1) + "|"]
     for joint, row in zip(skeleton.joints, values, strict=True):

@@ -10,6 +10,7 @@ from jaxtyping import Float, UInt8
 
 Colour = tuple[int, int, int]
 
+# Dark, so that the bright colours of the results stand out; the grid just visible on it.
 BACKGROUND: Colour = (18, 20, 26)
 GRID: Colour = (70, 76, 88)
 _CAMERAS: tuple[Colour, ...] = (
@@ -29,9 +30,12 @@ _TRAJECTORIES: dict[str, Colour] = {
     "smoothed": (255, 255, 255),
     "online": (120, 225, 190),
 }
+# Of Okabe and Ito, one for each limb; predicted is orange, unobservable red, as a warning.
 LIMBS: tuple[Colour, ...] = ((86, 180, 233), (240, 228, 66), (0, 158, 115), (230, 110, 30))
 STATUS: dict[str, Colour] = {"predicted": (230, 159, 0), "unobservable": (190, 60, 40)}
+# For factors that belong to no camera, again from the beginning if they are more.
 _OTHER_FACTORS: tuple[Colour, ...] = ((255, 255, 255), (240, 228, 66), (230, 110, 30), (220, 60, 60))
+# Viridis at 0, 1/4, 1/2, 3/4 and 1; linear between them nobody sees a difference.
 _VIRIDIS = np.array([(68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37)], dtype=float)
 # The darkest quarter of viridis cannot be seen on a dark picture.
 _DARKEST = 0.2

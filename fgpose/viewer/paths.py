@@ -1,4 +1,4 @@
-"""Where each thing stands in a recording: the entity paths that batch, live and blueprint share."""
+"""The entity paths of a recording, which batch, live and blueprint share."""
 
 from __future__ import annotations
 

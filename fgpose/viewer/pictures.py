@@ -58,11 +58,11 @@ class CameraPictures:
 
     @property
     def full(self) -> bool:
-        """Whether the limit is exceeded: the last picture was one too many, and no other will be shown."""
+        """Whether the last picture exceeded the limit; no other will be shown."""
         return self._used_bytes > self._limit_bytes
 
     def wants(self, frame: int) -> bool:
-        """Whether the picture of a frame fits in.
+        """Whether the picture of a frame is within the limit.
 
         Where the number of frames is known, pictures are thinned out evenly over the recording.
         """

@@ -56,7 +56,7 @@ class Recording:
     def log_residuals(
         self, time_s: Float[np.ndarray, " frame"], residuals: Mapping[str, Float[np.ndarray, "frame joint"]]
     ) -> None:
-        """Show which factor pulls a joint: the norm of each factor's whitened residual, in sigmas.
+        """Show how strongly each factor pulls at a joint: the norm of its whitened residual, in sigmas.
 
         Args:
             time_s: time of each frame.
@@ -80,7 +80,7 @@ class Recording:
     def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
         """Show one camera's picture, undistorted as its points are, shrunk and compressed; see open_recording.
 
-        One that does not fit into the recording's limit is left out. The limit is divided among the cameras.
+        A picture beyond the limit of the recording is left out. The limit is divided among the cameras.
 
         Args:
             camera: its name in the rig.
@@ -118,7 +118,7 @@ class Recording:
         """
 
     def close(self) -> None:
-        """Write everything out and give the file its name. Closing again does nothing.
+        """Write the rest and give the file its name. Closing again does nothing.
 
         Raises:
             OSError: the file could not be written to its end; none is left.

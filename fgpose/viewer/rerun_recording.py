@@ -27,18 +27,18 @@ from fgpose.viewer.rows import Rows, scalar_rows
 from fgpose.viewer.scene import log_picture_style, log_residual_styles, log_scene
 
 _HOST = "127.0.0.1"
-_MAX_PORT = 65535
+_MAX_PORT = 65535  # of TCP
 # Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped first.
 _SERVER_MB = 256.0
 # This many bytes of pictures may wait for a slow disk; beyond that, logging waits, so that memory does not fill.
 _UNFLUSHED_BYTES = 8e6
-_FLUSH_TIMEOUT_S = 10.0
+_FLUSH_TIMEOUT_S = 10.0  # a disk that takes longer counts as failed
 # A viewer that hangs blocks the server for 25 s, until it is dropped.
 _LIVE_FLUSH_TIMEOUT_S = 60.0
 # Magic bytes of a file, and of its footer with a checksum behind them (Rerun 0.41).
 _FILE_START, _FILE_END, _FILE_END_BYTES = b"RRF2", b"RRF2FOOT", 12
 _JPEG = "image/jpeg"
-_EARLIER_THICKNESS = 0.5
+_EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
 
 
 class RerunRecording(Recording):

@@ -14,13 +14,16 @@ from fgpose.viewer import palette, paths
 from fgpose.viewer.palette import Colour
 from fgpose.viewer.recording import UpAxis
 
+# Of Rerun's annotations; cameras and results follow, see _log_annotations.
 _DETECTION_CLASS = 0
+# Reprojections are smaller, so that a detection below one stays visible.
 _DETECTION_RADIUS = rr.Radius.ui_points(3.5)
 _REPROJECTION_RADIUS = rr.Radius.ui_points(1.5)
 # Pictures are a little darker, so that white skeletons and yellow points stand out.
 _PICTURE_OPACITY = 0.7
-_PICTURE_DRAW_ORDER = -10.0
-_VIEW_RADIUS_M = 0.008
+_PICTURE_DRAW_ORDER = -10.0  # below all points
+_VIEW_RADIUS_M = 0.008  # half of a joint of a result (content.py)
+# A usual distance in a room; only used where the optical axes do not tell.
 _DEFAULT_DISTANCE_M = 3.0
 # A frustum that reaches this share of the way to the person shows its picture and hides nobody.
 _FRUSTUM_SHARE = 0.14

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+# With more, steps count that were taken where the problem was still different; with fewer, fewer slow directions end.
 _MOST_SECANTS = 5
 # Relative to the mean square of the secants; keeps the system regular if two of them are parallel.
 _RIDGE = 1e-10

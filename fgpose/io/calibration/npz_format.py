@@ -10,6 +10,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import checked, read_arrays, texts, write_arrays
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
 
+# The longest distortion that Camera takes; shorter ones are filled up with NaN.
 _MAX_COEFFICIENTS = 8
 _TEXTS = ("camera_names", "lens")
 _NUMBERS = {

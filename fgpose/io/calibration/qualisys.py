@@ -16,6 +16,7 @@ import numpy as np
 from fgpose.io.calibration.calibrated_view import CalibratedView
 from fgpose.io.camera_names import natural_key
 
+# Qualisys states intrinsics in 1/64 px; its camera looks along -z with y up, OpenCV's along z with y down.
 _SUBPIXELS = 64.0
 _HALF_TURN_X = np.diag([1.0, -1.0, -1.0])
 _VIDEO_MODELS = ("video", "none")
