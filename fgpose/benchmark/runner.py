@@ -28,6 +28,7 @@ Progress = Callable[[Score], None]
 
 _FOLDER = Path(__file__).parent
 _SOLVER_SOURCES = (_FOLDER.parent, Path(fgpose_factors.__file__).parent)
+_OTHER_ROOMS = {"benchmark", "cli", "monocular", "viewer"}  # of fgpose; no solver uses them
 _OWN_SOURCES = ("methods.py", "linear.py", "scores.py")
 _PEER_SOURCES = ("peer.py", "peer_server.py", "peer_methods.py", "scores.py")
 _WARM_UP = "clean", "cmu_02_03_short", 15  # the shortest clip; enough to import and compile everything
@@ -123,8 +124,13 @@ def _source_digest(*, of_peer: bool) -> str:
     """Of the code that a score depends on, whatever made the recording."""
     paths = [_FOLDER / name for name in (_PEER_SOURCES if of_peer else _OWN_SOURCES)]
     if not of_peer:
-        paths += [path for folder in _SOLVER_SOURCES for path in sorted(folder.glob("*.py"))]
+        paths += [path for folder in _SOLVER_SOURCES for path in _sources(folder)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
+
+
+def _sources(folder: Path) -> list[Path]:
+    """Of a package and its rooms."""
+    return [path for path in sorted(folder.rglob("*.py")) if path.relative_to(folder).parts[0] not in _OTHER_ROOMS]
 
 
 @contextmanager

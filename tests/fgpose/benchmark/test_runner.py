@@ -128,20 +128,24 @@ def test_what_has_changed_is_measured_anew(three, tmp_path, monkeypatch):
     assert solver.n_solved[three[1].clip] == 2
 
 
-def test_a_change_of_the_solver_concerns_all_but_the_peer(three, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("changed", "measured"),
+    [("smoother.py", 6), ("estimation/solvers/gtsam_batch.py", 6), ("viewer/scene.py", 3), ("data/clip.npz", 3)],
+)
+def test_a_change_of_the_solver_concerns_all_but_the_peer(three, tmp_path, monkeypatch, changed, measured):
     ours, peer = Counting(0.01), Counting(0.02)
     both = [Method("ours", "ours", ours), Method("peer", "peer", peer)]
-    run(three, both, tmp_path, n_workers=0)
     source = tmp_path / "source"
-    source.mkdir()
-    (source / "smoother.py").write_text("changed = True\n", encoding="utf-8")
+    (source / changed).parent.mkdir(parents=True)
     monkeypatch.setattr(runner, "_SOLVER_SOURCES", (source,))
-    runner._source_digest.cache_clear()
     try:
-        run(three, both, tmp_path, n_workers=0)
+        for _ in range(2):
+            runner._source_digest.cache_clear()
+            run(three, both, tmp_path, n_workers=0)
+            (source / changed).write_text("changed = True\n", encoding="utf-8")
     finally:
         runner._source_digest.cache_clear()
-    assert (ours.n_solved.total(), peer.n_solved.total()) == (6, 3)
+    assert (ours.n_solved.total(), peer.n_solved.total()) == (measured, 3)
 
 
 def test_the_first_solve_of_a_method_is_not_timed(three):
