@@ -13,47 +13,36 @@ from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_onlin
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
 
-CORRELATED_SHARE = 4.0**2 / 5.0**2
-EQUAL_FRAMES = 0.35
-"""Frames of equal weight in one unit of information over that of a frame alone."""
+# Of one frame, across and along some axes.
+FRAME_M2 = np.diag([1.0, 4.0, 2.0]) * 1e-4
 
 
-def scaled_by(n_frames: float, step_s: float) -> float:
-    """Factor on a covariance to which so many frames contribute equally."""
-    covariance_m2 = np.diag([1.0, 4.0, 2.0]) * 1e-4
-    frame_information = np.linalg.inv(covariance_m2) * EQUAL_FRAMES / n_frames
-    scaled_m2 = with_correlated_errors(covariance_m2[None], frame_information[None], step_s)[0]
-    factor = float(np.trace(scaled_m2) / np.trace(covariance_m2))
-    np.testing.assert_allclose(
-        scaled_m2, factor * covariance_m2, rtol=1e-10, atol=1e-18
-    )  # the ellipsoid keeps its shape
-    return factor
+def of_mean_m2(n_frames: int, step_s: float) -> np.ndarray:
+    """Covariance of the mean of so many equal frames; in the graph it is that of a frame by their number."""
+    in_graph_m2 = FRAME_M2 / n_frames
+    scaled_m2 = with_correlated_errors(in_graph_m2[None], np.linalg.inv(FRAME_M2)[None], step_s)[0]
+    factor = np.trace(scaled_m2) / np.trace(in_graph_m2)
+    np.testing.assert_allclose(scaled_m2, factor * in_graph_m2, rtol=1e-10, atol=1e-18)  # the ellipsoid's shape
+    return scaled_m2
 
 
-@pytest.mark.parametrize("n_frames", [1.0, 5.0, 50.0])
-@pytest.mark.parametrize("step_s", [10.0, np.inf])
-def test_errors_of_frames_far_apart_are_independent(n_frames: float, step_s: float) -> None:
-    """As the graph takes them to be."""
-    assert scaled_by(n_frames, step_s) == pytest.approx(1.0, rel=0.02)
+@pytest.mark.parametrize(("n_frames", "step_s"), [(1, 0.02), (5, 10.0), (50, 10.0), (50, np.inf)])
+def test_one_frame_and_frames_far_apart_are_as_in_the_graph(n_frames: int, step_s: float) -> None:
+    np.testing.assert_allclose(of_mean_m2(n_frames, step_s), FRAME_M2 / n_frames, rtol=1e-10)
 
 
-@pytest.mark.parametrize("n_frames", [1.0, 5.0, 50.0])
 @pytest.mark.parametrize("step_s", [1e-5, 1e-9, 1e-14])
-def test_errors_of_frames_close_together_are_the_same(n_frames: float, step_s: float) -> None:
-    """A constant error is not averaged out: with n frames its variance is n times what the graph states."""
-    expected = 1 - CORRELATED_SHARE + CORRELATED_SHARE * n_frames
-    assert scaled_by(n_frames, step_s) == pytest.approx(expected, rel=0.01)
+def test_a_constant_error_is_not_averaged_out(step_s: float) -> None:
+    """Ten times as many frames of one moment tell hardly more; were they independent, it would be a tenth."""
+    few_m2, many_m2 = of_mean_m2(50, step_s), of_mean_m2(500, step_s)
+    assert 0.9 * np.trace(few_m2) < np.trace(many_m2) < np.trace(few_m2)  # what is not correlated is averaged out
 
 
-def test_errors_that_are_correlated_in_time_against_simulated_ones() -> None:
-    """The mean of 20 frames 20 ms apart, its variance from 20,000 draws: known to 1 %, 5 % is what the formula claims
-    for sums in place of integrals."""
-    n_frames, step_s = 20, 0.02
-    lag_s = step_s * np.abs(np.subtract.outer(np.arange(n_frames), np.arange(n_frames)))
-    of_errors = CORRELATED_SHARE * np.exp(-lag_s / 0.15) + (1 - CORRELATED_SHARE) * np.eye(n_frames)
-    errors = np.random.default_rng(0).multivariate_normal(np.zeros(n_frames), of_errors, 20_000)
-    variance = errors.mean(axis=1).var() * n_frames
-    assert scaled_by(n_frames, step_s) == pytest.approx(variance, rel=0.05)
+def test_what_is_known_depends_on_the_time_and_not_on_the_rate() -> None:
+    """What is not correlated is a twentieth here; sums are replaced by integrals."""
+    np.testing.assert_allclose(of_mean_m2(100, 0.01), of_mean_m2(50, 0.02), rtol=0.05, atol=1e-18)
+    # in 10 and 20 s there are many times the correlation, and twice as many
+    np.testing.assert_allclose(of_mean_m2(1000, 0.02), of_mean_m2(500, 0.02) / 2, rtol=0.05, atol=1e-18)
 
 
 def test_a_covariance_that_is_singular_to_rounding_becomes_positive() -> None:
@@ -67,19 +56,27 @@ def test_a_covariance_that_is_singular_to_rounding_becomes_positive() -> None:
     assert 2.0 <= np.linalg.eigvalsh(scaled_m2).max() < np.inf
 
 
-def test_factor_where_hardly_any_detection_is_trusted() -> None:
-    usual = distrust_factor(np.array([4.0]))
-    found = distrust_factor(np.array([0.0, 0.75, 1.5, 3.0]))
-    np.testing.assert_allclose(found, usual * np.array([2.0, 1.25, 1.0, 1.0]))
+def test_batch_covariances_widen_as_trust_vanishes() -> None:
+    trust = np.linspace(0.0, 4.0, 81)
+    factor = distrust_factor(trust)
+    usual, steps = factor[-1], np.diff(factor)
+    assert (factor[trust >= 2.0] == usual).all(), "two views that fit are enough"
+    assert (steps[trust[1:] < 1.0] < 0).all()
+    assert np.abs(steps).max() < 0.1 * usual, "no jump while a detection is distrusted little by little"
+    assert factor[0] > 1.5 * usual
 
 
-def test_online_factor_grows_with_the_share_that_does_not_fit() -> None:
-    usual = distrust_factor_online(np.array([4.0]), np.array([4.0]))
-    # two cameras alone do not widen the covariance, nor do detections that do not fit where enough others do
-    trusted = distrust_factor_online(np.array([2.0, 2.5]), np.array([2.0, 4.0]))
-    np.testing.assert_allclose(trusted, usual * np.ones(2))
-    grave = distrust_factor_online(np.array([1.0, 0.0]), np.array([2.0, 0.0]))
-    np.testing.assert_allclose(grave, usual * np.array([1 + 20 * 0.5**2, 21.0]))
+def test_online_covariances_widen_with_the_share_that_does_not_fit() -> None:
+    weight = np.array([0.5, 2.0, 4.0])
+    usual = distrust_factor_online(weight, weight)
+    np.testing.assert_array_equal(usual, usual[0])  # few cameras alone do not widen it
+    assert distrust_factor_online(np.array([3.0]), np.array([4.0])) == usual[0], "three views that fit are enough"
+    share = np.linspace(0.0, 1.0, 11)
+    factor = distrust_factor_online(2.0 * share, np.full(11, 2.0))
+    assert (np.diff(factor) < 0).all()
+    # Hallucinated detections keep their weight: the pose is off by far more than the graph says.
+    assert factor[0] > 9 * factor[-1]
+    assert distrust_factor_online(np.zeros(1), np.zeros(1)) == pytest.approx(factor[0]), "nothing seen is not trusted"
 
 
 def covered(observations: fgpose.Observations, rig: fgpose.CameraRig, truth_m: np.ndarray) -> dict[int, float]:
@@ -105,11 +102,31 @@ def test_covariances_cover_the_error(scene: str, request: pytest.FixtureRequest,
 
 @pytest.mark.slow
 def test_the_covariance_of_single_frames_covers_the_error(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
-    """Nothing is averaged over time, so correlation has no effect. On the safe side only: sigma_px is cautious."""
+    """Nothing is averaged over time, so correlation has no effect. On the safe side, for sigma_px is cautious: 68, 97
+    and 100 % were measured. 170 joints whose errors are independent know a share of a half to 4 points."""
     singles = [slice(frame, frame + 1) for frame in range(0, 60, 6)]
     found = [covered(walking_scene.observations.frames(f), rig, walking_scene.truth_m[f]) for f in singles]
-    assert np.mean([percent[50] for percent in found]) > 42
-    assert np.mean([percent[90] for percent in found]) > 82
+    assert np.mean([percent[50] for percent in found]) == pytest.approx(68, abs=8)
+    assert np.mean([percent[90] for percent in found]) > 90
+
+
+@pytest.mark.slow
+def test_online_covariances_cover_the_error_of_hallucinated_joints(mocap_scene: Scene) -> None:
+    """Joints that half of the views or more hallucinate, 139 in two seconds. 73, 93 and 99 % were measured; 24, 53 and
+    75 % if covariances are not widened for what does not fit."""
+    estimator = fgpose.Estimator(mocap_scene.rig, mocap_scene.observations.skeleton)
+    squared = []
+    for frame in mocap_scene.observations.frames(slice(0, 100)):
+        estimate = estimator.update(frame)
+        assert estimate.covariance_m2 is not None
+        hallucinated = mocap_scene.occluded[estimate.frame].sum(axis=0) >= 2
+        error_m = (estimate.positions_m - mocap_scene.truth_m[estimate.frame])[hallucinated]
+        covariance_m2 = estimate.covariance_m2[hallucinated]
+        squared += np.einsum("ji,jik,jk->j", error_m, np.linalg.inv(covariance_m2), error_m).tolist()
+    found = {percent: 100 * np.mean(np.array(squared) < chi2.ppf(percent / 100, 3)) for percent in (50, 90, 99)}
+    assert found[50] == pytest.approx(65, abs=15)
+    assert found[90] == pytest.approx(90, abs=7)
+    assert found[99] > 95
 
 
 def widened(skeleton: Skeleton, unseen: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
