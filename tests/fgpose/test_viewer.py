@@ -96,9 +96,11 @@ def estimate_of(trajectory: Trajectory, frame: int, smoothed: Estimate | None = 
 
 
 def entities(path: Path) -> set[str]:
+    """Those that show something in some frame. What is static, the look of an entity, is there without any data."""
     from rerun.chunk import RrdReader
 
-    return {str(chunk.entity_path) for chunk in RrdReader(path).stream().to_chunks()}
+    chunks = RrdReader(path).stream().to_chunks()
+    return {str(chunk.entity_path) for chunk in chunks if "frame" in chunk.to_record_batch().schema.names}
 
 
 def rows(path: Path, entity: str, component: str) -> dict[int, tuple[float, Any]]:
@@ -130,13 +132,18 @@ def batch_file(tmp_path: Path, rig: CameraRig, observations: Observations, traje
     path = tmp_path / "batch.rrd"
     with open_recording(path, rig, SKELETON, ("fused", "smoothed")) as recording:
         assert not path.exists()
-        recording.log_observations(observations, np.full((N_FRAMES, 2, SKELETON.n_joints), 0.5))
+        recording.log_observations(observations, weights())
         recording.log_trajectory("fused", trajectory)
         recording.log_trajectory("smoothed", trajectory)
         recording.log_residuals(time_s(), residuals())
         recording.log_update_times(time_s(), np.arange(1.0, 1 + N_FRAMES))
         recording.log_image("cam_2", 1, 10.02, np.full((480, 640, 3), 128, dtype=np.uint8))
     return path
+
+
+def weights() -> np.ndarray:
+    """The second camera has three times the weight of the first."""
+    return np.broadcast_to(np.array([0.1, 0.3])[:, None], (N_FRAMES, 2, SKELETON.n_joints)).copy()
 
 
 def residuals() -> dict[str, np.ndarray]:
@@ -154,9 +161,8 @@ def test_file_has_every_entity_blueprint_and_both_timelines(batch_file: Path) ->
     assert len(reader.blueprints()) == 1
     assert {column.name for column in reader.store().schema().index_columns()} == {"frame", "time"}
     assert entities(batch_file) >= {
-        "/world",
-        r"/world/camera/cam\ 1",
-        "/world/camera/cam_2/image",
+        r"/world/camera/cam\ 1/image/detections",
+        "/world/camera/cam_2/image/picture",
         "/world/camera/cam_2/image/detections",
         "/world/camera/cam_2/image/reprojections/fused",
         r"/world/views/cam\ 1",
@@ -185,19 +191,32 @@ def test_positions_are_those_logged_and_missing_joints_are_left_out(batch_file: 
     assert [LEFT_WRIST in of_frame for of_frame in joints] == [True, True, False, False, True, True]
 
 
-def test_bones_of_a_missing_joint_are_left_out(batch_file: Path) -> None:
+def test_bones_join_their_joints_and_are_left_out_without_one(batch_file: Path, trajectory: Trajectory) -> None:
     strips = values(batch_file, "/world/smoothed/bones", "LineStrips3D:strips")
-    n_bones = len(SKELETON.bones) + len(SKELETON.lines)
-    assert [len(of_frame) for of_frame in strips] == [n_bones, n_bones, n_bones - 1, n_bones - 1, n_bones, n_bones]
+    bones = [list(bone) for bone in (*SKELETON.bones, *SKELETON.lines)]
+    for frame, found_m in enumerate(strips):
+        shown = [bone for bone in bones if frame not in (2, 3) or LEFT_WRIST not in bone]
+        np.testing.assert_allclose(found_m, trajectory.positions_m[frame, shown], atol=METRE_TOLERANCE)
 
 
-def test_predicted_joints_are_thinner_and_paler(batch_file: Path) -> None:
-    # Frame 3 lacks the left wrist, which comes after the left elbow.
-    radii = values(batch_file, "/world/smoothed/joints", "Points3D:radii")[3]
-    colours = values(batch_file, "/world/smoothed/joints", "Points3D:colors")[3]
-    others = np.arange(len(radii)) != LEFT_ELBOW
-    assert (radii[LEFT_ELBOW] < radii[others]).all()
-    assert (colours[LEFT_ELBOW] != colours[others]).all()
+def brightness(colours: np.ndarray) -> np.ndarray:
+    """Of colours packed as 0xRRGGBBAA."""
+    return sum((colours >> shift) & 0xFF for shift in (24, 16, 8))
+
+
+def test_predicted_joints_and_their_bones_are_thinner_and_paler(batch_file: Path) -> None:
+    # Frame 3 lacks the left wrist, which comes after the left elbow, and the bone between the two.
+    bones = [bone for bone in (*SKELETON.bones, *SKELETON.lines) if LEFT_WRIST not in bone]
+    for entity, archetype, predicted in (
+        ("joints", "Points3D", np.arange(SKELETON.n_joints - 1) == LEFT_ELBOW),
+        ("bones", "LineStrips3D", np.array([LEFT_ELBOW in bone for bone in bones])),
+    ):
+        radii = values(batch_file, f"/world/smoothed/{entity}", f"{archetype}:radii")[3]
+        colours = values(batch_file, f"/world/smoothed/{entity}", f"{archetype}:colors")[3]
+        assert predicted.any()
+        assert radii[predicted].max() < radii[~predicted].min()
+        # On a dark background.
+        assert brightness(colours[predicted]).max() < brightness(colours[~predicted]).min()
 
 
 def test_status_shows_when_a_joint_is_missing(batch_file: Path) -> None:
@@ -221,12 +240,46 @@ def test_reprojections_and_detections_are_undistorted_pixels(
         np.testing.assert_allclose(detected_px[frame], undistorted_px[frame, seen], atol=PIXEL_TOLERANCE)
 
 
-def test_ellipsoids_hold_ninety_percent(batch_file: Path) -> None:
+def test_the_cameras_stand_where_they_see_what_they_see(batch_file: Path, rig: CameraRig) -> None:
+    """Pose and pinhole as they are shown, against the rig without lens distortion."""
+    points_m = true_positions_m()[0]
+    for camera, path in zip(rig.cameras, (r"/world/camera/cam\ 1", "/world/camera/cam_2"), strict=True):
+        # Matrices are stored column by column.
+        rotation = np.reshape(static_value(batch_file, path, "Transform3D:mat3x3"), (3, 3)).T
+        position_m = np.array(static_value(batch_file, path, "Transform3D:translation"))
+        K = np.reshape(static_value(batch_file, f"{path}/image", "Pinhole:image_from_camera"), (3, 3)).T
+        projected = (points_m - position_m) @ rotation @ K.T
+        # Single precision: 1e-7 of 500 px and of metres times 200 px/m.
+        np.testing.assert_allclose(projected[:, :2] / projected[:, 2:], camera.project(points_m), atol=PIXEL_TOLERANCE)
+        assert static_value(batch_file, f"{path}/image", "Pinhole:resolution") == [640, 480]
+
+
+@pytest.mark.parametrize(("up", "axes"), [("+z", "RIGHT_HAND_Z_UP"), ("-y", "RIGHT_HAND_Y_DOWN")])
+def test_up_is_where_it_is_said_to_be(tmp_path: Path, rig: CameraRig, up: Any, axes: str) -> None:
+    import rerun as rr
+
+    path = tmp_path / "up.rrd"
+    open_recording(path, rig, SKELETON, up=up).close()
+    expected = [direction.value for direction in getattr(rr.components.ViewCoordinates, axes).coordinates]
+    assert static_value(path, "/world", "ViewCoordinates:xyz") == expected
+
+
+def test_the_views_own_poses_are_those_logged(batch_file: Path, observations: Observations) -> None:
+    assert observations.points3d_m is not None
+    for index, name in enumerate((r"cam\ 1", "cam_2")):
+        found_m = values(batch_file, f"/world/views/{name}", "Points3D:positions")
+        np.testing.assert_allclose(found_m, observations.points3d_m[:, index], atol=METRE_TOLERANCE)
+
+
+def test_ellipsoids_hold_ninety_percent(batch_file: Path, trajectory: Trajectory) -> None:
     half_sizes_m = values(batch_file, "/world/smoothed/covariance", "Ellipsoids3D:half_sizes")
     # chi2 with 3 degrees of freedom: P(x < 6.251) = 0.9; the table's four digits give 1e-4 of 7.5 cm.
     expected_m = np.sqrt(6.251) * np.array([0.01, 0.02, 0.03])
     np.testing.assert_allclose(half_sizes_m[0], np.tile(expected_m, (SKELETON.n_joints, 1)), atol=1e-5)
     assert len(half_sizes_m[2]) == SKELETON.n_joints - 1
+    for frame, centers_m in enumerate(values(batch_file, "/world/smoothed/covariance", "Ellipsoids3D:centers")):
+        known = np.isfinite(trajectory.positions_m[frame]).all(axis=-1)
+        np.testing.assert_allclose(centers_m, trajectory.positions_m[frame, known], atol=METRE_TOLERANCE)
 
 
 def test_turned_covariance_keeps_its_axes(tmp_path: Path, rig: CameraRig) -> None:
@@ -255,23 +308,30 @@ def test_plots_show_errors_lengths_weights_and_times(batch_file: Path, trajector
     np.testing.assert_allclose(plot("/plots/reprojection_px/smoothed/cam_2")[:, 0], expected_px)
     lengths_m = SKELETON.bone_lengths(trajectory.positions_m)[:, SKELETON.bones.index((LEFT_ELBOW, LEFT_WRIST))]
     np.testing.assert_allclose(plot("/plots/bone_length/smoothed/lower_arm/left")[:, 0], lengths_m)
-    weight = plot("/plots/weight/cam_2")[:, 0]
-    # Two equal views share a joint evenly; what only the other view sees is not this one's.
-    np.testing.assert_allclose(weight, 0.5)
+    # The share of a view in the joints that it sees: one to three, and all of what it sees alone.
+    np.testing.assert_allclose(plot("/plots/weight/cam_2")[:, 0], 0.75)
+    alone = 0.75 / SKELETON.n_joints
+    expected = [0.25, 0.25, 0.25, 0.25, 0.25 + alone, 0.25]
+    np.testing.assert_allclose(plot(r"/plots/weight/cam\ 1")[:, 0], expected)
     np.testing.assert_array_equal(plot("/plots/update_ms")[:, 0], np.arange(1.0, 1 + N_FRAMES))
 
 
 def test_weights_are_relative_to_the_best_view(tmp_path: Path, rig: CameraRig, observations: Observations) -> None:
-    weights = np.ones((N_FRAMES, 2, SKELETON.n_joints))
-    weights[:, 1] = 1e-3
-    with open_recording(tmp_path / "weights.rrd", rig, SKELETON) as recording:
-        recording.log_observations(observations, weights)
-    trusted, distrusted = (
-        values(tmp_path / "weights.rrd", f"/world/camera/{name}/image/detections", "Points2D:colors")[0]
-        for name in (r"cam\ 1", "cam_2")
-    )
-    assert len(set(trusted)) == len(set(distrusted)) == 1
-    assert trusted[0] != distrusted[0]
+    """In any unit: the best view is yellow, and one of half the weight is not."""
+
+    def colours(name: str, of_views: tuple[float, float]) -> list[np.ndarray]:
+        path = tmp_path / f"{name}.rrd"
+        with open_recording(path, rig, SKELETON) as recording:
+            recording.log_observations(observations, weights() * 0.0 + np.array(of_views)[:, None])
+        entities = (f"/world/camera/{camera}/image/detections" for camera in (r"cam\ 1", "cam_2"))
+        found = [values(path, entity, "Points2D:colors")[0] for entity in entities]
+        assert [len(set(of_view.tolist())) for of_view in found] == [1, 1]
+        return [of_view[0] for of_view in found]
+
+    best, half = colours("ones", (1.0, 0.5))
+    assert best != half
+    assert colours("small", (1e-3, 5e-4)) == [best, half]
+    assert colours("second", (0.2, 0.4)) == [half, best]
 
 
 def test_residuals_by_factor(batch_file: Path) -> None:
@@ -370,19 +430,23 @@ def test_points_are_drawn_above_the_pictures(batch_file: Path) -> None:
     assert behind < static_value(batch_file, f"{image}/reprojections/fused", "Points2D:draw_order")
 
 
-def test_layout_has_a_view_of_every_camera(batch_file: Path) -> None:
+def test_layout_has_a_view_of_every_camera_and_every_view_shows_something(batch_file: Path) -> None:
     from rerun.chunk import RrdReader
 
     reader = RrdReader(batch_file)
-    origins = set()
+    origins: dict[str, set[str]] = {}
     for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
         batch = chunk.to_record_batch()
         if "ViewBlueprint:class_identifier" in batch.schema.names:
             kinds, at = batch["ViewBlueprint:class_identifier"], batch["ViewBlueprint:space_origin"]
-            origins |= {
-                where for (kind,), (where,) in zip(kinds.to_pylist(), at.to_pylist(), strict=True) if kind == "2D"
-            }
-    assert origins == {r"world/camera/cam\ 1/image", "world/camera/cam_2/image"}
+            for (kind,), (where,) in zip(kinds.to_pylist(), at.to_pylist(), strict=True):
+                origins.setdefault(kind, set()).add("/" + where.removeprefix("/"))
+    assert origins["2D"] == {r"/world/camera/cam\ 1/image", "/world/camera/cam_2/image"}
+    assert origins["3D"] == {"/world"}
+    assert {"/plots/weight", "/plots/reprojection_px/smoothed", "/plots/update_ms"} <= origins["TimeSeries"]
+    shown = entities(batch_file)
+    for where in set().union(*origins.values()):
+        assert any(entity == where or entity.startswith(f"{where}/") for entity in shown), where
 
 
 def noise() -> np.ndarray:
@@ -452,11 +516,11 @@ def test_pictures_do_not_pile_up_in_memory(
 def test_late_viewers_are_served_results_and_pictures(rig: CameraRig, monkeypatch: pytest.MonkeyPatch) -> None:
     import rerun as rr
 
-    limits = []
+    limits_mb = []
 
     class Server:
         def __new__(cls, *where: Any, server_memory_limit: str) -> Any:
-            limits.append(server_memory_limit)
+            limits_mb.append(float(server_memory_limit.removesuffix("MB")))
             return server(*where, server_memory_limit=server_memory_limit)
 
     server = rr.GrpcServerSink
@@ -464,7 +528,9 @@ def test_late_viewers_are_served_results_and_pictures(rig: CameraRig, monkeypatc
     for image_limit_mb in (500.0, None):
         open_recording(None, rig, SKELETON, live=True, port=0, image_limit_mb=image_limit_mb).close()
     # The oldest data is dropped first, results too: the server must have room for all pictures beside them.
-    assert limits == ["756MB", "256MB"]
+    with_pictures_mb, without_mb = limits_mb
+    assert with_pictures_mb - without_mb == 500.0
+    assert without_mb > 100.0
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
@@ -499,8 +565,25 @@ except OSError as error:
     assert [file for file in tmp_path.iterdir() if file.is_file()] == []
 
 
+OF_OBSERVATIONS_AND_RESIDUALS = (
+    (r"/world/camera/cam\ 1/image/detections", "Points2D:positions"),
+    ("/world/camera/cam_2/image/detections", "Points2D:colors"),
+    ("/world/views/cam_2", "Points3D:positions"),
+    ("/plots/weight/cam_2", "Scalars:scalars"),
+    ("/plots/residual/left_elbow", "Scalars:scalars"),
+    ("/residuals", "TextDocument:text"),
+)
+
+
+def rows_of_frames(path: Path, entity: str, component: str) -> dict[int, tuple[float, Any]]:
+    """Rows of which there is one in every frame."""
+    found = rows(path, entity, component)
+    assert sorted(found) == list(range(N_FRAMES)), entity
+    return found
+
+
 def test_live_file_is_complete_although_nobody_watches(
-    tmp_path: Path, rig: CameraRig, observations: Observations, trajectory: Trajectory
+    tmp_path: Path, rig: CameraRig, observations: Observations, trajectory: Trajectory, batch_file: Path
 ) -> None:
     path = tmp_path / "live.rrd"
     with open_recording(path, rig, SKELETON, ("smoothed", "online"), live=True, port=0) as recording:
@@ -511,20 +594,27 @@ def test_live_file_is_complete_although_nobody_watches(
             recording.log_estimate(
                 estimate_of(trajectory, frame, lagged),
                 observations.frames(slice(frame, frame + 1)),
-                np.ones((2, SKELETON.n_joints)),
-                update_ms=4.0,
-                residuals={"bones": np.ones(SKELETON.n_joints)},
+                weights()[frame],
+                update_ms=4.0 + frame,
+                residuals={factor: of_frames[frame] for factor, of_frames in residuals().items()},
             )
     assert recording.viewer_url is None
     newest = rows(path, "/world/online/joints", "Points3D:positions")
     assert sorted(newest) == list(range(N_FRAMES))
     assert newest[5][0] == pytest.approx(time_s()[5], abs=1e-9)  # nanoseconds are whole numbers
     np.testing.assert_allclose(newest[5][1], trajectory.positions_m[5], atol=METRE_TOLERANCE)
-    assert sorted(rows(path, "/world/smoothed/joints", "Points3D:positions")) == [0, 1, 2, 3]
+    lagged = rows(path, "/world/smoothed/joints", "Points3D:positions")
+    assert sorted(lagged) == [0, 1, 2, 3]
+    for frame, (seconds, positions_m) in lagged.items():
+        assert seconds == pytest.approx(time_s()[frame], abs=1e-9)
+        known = np.isfinite(trajectory.positions_m[frame]).all(axis=-1)
+        np.testing.assert_allclose(positions_m, trajectory.positions_m[frame, known], atol=METRE_TOLERANCE)
     states = rows(path, "/status/online/left_wrist", "StateChange:state")
     assert {frame: state for frame, (_, state) in states.items()} == {2: ["unobservable"], 4: [""]}
-    assert len(rows(path, "/plots/update_ms", "Scalars:scalars")) == N_FRAMES
-    assert len(rows(path, "/world/camera/cam_2/image/detections", "Points2D:positions")) == N_FRAMES
+    update_ms = np.array(values(path, "/plots/update_ms", "Scalars:scalars"))[:, 0]
+    np.testing.assert_array_equal(update_ms, 4.0 + np.arange(N_FRAMES))
+    for entity, component in OF_OBSERVATIONS_AND_RESIDUALS:
+        assert rows_of_frames(path, entity, component) == rows_of_frames(batch_file, entity, component)
 
 
 @pytest.mark.filterwarnings("ignore:RRD file has no footer")  # endless: that is the price
@@ -535,9 +625,17 @@ def test_live_and_batch_recordings_have_the_same_values(
     with open_recording(path, rig, SKELETON, ("online",), endless=True) as recording:
         for frame in range(N_FRAMES):
             recording.log_estimate(estimate_of(trajectory, frame))
-    for entity, component in (("joints", "Points3D:positions"), ("bones", "LineStrips3D:strips")):
-        live = rows(path, f"/world/online/{entity}", component)
-        assert live == rows(batch_file, f"/world/smoothed/{entity}", component)
+    for entity, component in (
+        ("/world/{}/joints", "Points3D:positions"),
+        ("/world/{}/joints", "Points3D:radii"),
+        ("/world/{}/bones", "LineStrips3D:strips"),
+        ("/world/{}/covariance", "Ellipsoids3D:half_sizes"),
+        ("/world/camera/cam_2/image/reprojections/{}", "Points2D:positions"),
+        ("/plots/reprojection_px/{}/cam_2", "Scalars:scalars"),
+        ("/plots/bone_length/{}/upper_arm/left", "Scalars:scalars"),
+    ):
+        live = rows_of_frames(path, entity.format("online"), component)
+        assert live == rows_of_frames(batch_file, entity.format("smoothed"), component), entity
 
 
 def test_frame_without_any_joint_shows_nothing(tmp_path: Path, rig: CameraRig) -> None:
@@ -552,8 +650,14 @@ def test_frame_without_any_joint_shows_nothing(tmp_path: Path, rig: CameraRig) -
     )
     with open_recording(tmp_path / "empty.rrd", rig, SKELETON) as recording:
         recording.log_trajectory("smoothed", nothing)
-    found = rows(tmp_path / "empty.rrd", "/world/smoothed/joints", "Points3D:positions")
-    assert found[0][1] == []
+    for entity, component in (
+        ("/world/smoothed/joints", "Points3D:positions"),
+        ("/world/smoothed/bones", "LineStrips3D:strips"),
+        ("/world/smoothed/covariance", "Ellipsoids3D:half_sizes"),
+        ("/world/camera/cam_2/image/reprojections/smoothed", "Points2D:positions"),
+    ):
+        assert rows(tmp_path / "empty.rrd", entity, component)[0][1] == []
+    assert np.isnan(values(tmp_path / "empty.rrd", "/plots/reprojection_px/smoothed/cam_2", "Scalars:scalars")).all()
 
 
 def test_nothing_is_left_after_an_error_and_the_old_file_stays(tmp_path: Path, rig: CameraRig) -> None:
@@ -565,11 +669,13 @@ def test_nothing_is_left_after_an_error_and_the_old_file_stays(tmp_path: Path, r
     assert [file.name for file in tmp_path.iterdir() if file.is_file()] == ["out.rrd"]
 
 
-def test_interrupted_live_session_keeps_its_file(tmp_path: Path, rig: CameraRig) -> None:
+def test_interrupted_live_session_keeps_its_file(tmp_path: Path, rig: CameraRig, trajectory: Trajectory) -> None:
     path = tmp_path / "out.rrd"
-    with pytest.raises(KeyboardInterrupt), open_recording(path, rig, SKELETON):
+    recording = open_recording(path, rig, SKELETON)
+    recording.log_trajectory("smoothed", trajectory)
+    with pytest.raises(KeyboardInterrupt), recording:
         raise KeyboardInterrupt
-    assert "/world" in entities(path)
+    assert len(values(path, "/world/smoothed/joints", "Points3D:positions")) == N_FRAMES
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a file as a folder fails the same way on every POSIX system")
