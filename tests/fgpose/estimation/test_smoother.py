@@ -135,7 +135,10 @@ def test_covariance_in_windows_is_that_of_one_piece(long_scene: Scene, rig: fgpo
     observations = long_scene.observations.frames(slice(0, 80))
     settings = {"covariance": True, "overlap_s": 0.4}
     whole = fgpose.smooth(observations, rig, config_from_dict({"solver": settings}))
-    joined = fgpose.smooth(observations, rig, config_from_dict({"solver": {**settings, "window_s": 0.6}}))
+    steps: list[tuple[int, int]] = []
+    config = config_from_dict({"solver": {**settings, "window_s": 0.6}})
+    joined = fgpose.smooth(observations, rig, config, progress=lambda done, total: steps.append((done, total)))
+    assert len(steps) >= 2, "several windows"
     assert whole.covariance_m2 is not None
     assert joined.covariance_m2 is not None
     ratio = np.trace(joined.covariance_m2, axis1=2, axis2=3) / np.trace(whole.covariance_m2, axis1=2, axis2=3)
@@ -244,7 +247,9 @@ def test_a_person_who_comes_late(long_scene: Scene, rig: fgpose.CameraRig) -> No
     points2d_px[:90] = np.nan
     observations = replace(long_scene.observations.frames(slice(0, 150)), points2d_px=points2d_px, points3d_m=None)
     config = config_from_dict({"solver": {"window_s": 1.0, "overlap_s": 0.2}, "motion": {"max_unseen_s": 0.1}})
-    trajectory = fgpose.smooth(observations, rig, config)
+    steps: list[tuple[int, int]] = []
+    trajectory = fgpose.smooth(observations, rig, config, progress=lambda done, total: steps.append((done, total)))
+    assert len(steps) >= 2, "several windows"
     assert trajectory.bone_lengths_m is not None
     assert np.isfinite(trajectory.bone_lengths_m).all()
     assert (trajectory.status[:80] == fgpose.Status.UNOBSERVABLE).all()
@@ -296,15 +301,16 @@ def test_a_recording_of_other_skeletons(rig: fgpose.CameraRig) -> None:
     assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1e-3
 
 
-@pytest.mark.parametrize("backend", ["numpy", "gtsam"])
-def test_symmetry_within_each_frame_of_a_body_without_limb_pairs(
-    backend: str, walking_scene: Scene, rig: fgpose.CameraRig
-) -> None:
+def test_symmetry_within_each_frame_of_a_body_without_limb_pairs(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
+    """Nothing is left of it, in either backend; the two never agree to the last digit."""
     seen = walking_scene.observations.frames(slice(0, 5))
     bare = replace(seen, skeleton=replace(seen.skeleton, limbs=()))
-    with_it = {"symmetry": {"form": "frame"}, "solver": {"backend": backend}}
-    without = {"symmetry": {"form": "none"}, "solver": {"backend": backend}}
-    np.testing.assert_array_equal(
-        fgpose.smooth(bare, rig, config_from_dict(with_it)).positions_m,
-        fgpose.smooth(bare, rig, config_from_dict(without)).positions_m,
-    )
+
+    def positions_m(backend: str, form: str) -> np.ndarray:
+        config = config_from_dict({"symmetry": {"form": form}, "solver": {"backend": backend}})
+        return fgpose.smooth(bare, rig, config).positions_m
+
+    ours_m, theirs_m = positions_m("numpy", "frame"), positions_m("gtsam", "frame")
+    np.testing.assert_array_equal(ours_m, positions_m("numpy", "none"))
+    np.testing.assert_array_equal(theirs_m, positions_m("gtsam", "none"))
+    assert not np.array_equal(ours_m, theirs_m)

@@ -26,6 +26,16 @@ def test_weights_are_bounded(weighting: str, mocap_scene: Scene, rig: CameraRig)
     assert weights.min() >= ProjectionConfig().min_weight
 
 
+def test_confidence_alone_and_none_at_all(mocap_scene: Scene, rig: CameraRig) -> None:
+    seen, confidence = mocap_scene.observations.seen, mocap_scene.observations.confidence
+    least = ProjectionConfig().min_weight
+    np.testing.assert_allclose(weights_of(mocap_scene, rig, weighting="uniform")[seen], 1.0)
+    by_confidence = weights_of(mocap_scene, rig, weighting="confidence")[seen]
+    np.testing.assert_allclose(by_confidence, np.maximum(confidence[seen], least))
+    # Where the views contradict each other their agreement counts too.
+    assert np.median(np.abs(weights_of(mocap_scene, rig, weighting="fusion")[seen] - by_confidence)) > 0.05
+
+
 def test_occluded_detections_weigh_less(mocap_scene: Scene, rig: CameraRig) -> None:
     weights = weights_of(mocap_scene, rig, weighting="fusion")
     seen, occluded = mocap_scene.observations.seen, mocap_scene.occluded

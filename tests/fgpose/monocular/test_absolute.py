@@ -14,6 +14,7 @@ from fgpose.synthetic import Scene
 NAN = np.nan
 # 95 % of a Gaussian vector of three lie within this squared Mahalanobis distance.
 CHI2_95 = 7.815
+CHI2_50 = 2.366
 RIGHT_KNEE, LEFT_WRIST, RIGHT_WRIST = 2, 13, 16
 # As measured on real views: README of balance_blazepose and fgpose/monocular/absolute.py.
 DEPTH_SIGMA_M = {"hip": 0.055, "pelvis": 0.055, "knee": 0.082, "ankle": 0.081, "shoulder": 0.08, "neck": 0.08}
@@ -198,7 +199,7 @@ def test_real_errors_are_within_the_covariance_as_often_as_it_says():
     refined = fgpose.refine_rig(observations, rig)
     limbs = sorted({joint for pair in observations.skeleton.limb_pairs for bone in pair for joint in bone})
     reference_m = fgpose.smooth(replace(refined.observations, points3d_m=None), refined.rig).positions_m
-    inside = []
+    distances2 = []
     for c, camera in enumerate(refined.rig.cameras):
         for t in range(0, 100, 5):
             points2d_px, confidence = observations.points2d_px[t, c], observations.confidence[t, c]
@@ -208,10 +209,11 @@ def test_real_errors_are_within_the_covariance_as_often_as_it_says():
             assert pose.problem == ""
             offset_m = pose.points3d_m[limbs] - camera.to_camera_frame(reference_m[t])[limbs]
             distance2 = np.einsum("ji,jik,jk->j", offset_m, np.linalg.inv(pose.covariance_m2[limbs]), offset_m)
-            inside.append(distance2 < CHI2_95)
-    # One man for 1.7 s: the errors are correlated, so these are a handful of independent measurements. The
-    # band is wide, but refuses a covariance whose standard deviations are 30 % too small (0.84 then).
-    assert 0.92 < np.mean(inside) <= 1.0
+            distances2.append(distance2)
+    # One man for 1.7 s: the errors are correlated, so these are a handful of independent measurements. 98 and 64 % were
+    # measured; 91 and 42 % if the covariances were half as large, and 91 % of the half if they were twice as large.
+    assert np.mean(np.array(distances2) < CHI2_95) > 0.92
+    assert 0.45 < np.mean(np.array(distances2) < CHI2_50) < 0.85
 
 
 def test_missing_joints_are_nan_and_harm_no_other(body_m, camera, skeleton):
