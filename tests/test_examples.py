@@ -86,7 +86,7 @@ def test_custom_factor():
     assert measured[0] < estimated[0] < measured[1]
 
 
-@pytest.mark.parametrize("camera", ["cam_01", "cam_04"])
+@pytest.mark.parametrize("camera", ["cam_01", pytest.param("cam_04", marks=pytest.mark.slow)])
 def test_uncertainty(camera: str):
     printed = run("05_uncertainty.py", "--frames", "45", "--hide", camera)
     sigmas_mm = {

@@ -41,6 +41,7 @@ def two_cameras_that_miss_half(seed: int) -> int:
     return estimator.repairs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 8])
 def test_two_cameras_that_miss_half_of_the_detections(seed: int) -> None:
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as child:

@@ -78,7 +78,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.startswith("fgpose 0.")
 
 
-@pytest.mark.parametrize("recording", ["balance_blazepose", "balance_openpose"])
+@pytest.mark.parametrize("recording", [pytest.param("balance_blazepose", marks=pytest.mark.slow), "balance_openpose"])
 def test_demo(recording: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["demo", "--recording", recording, "--output", str(tmp_path), "--frames", "6"]) == 0
     printed = capsys.readouterr().out
@@ -126,7 +126,7 @@ def test_refine_calibration(source: list[str], tmp_path: Path, capsys: pytest.Ca
     np.testing.assert_allclose(residual_px, trajectory.residual_px, atol=1e-3)
 
 
-@pytest.mark.parametrize("with_poses", [False, True])
+@pytest.mark.parametrize("with_poses", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_estimate_time_offsets(
     with_poses: bool, tmp_path: Path, walking_scene: Scene, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -214,6 +214,7 @@ def test_refine_with_some_cameras(source: list[str], tmp_path: Path) -> None:
     assert {path.suffix for path in tmp_path.iterdir()} == {".parquet", ".trc", ".c3d"}
 
 
+@pytest.mark.slow
 def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
     folder = Path(app.__file__).parents[1] / "data" / "balance_blazepose"
     arguments = [str(folder / "observations.npz"), "--rig", str(folder / "calibration.toml")]
@@ -425,8 +426,15 @@ def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path
     assert np.isfinite(load_trajectory(tmp_path / "walk.npz").positions_m).any()
 
 
-@pytest.mark.parametrize("live", [False, True])
-@pytest.mark.parametrize("formats", [("c3d", "npz", "rrd"), ("npz", "rrd", "c3d")])
+@pytest.mark.parametrize(
+    ("formats", "live"),
+    [
+        (("c3d", "npz", "rrd"), False),
+        (("npz", "rrd", "c3d"), True),
+        pytest.param(("c3d", "npz", "rrd"), True, marks=pytest.mark.slow),
+        pytest.param(("npz", "rrd", "c3d"), False, marks=pytest.mark.slow),
+    ],
+)
 def test_a_format_that_fails_does_not_take_the_others_along(
     formats: tuple[str, ...],
     live: bool,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +28,13 @@ PIXEL_TOLERANCE = 1e-3
 METRE_TOLERANCE = 1e-6
 
 
-@pytest.fixture(autouse=True)
-def strict_and_silent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.fixture(autouse=True, scope="module")
+def strict_and_silent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Rerun raises instead of logging, and finds no home to write analytics into."""
-    monkeypatch.setenv("HOME", str(tmp_path / "home"))
-    monkeypatch.setattr("rerun.error_utils._strict_mode", True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOME", str(tmp_path_factory.mktemp("home")))
+        patch.setattr("rerun.error_utils._strict_mode", True)
+        yield
 
 
 def camera(name: str, x_m: float) -> Camera:
@@ -41,12 +44,12 @@ def camera(name: str, x_m: float) -> Camera:
     return Camera.from_world_to_camera(name, (640, 480), K, R, -R @ np.array([x_m, -4.0, 1.0]), (-0.1, 0.02, 0.0, 0.0))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def rig() -> CameraRig:
     return CameraRig((camera("cam 1", -0.5), camera("cam_2", 0.5)))
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def trajectory(rig: CameraRig, observations: Observations) -> Trajectory:
     """Joints that move; the left wrist is missing in frames 2 and 3, the left elbow predicted in frame 3."""
     positions_m = true_positions_m()
@@ -60,7 +63,7 @@ def trajectory(rig: CameraRig, observations: Observations) -> Trajectory:
     return Trajectory(SKELETON, time_s(), positions_m, status, covariance_m2, residual_px, rig.names)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def observations(rig: CameraRig) -> Observations:
     """The true joints 3 px off in the distorted images; camera 2 does not see the left wrist in frame 4."""
     projected_px = rig.project(true_positions_m())
@@ -127,9 +130,11 @@ def values(path: Path, entity: str, component: str) -> list[np.ndarray]:
     return [np.array(found[frame][1]) for frame in sorted(found)]
 
 
-@pytest.fixture
-def batch_file(tmp_path: Path, rig: CameraRig, observations: Observations, trajectory: Trajectory) -> Path:
-    path = tmp_path / "batch.rrd"
+@pytest.fixture(scope="module")
+def batch_file(
+    tmp_path_factory: pytest.TempPathFactory, rig: CameraRig, observations: Observations, trajectory: Trajectory
+) -> Path:
+    path = tmp_path_factory.mktemp("batch") / "batch.rrd"
     with open_recording(path, rig, SKELETON, ("fused", "smoothed")) as recording:
         assert not path.exists()
         recording.log_observations(observations, weights())

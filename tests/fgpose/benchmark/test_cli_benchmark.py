@@ -133,6 +133,7 @@ def test_quick_leaves_out_the_slowest_method_unless_it_is_named():
     assert [method.name for method in Open(quick=True, methods=(slow,))._methods()] == [slow]
 
 
+@pytest.mark.slow
 def test_the_ablation_removes_one_ingredient_at_a_time(tiny, folder):
     chosen = ("--variants", "clean", "--methods", "as it is", "no motion model", "--workers", "1")
     parsed("--ablation", "--quick", "--output", str(folder), *chosen).run()

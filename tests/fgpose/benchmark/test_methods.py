@@ -51,6 +51,7 @@ def test_perfect_detections_give_the_truth(method: Method, perfect: Recording):
     assert 0 < result.time_s < 60
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ALL, ids=lambda method: method.name)
 def test_each_takes_what_is_left(method: Method, lost: Recording):
     result = method.solve(lost)
@@ -63,6 +64,7 @@ def test_each_takes_what_is_left(method: Method, lost: Recording):
         np.testing.assert_array_equal(np.isfinite(result.covariance_m2).all(axis=(-2, -1)), known)
 
 
+@pytest.mark.slow
 def test_those_that_state_a_covariance():
     recording = record(find_variant("clean"), CLIP, 4)
     stating = {method.name for method in (*OURS, ORACLE) if method.solve(recording).covariance_m2 is not None}
@@ -139,6 +141,7 @@ def test_online_results_are_those_of_their_own_frame():
         np.testing.assert_allclose(lagged.positions_m[number], then.positions_m, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_self_calibration_helps_where_a_camera_was_bumped():
     recording = record(find_variant("bumped"), CLIP, 40)
     calibrated, plain = (solved(f"fgpose batch{suffix}", recording) for suffix in (", self-calibrated", ""))

@@ -97,6 +97,7 @@ def test_a_second_run_solves_nothing(three, tmp_path):
     assert all(solver.n_solved.total() == 3 for solver in solvers)
 
 
+@pytest.mark.slow
 def test_the_cache_knows_a_recording_that_another_process_made():
     # hash() of a string, which tempts for seeds, differs from process to process.
     command = (

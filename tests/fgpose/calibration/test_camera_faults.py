@@ -29,11 +29,12 @@ def test_nothing_is_said_against_a_clean_scene(walking_scene: Scene) -> None:
     assert not any(fault.late or fault.moved for fault in faults)
 
 
+@pytest.mark.slow
 def test_nothing_is_said_against_an_occluded_scene(mocap_scene: Scene) -> None:
     assert not any(fault.late or fault.moved for fault in camera_faults(mocap_scene.observations, mocap_scene.rig))
 
 
-@pytest.mark.parametrize(("camera", "frames"), [(0, 2), (1, -2)])
+@pytest.mark.parametrize(("camera", "frames"), [(0, 2), pytest.param(1, -2, marks=pytest.mark.slow)])
 def test_a_late_or_early_camera_is_found(walking_scene: Scene, camera: int, frames: int) -> None:
     """The first one too, by whose clock the others would all be wrong."""
     observations = late(walking_scene.observations, camera, frames)
@@ -62,6 +63,7 @@ def test_a_turned_camera_is_found_with_how_far(walking_scene: Scene) -> None:
     assert faults[2].rotation_deg == pytest.approx(1.5, abs=0.6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", recordings())
 def test_cam_03_of_the_real_recordings_is_off(name: str) -> None:
     """In place rather than in time, as far as a man who hardly moves can tell."""
@@ -72,6 +74,7 @@ def test_cam_03_of_the_real_recordings_is_off(name: str) -> None:
     assert {"cam_03"} <= {fault.name for fault in faults if fault.moved} <= {"cam_01", "cam_03"}
 
 
+@pytest.mark.slow
 def test_a_late_camera_of_a_real_recording_is_found_beside_the_moved_ones() -> None:
     rig, observations = load_recording("balance_openpose")
     faults = camera_faults(late(observations, 3, 3), rig)
@@ -79,6 +82,7 @@ def test_a_late_camera_of_a_real_recording_is_found_beside_the_moved_ones() -> N
     assert faults[3].offset_frames == pytest.approx(-3, abs=0.5)
 
 
+@pytest.mark.slow
 def test_nothing_is_left_once_the_calibration_is_refined() -> None:
     rig, observations = load_recording("balance_openpose")
     refined = refine_rig(observations, rig)

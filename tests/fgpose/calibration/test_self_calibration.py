@@ -120,6 +120,7 @@ def test_never_worse_than_what_was_given(filmed: Scene, rig: fgpose.CameraRig, m
         np.testing.assert_array_equal(camera.world_T_camera, other.world_T_camera)
 
 
+@pytest.mark.slow
 def test_a_better_calibration_has_a_lower_objective(filmed: Scene, rig: fgpose.CameraRig) -> None:
     observations, wrong = filmed.observations.frames(slice(0, 12)), turned(rig, BUMPED, 1.0)
     given = fgpose.self_calibrate(observations, wrong, Config(calibration=CalibrationConfig(max_rounds=1)))
@@ -136,6 +137,7 @@ def test_a_smoother_that_has_not_converged_is_told(filmed: Scene, rig: fgpose.Ca
     assert not hasty.time_offsets.converged
 
 
+@pytest.mark.slow
 def test_what_is_asked_for_is_estimated(filmed: Scene, rig: fgpose.CameraRig) -> None:
     observations, wrong = filmed.observations.frames(slice(0, 12)), turned(rig, BUMPED, 1.0)
     neither = calibrate_cameras(observations, wrong, poses=False, clocks=False)

@@ -50,6 +50,7 @@ def test_offsets_of_a_moving_person(late: fgpose.Observations, rig: fgpose.Camer
     np.testing.assert_array_equal(found.rig.time_offsets_s, found.offsets_s)
 
 
+@pytest.mark.slow
 def test_the_offsets_of_a_rig_are_where_the_search_begins(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     """From the right offsets and from none: the same, to the tolerance at which the search ends."""
     from_none = fgpose.estimate_time_offsets(late, rig).offsets_s

@@ -13,7 +13,7 @@ import fgpose
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
-N_FRAMES, SETTLED = 60, 10
+N_FRAMES, SETTLED = 40, 10
 OFFSETS_S = np.array([0.0, 0.005, 0.01, 0.015])
 Image = tuple[int, int]
 """Frame and camera."""
@@ -97,12 +97,13 @@ def test_cameras_in_any_order_give_what_whole_frames_give(scene: Scene, whole: l
     apart_m = [np.linalg.norm(by_frame[e.frame].positions_m - e.positions_m, axis=-1) for e in whole[SETTLED:]]
     # A quarter of the error of either; where the views contradict each other the kernels may settle elsewhere.
     assert np.median(apart_m) < 0.006
-    np.testing.assert_array_equal(by_frame[30].status, whole[30].status)
+    np.testing.assert_array_equal(by_frame[25].status, whole[25].status)
     # 1 and 3 % were measured on 100 frames.
     assert mean_error_m(smoothed(estimates), scene.truth_m) < 1.1 * mean_error_m(smoothed(whole), scene.truth_m)
     assert mean_error_m(estimates, scene.truth_m) < 1.1 * mean_error_m(whole, scene.truth_m)
 
 
+@pytest.mark.slow
 def test_cameras_of_different_latency(scene: Scene, whole: list[fgpose.Estimate]) -> None:
     """Some cameras are 20 to 110 ms, five frames, later: their images join frames in the midst of the window."""
     latency_s = np.array([0.0, 0.05, 0.11, 0.02])
@@ -115,6 +116,7 @@ def test_cameras_of_different_latency(scene: Scene, whole: list[fgpose.Estimate]
     assert mean_error_m(smoothed(estimates), scene.truth_m) < 1.3 * mean_error_m(smoothed(whole), scene.truth_m)
 
 
+@pytest.mark.slow
 def test_unsynchronised_cameras_are_as_good_as_synchronous_ones(
     rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
@@ -145,7 +147,7 @@ def test_a_joint_is_observed_once_a_second_camera_sees_it(scene: Scene) -> None:
         assert np.isnan(estimate.residual_px[camera + 1 :]).all()
 
 
-@pytest.mark.parametrize("model", ["none", "random_walk"])
+@pytest.mark.parametrize("model", [pytest.param("none", marks=pytest.mark.slow), "random_walk"])
 def test_other_motion_models(model: Literal["none", "random_walk"], scene: Scene) -> None:
     """What whole frames give with the same model, and not what they give with another."""
     n_frames, config = 12, fgpose.Config(motion={"model": model}, online={"covariance": False})
@@ -167,12 +169,12 @@ def test_other_motion_models(model: Literal["none", "random_walk"], scene: Scene
 
 
 def test_a_bad_image_changes_nothing(scene: Scene) -> None:
-    images = [(frame, camera) for frame in range(30) for camera in range(4)]
-    (estimator, _), (_, expected) = fed(scene, images[:100]), fed(scene, images[:101])
-    points_px, time_s = scene.observations.points2d_px[25, 0], float(scene.observations.frame_time_s[25])
+    images = [(frame, camera) for frame in range(7) for camera in range(4)]
+    (estimator, _), (_, expected) = fed(scene, images[:24]), fed(scene, images[:25])
+    points_px, time_s = scene.observations.points2d_px[6, 0], float(scene.observations.frame_time_s[6])
     for camera, at_s, points, message in (
         ("elsewhere", time_s, points_px, "lacks camera elsewhere"),
-        (scene.rig.names[0], time_s - 0.02, points_px, "before; this one was not used"),
+        (scene.rig.names[0], float(scene.observations.frame_time_s[5]), points_px, "before; this one was not used"),
         (scene.rig.names[0], -3.0, points_px, "no frame near -3 s"),
         (scene.rig.names[0], float("nan"), points_px, "time_s is not finite"),
         (scene.rig.names[0], time_s, points_px[:5], "has 5 joints"),
@@ -183,6 +185,6 @@ def test_a_bad_image_changes_nothing(scene: Scene) -> None:
     seen = scene.observations
     assert seen.points3d_m is not None
     assert seen.covariance3d_m2 is not None
-    arrays = (array[25, 0] for array in (seen.points2d_px, seen.confidence, seen.points3d_m, seen.covariance3d_m2))
+    arrays = (array[6, 0] for array in (seen.points2d_px, seen.confidence, seen.points3d_m, seen.covariance3d_m2))
     estimate = estimator.update_camera(scene.rig.names[0], time_s, *arrays)
     np.testing.assert_array_equal(estimate.positions_m, expected[-1].positions_m)

@@ -190,6 +190,7 @@ def test_the_error_is_within_the_covariance_as_often_as_it_says(body_m, camera, 
     assert (inside.mean(axis=0) > 0.92).all()
 
 
+@pytest.mark.slow
 def test_real_errors_are_within_the_covariance_as_often_as_it_says():
     """BlazePose on real views against the smoothed triangulation of all four.
 

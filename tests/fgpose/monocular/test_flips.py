@@ -118,6 +118,7 @@ def test_covariances_are_exchanged_with_their_joints(blazepose):
     assert_equal(corrected.observations, with_covariance)
 
 
+@pytest.mark.slow
 def test_the_smoothed_motion_is_unharmed(blazepose):
     rig, observations = blazepose
     observations = observations.frames(slice(0, 16))

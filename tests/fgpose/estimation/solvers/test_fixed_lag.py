@@ -131,10 +131,11 @@ def check_order(smoother: FixedLagSmoother) -> None:
         assert own[-1] <= min(given, default=own[-1])
 
 
-def test_the_bayes_tree_is_always_in_the_order_of_time() -> None:
-    """What marginalizeLeaves needs, in 200 random streams; most windows hold more frames than a frame has variables."""
-    rng = np.random.default_rng(0)
-    for seed in range(200):
+@pytest.mark.parametrize("seeds", [range(30), pytest.param(range(30, 200), marks=pytest.mark.slow)])
+def test_the_bayes_tree_is_always_in_the_order_of_time(seeds: range) -> None:
+    """What marginalizeLeaves needs, in random streams; most windows hold more frames than a frame has variables."""
+    rng = np.random.default_rng(seeds.start)
+    for seed in seeds:
         smoother, lag = FixedLagSmoother(relinearize_m=float(rng.choice([0.003, 0.03, 0.3]))), int(rng.integers(1, 25))
         for number, (graph, values, keys) in enumerate(random_stream(seed)):
             smoother.add(graph, values, keys)
@@ -201,10 +202,11 @@ def test_replacing_works_on_after_a_failure() -> None:
     assert mended.repairs == 1
 
 
-def test_the_order_survives_replacements() -> None:
-    """In 40 random streams, frames get other measurements, and the newest further joints as well."""
-    rng = np.random.default_rng(1)
-    for seed in range(40):
+@pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 40), marks=pytest.mark.slow)])
+def test_the_order_survives_replacements(seeds: range) -> None:
+    """In random streams, frames get other measurements, and the newest further joints as well."""
+    rng = np.random.default_rng(1 + seeds.start)
+    for seed in seeds:
         smoother, lag = FixedLagSmoother(relinearize_m=float(rng.choice([0.003, 0.3]))), int(rng.integers(1, 25))
         window: deque[list[int]] = deque()
         for number, (graph, values, keys) in enumerate(random_stream(seed)):
