@@ -58,6 +58,7 @@ def test_smooth_a_recording(tmp_path: Path):
     assert output.stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_online():
     printed = run("03_online.py", "--frames", "40", "--lag-s", "0.25")
     updates, lagged = numbers(r"updates: #, lagged results: #", printed)
@@ -86,7 +87,8 @@ def test_custom_factor():
     assert measured[0] < estimated[0] < measured[1]
 
 
-@pytest.mark.parametrize("camera", ["cam_01", pytest.param("cam_04", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("camera", ["cam_01", "cam_04"])
 def test_uncertainty(camera: str):
     printed = run("05_uncertainty.py", "--frames", "45", "--hide", camera)
     sigmas_mm = {

@@ -538,6 +538,7 @@ def test_late_viewers_are_served_results_and_pictures(rig: CameraRig, monkeypatc
     assert without_mb > 100.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="limits the size of files")
 def test_full_disk_is_an_error_and_not_a_hang(tmp_path: Path) -> None:
     import subprocess

@@ -113,6 +113,7 @@ def test_the_filter_smooths_what_it_follows():
         assert np.abs(np.diff(smooth_m, 2, axis=0)).mean() < 0.2 * np.abs(np.diff(rough_m, 2, axis=0)).mean()
 
 
+@pytest.mark.slow
 def test_online_results_are_those_of_their_own_frame():
     recording = record(find_variant("occluded"), CLIP, 20)
     newest, lagged = (solved(f"fgpose online, lag {lag}", recording) for lag in ("0", "0.2 s"))

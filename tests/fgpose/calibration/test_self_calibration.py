@@ -101,6 +101,7 @@ def test_at_most_eight_motions_are_smoothed_and_without_covariances(
     assert not any(config.solver.covariance for config in smoothed)
 
 
+@pytest.mark.slow
 def test_never_worse_than_what_was_given(filmed: Scene, rig: fgpose.CameraRig, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where every adjustment leads astray the given rig comes back as it was."""
     observations, solve = filmed.observations.frames(slice(0, 12)), BundleProblem.solve

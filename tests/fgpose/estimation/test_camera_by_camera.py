@@ -15,6 +15,7 @@ from tests.conftest import MOCAP
 
 N_FRAMES, SETTLED = 40, 10
 OFFSETS_S = np.array([0.0, 0.005, 0.01, 0.015])
+ONLY_POSES = fgpose.Config(online={"covariance": False})
 Image = tuple[int, int]
 """Frame and camera."""
 
@@ -28,12 +29,12 @@ def scene(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
 
 @pytest.fixture(scope="module")
 def whole(scene: Scene) -> list[fgpose.Estimate]:
-    estimator = fgpose.Estimator(scene.rig, scene.observations.skeleton)
+    estimator = fgpose.Estimator(scene.rig, scene.observations.skeleton, ONLY_POSES)
     return [estimator.update(frame) for frame in scene.observations]
 
 
 def fed(
-    scene: Scene, images: Iterable[Image], late_s: np.ndarray | None = None, config: fgpose.Config | None = None
+    scene: Scene, images: Iterable[Image], late_s: np.ndarray | None = None, config: fgpose.Config = ONLY_POSES
 ) -> tuple[fgpose.Estimator, list[fgpose.Estimate]]:
     """The estimates after each image, its camera being late by so much."""
     seen = scene.observations
@@ -72,7 +73,7 @@ def test_arrays_are_a_frame(scene: Scene, whole: list[fgpose.Estimate]) -> None:
     seen = scene.observations
     assert seen.points3d_m is not None
     assert seen.covariance3d_m2 is not None
-    estimator = fgpose.Estimator(scene.rig, seen.skeleton)
+    estimator = fgpose.Estimator(scene.rig, seen.skeleton, ONLY_POSES)
     for frame in range(3):
         arrays = (array[frame] for array in (seen.points2d_px, seen.confidence, seen.points3d_m, seen.covariance3d_m2))
         estimate = estimator.update_arrays(float(seen.frame_time_s[frame]), *arrays)
@@ -159,8 +160,7 @@ def test_other_motion_models(model: Literal["none", "random_walk"], scene: Scene
         whole_m = [estimator.update(frame).positions_m for frame in scene.observations.frames(slice(0, n_frames))]
         return float(np.nanmedian(np.linalg.norm(by_camera_m - whole_m, axis=-1)))
 
-    same_m = apart_m(config)
-    assert same_m < 0.5 * apart_m(fgpose.Config(online={"covariance": False}))
+    assert apart_m(config) < 0.5 * apart_m(ONLY_POSES)
     seen_twice = scene.observations.seen.sum(axis=1) >= 2
     for estimate in estimates[3::4]:
         observed = estimate.status == fgpose.Status.OBSERVED

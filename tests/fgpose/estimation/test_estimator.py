@@ -224,6 +224,7 @@ def test_a_gap_in_time(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     assert np.median(errors[22:]) < 0.04
 
 
+@pytest.mark.slow
 def test_a_burst_of_frames(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """Frames that were held up and come within a microsecond of each other."""
     clear = mocap_clear.observations.frames(slice(0, 40))

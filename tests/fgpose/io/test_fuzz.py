@@ -35,6 +35,7 @@ def test_the_files_are_sound_before_they_are_damaged(name: str, tmp_path) -> Non
     assert FORMATS[name].read(tmp_path) is not False
 
 
+@pytest.mark.slow
 def test_the_fuzzer_sees_what_no_reader_may_do() -> None:
     names = list(bad_readers.FORMATS)
     tallies = fuzz(names, range(1), Plan(seed=0, catalogue="bad_readers", time_limit_s=3.0))
