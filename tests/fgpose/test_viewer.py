@@ -206,7 +206,7 @@ def test_bones_join_their_joints_and_are_left_out_without_one(batch_file: Path, 
 
 def brightness(colours: np.ndarray) -> np.ndarray:
     """Of colours packed as 0xRRGGBBAA."""
-    return sum((colours >> shift) & 0xFF for shift in (24, 16, 8))
+    return np.sum([(colours >> shift) & 0xFF for shift in (24, 16, 8)], axis=0)
 
 
 def test_predicted_joints_and_their_bones_are_thinner_and_paler(batch_file: Path) -> None:

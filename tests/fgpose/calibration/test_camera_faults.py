@@ -54,6 +54,7 @@ def test_what_the_calibration_says_of_the_clocks_is_no_fault(walking_scene: Scen
     assert not any(fault.late for fault in camera_faults(scene, known))
 
 
+@pytest.mark.slow
 def test_a_turned_camera_is_found_with_how_far(walking_scene: Scene) -> None:
     observations = replace(walking_scene.observations, points3d_m=None, covariance3d_m2=None)
     faults = camera_faults(observations, turned(walking_scene.rig, 2, 1.5))

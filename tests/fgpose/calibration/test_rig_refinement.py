@@ -39,6 +39,7 @@ def test_a_bumped_camera_moves_by_itself(walking_scene: Scene, rig: fgpose.Camer
     np.testing.assert_allclose(result.residual_after_px, right.residual_after_px, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_a_delay_that_is_known_moves_no_camera(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     offsets_s = np.array([0.0, 0.06, 0.0, 0.0])
     truth_m = walking(40, 30.0, skeleton)

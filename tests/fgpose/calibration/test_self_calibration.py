@@ -58,6 +58,7 @@ def test_a_late_camera_and_a_bumped_one(filmed: Scene, rig: fgpose.CameraRig) ->
     assert calibrated_m < min(1.1 * perfect_m, 0.6 * error_m(filmed.observations, wrong, filmed))
 
 
+@pytest.mark.slow
 def test_per_view_3d_moves_with_its_camera(filmed: Scene, rig: fgpose.CameraRig) -> None:
     """Seen from the cameras nothing moved; and where no camera was touched, hardly any is moved."""
     found = fgpose.self_calibrate(filmed.observations, rig)
