@@ -389,7 +389,7 @@ def test_nobody_in_the_videos(
         (["--model", "no/such.onnx"], "no/such.onnx"),
         (["--model", "mine.onnx", "--network", "rtmpose"], "--detector"),
         (["--model", "mine.onnx", "--network", "metrabs", "--detector", "yolox.onnx"], "--skeleton"),
-        (["--network", "rtmw3d"], "no ONNX file"),
+        (["--network", "rtmw3d"], "not an ONNX file"),
         (["--skeleton", "coco_17"], "metrabs only"),
     ],
 )
