@@ -7,7 +7,7 @@ PEER := $(VENV)/bench/.installed
 # One process per core, each with one thread: the tests' matrices are too small to share.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocesses auto --dist worksteal
 
-.PHONY: demo demo-video test check lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
+.PHONY: demo demo-video test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -18,8 +18,11 @@ demo-video: $(STAMP)
 
 test: lint types pytest benchmark-quick wheel
 
-# While working: `make test` without the slow tests and without the network.
-check: lint types
+# While working: `make test` without the slow tests and without the network; types are checked meanwhile.
+check: lint
+	$(MAKE) --no-print-directory -j2 types quick-tests
+
+quick-tests: $(STAMP)
 	$(PYTEST) -m "not slow and not network"
 
 lint: $(STAMP)

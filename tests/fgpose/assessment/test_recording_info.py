@@ -98,6 +98,7 @@ def test_single_frame_is_reported(walking_scene: Scene) -> None:
     assert np.isnan(info.fps)
 
 
+@pytest.mark.slow
 def test_long_recording_is_sampled(walking_scene: Scene) -> None:
     observations = walking_scene.observations
     times = 50

@@ -42,6 +42,7 @@ def test_other_arguments_stay_as_they_are(arguments):
     assert with_action(arguments) == arguments
 
 
+@pytest.mark.slow
 def test_quick_from_arguments_to_report(tiny, folder, capsys):
     chosen = ("--variants", "clean", "--methods", "DLT", "fgpose batch", "--workers", "1")
     parsed("--quick", "--output", str(folder), *chosen).run()

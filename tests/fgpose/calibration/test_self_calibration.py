@@ -42,6 +42,7 @@ def error_m(observations: fgpose.Observations, rig: fgpose.CameraRig, scene: Sce
     return float(np.mean(np.linalg.norm(fgpose.smooth(observations, rig).positions_m - scene.truth_m, axis=-1)))
 
 
+@pytest.mark.slow
 def test_a_late_camera_and_a_bumped_one(filmed: Scene, rig: fgpose.CameraRig) -> None:
     wrong = turned(rig, BUMPED, 1.0)
     found = fgpose.self_calibrate(filmed.observations, wrong)

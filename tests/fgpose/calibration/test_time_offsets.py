@@ -39,6 +39,7 @@ def filmed(
     return replace(scene.observations, points3d_m=None, covariance3d_m2=None).frames(slice(None, None, STRIDE))
 
 
+@pytest.mark.slow
 def test_offsets_of_a_moving_person(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     found = fgpose.estimate_time_offsets(late, rig)
     error_s = found.offsets_s - OFFSETS_S

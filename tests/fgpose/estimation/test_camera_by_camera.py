@@ -88,6 +88,7 @@ def test_arrays_are_a_frame(scene: Scene, whole: list[fgpose.Estimate]) -> None:
         estimator.update_arrays(0.0, seen.points2d_px[4])
 
 
+@pytest.mark.slow
 def test_cameras_in_any_order_give_what_whole_frames_give(scene: Scene, whole: list[fgpose.Estimate]) -> None:
     """The graphs are the same in the end, but not where they were linearised, nor what was predicted meanwhile."""
     rng = np.random.default_rng(0)

@@ -56,6 +56,7 @@ def online_error_m(observations: fgpose.Observations, rig: fgpose.CameraRig, tru
     return float(np.mean(np.linalg.norm(positions_m - truth_m, axis=-1)[SETTLED:]))
 
 
+@pytest.mark.slow
 def test_known_delays_cost_next_to_nothing(walk: dict[str, Scene], smoothed: dict[str, fgpose.Trajectory]) -> None:
     truth_m = walk["synchronous"].truth_m
     error_m = {

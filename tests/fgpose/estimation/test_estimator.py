@@ -81,6 +81,7 @@ def test_smoothing_beats_each_frame_alone(mocap_scene: Scene, rig: fgpose.Camera
     assert lagged_m < online_m < alone_m
 
 
+@pytest.mark.slow
 def test_an_infinite_lag_agrees_with_the_batch(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """The last frame of the full history is what the batch gives for it, up to what differs by design: bone lengths
     are a running estimate online, the process noise is that of a lag ago, and linearisation points are kept until a
@@ -294,6 +295,7 @@ def test_each_frame_alone_is_what_the_batch_makes_of_it(
     assert median_m(changed) < min(0.7e-3, 0.6 * median_m(alone))
 
 
+@pytest.mark.slow
 def test_how_an_unseen_joint_moves_is_up_to_the_model(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """A fist at punching speed, 0.12 s unseen: carried on, held, or not there."""
     wrist = mocap_clear.observations.skeleton.index("left_wrist")
@@ -371,6 +373,7 @@ def test_unseen_for_longer_than_the_lag(lag_s: float, mocap_clear: Scene, rig: f
     assert np.median(errors_m(estimates[88:], mocap_clear.truth_m)) < 0.04
 
 
+@pytest.mark.slow
 def test_a_kernel_limits_the_pull_of_a_wrong_detection(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """One view of a wrist is 150 px off for six frames: how far it pulls, against the wrist without that view."""
     wrist, wrong = mocap_clear.observations.skeleton.index("left_wrist"), slice(6, 12)

@@ -123,6 +123,7 @@ def errors_mm(scene: Scene, positions_m: np.ndarray) -> tuple[float, float]:
     return 1e3 * mpjpe_m(positions_m[slow], scene.truth_m[slow]), 1e3 * mpjpe_m(positions_m[fast], scene.truth_m[fast])
 
 
+@pytest.mark.slow
 def test_batch_smooths_rest_more_and_fast_motion_less(fast_and_slow):
     fixed = Config(motion=MotionConfig(adaptive=False))
     slow_mm, fast_mm = errors_mm(fast_and_slow, smooth(fast_and_slow.observations, fast_and_slow.rig).positions_m)

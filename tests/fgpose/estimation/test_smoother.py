@@ -132,6 +132,7 @@ def test_windows_leave_no_seam(long_scene: Scene, long_smoothed: fgpose.Trajecto
     assert np.max(apart_m) < 3e-3
 
 
+@pytest.mark.slow
 def test_covariance_in_windows_is_that_of_one_piece(long_scene: Scene, rig: fgpose.CameraRig) -> None:
     observations = long_scene.observations.frames(slice(0, 60))
     settings = {"covariance": True, "overlap_s": 0.4}
@@ -242,6 +243,7 @@ def test_a_calibration_in_millimetres(long_scene: Scene, rig: fgpose.CameraRig) 
         fgpose.smooth(observations, fgpose.CameraRig(tuple(cameras)))
 
 
+@pytest.mark.slow
 def test_a_person_who_comes_late(long_scene: Scene, rig: fgpose.CameraRig) -> None:
     """Nobody in the first window: the bone lengths of the second are the result's."""
     points2d_px = long_scene.observations.points2d_px[:150].copy()
