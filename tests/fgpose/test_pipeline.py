@@ -46,6 +46,7 @@ def tracked(source: Source) -> Result:
     return run_track(source, SHORT_LAG)
 
 
+@pytest.mark.slow
 def test_smooth_gives_what_the_smoother_gives(source: Source, smoothed: Result) -> None:
     expected = smooth(source.observations, source.rig, Config())
     np.testing.assert_array_equal(smoothed.main.positions_m, expected.positions_m)

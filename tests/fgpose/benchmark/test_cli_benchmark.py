@@ -96,6 +96,7 @@ def test_a_missing_environment_is_refused_before_any_work(folder):
     assert not folder.exists()
 
 
+@pytest.mark.slow
 def test_errors_are_held_against_those_that_are_stored(tiny, tmp_path, capsys):
     stored = tmp_path / "stored.json"
     chosen = ("--quick", "--variants", "clean", "--methods", "DLT", "--workers", "1")

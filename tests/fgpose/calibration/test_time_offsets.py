@@ -59,6 +59,7 @@ def test_the_offsets_of_a_rig_are_where_the_search_begins(late: fgpose.Observati
     np.testing.assert_allclose(from_right, from_none, atol=0.06 * STEP_S)
 
 
+@pytest.mark.slow
 def test_a_person_who_stands_still_tells_nothing(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     standing_m = np.repeat(walking(1, 50.0, skeleton), 60, axis=0)
     exact = fgpose.estimate_time_offsets(filmed(standing_m, skeleton, rig, 50.0, OFFSETS_S, NO_NOISE), rig)

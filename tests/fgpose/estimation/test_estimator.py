@@ -192,6 +192,7 @@ def test_unseen_limbs_stay_attached_and_snap_back(
         assert np.all(errors[stop + 2 : stop + 6, joint] < 3 * usual_m)
 
 
+@pytest.mark.slow
 def test_unseen_for_too_long_is_given_up_and_found_again(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     config = config_from_dict({"motion": {"max_unseen_s": 0.4}})
     estimates = run(hidden(mocap_clear.observations.frames(slice(0, 55)), slice(10, 40), slice(None)), rig, config)
@@ -462,6 +463,7 @@ def test_a_clock_that_jumps_forward(
     assert np.median(errors_m(estimates[25:], mocap_clear.truth_m)) < 0.025
 
 
+@pytest.mark.slow
 def test_frames_within_microseconds_for_long(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     clear = mocap_clear.observations.frames(slice(0, 50))
     estimator = fgpose.Estimator(rig, clear.skeleton)
