@@ -10,27 +10,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import ThreadpoolController
+from threadpoolctl import threadpool_limits
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as
     long."""
-    with _blas().limit(limits=1, user_api="blas"):
+    import scipy.linalg  # noqa: F401  brings a BLAS of its own, which must be there to be limited
+
+    with threadpool_limits(limits=1, user_api="blas"):
         yield
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """Kept: to look for the libraries takes 1.3 ms, which is too long for every update of the online estimator."""
-    import scipy.linalg  # noqa: F401  brings a BLAS of its own, which must be there to be found
-
-    return ThreadpoolController()
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,13 +23,13 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from functools import cache
 from typing import Literal, TypeVar
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
-
-from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
+from threadpoolctl import ThreadpoolController
 
 Result = TypeVar("Result")
 
@@ -174,7 +174,7 @@ class FixedLagSmoother:
         try:
             oldest = window.eliminatePartialMultifrontal(newest_first)[1] if len(frames) > 1 else window
             information, _ = oldest.hessian(_ordering(frames[0]))
-            with one_blas_thread():
+            with _blas().limit(limits=1, user_api="blas"):
                 covariance = np.linalg.inv(information)
         except _FAILURES:  # indeterminate in double precision
             return np.full((len(keys), 3, 3), np.nan)
@@ -315,3 +315,14 @@ def _ordering(keys: Iterable[int]) -> gtsam.Ordering:
     for key in keys:
         ordering.push_back(key)
     return ordering
+
+
+@cache
+def _blas() -> ThreadpoolController:
+    """Matrices of 100 x 100 are too small to share between cores: threads that wait for each other take longer.
+
+    Kept, unlike in block_tridiagonal.one_blas_thread: to look for the libraries in every update would take four times
+    as long as the inverse. Only numpy's BLAS matters here; to import scipy for its own would hold up an update by
+    0.2 s.
+    """
+    return ThreadpoolController()

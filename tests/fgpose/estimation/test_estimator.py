@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import itertools
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -474,3 +476,30 @@ def test_frames_within_microseconds_for_long(mocap_clear: Scene, rig: fgpose.Cam
         assert (np.linalg.eigvalsh(estimate.covariance_m2) > 0).all()
         assert np.max(errors_m([replace(estimate, frame=0)], mocap_clear.truth_m)) < 0.1
     assert estimator.repairs == 0
+
+
+_LIVE = """
+import sys
+import numpy as np
+import fgpose
+from fgpose.io.skeletons import load_skeleton
+
+skeleton, K = load_skeleton("h36m_17"), np.array([[1000.0, 0, 500], [0, 1000, 500], [0, 0, 1]])
+views = [("a", [[1, 0, 0], [0, 0, -1], [0, 1, 0]], [0, -4, 1]), ("b", [[0, 1, 0], [0, 0, -1], [-1, 0, 0]], [4, 0, 1])]
+rig = fgpose.CameraRig(tuple(
+    fgpose.Camera.from_world_to_camera(name, (1000, 1000), K, np.array(R, float), -np.array(R, float) @ position_m)
+    for name, R, position_m in views
+))
+points_m = 0.4 * np.random.default_rng(0).normal(size=(17, 3)) + [0, 0, 1]
+estimator = fgpose.Estimator(rig, skeleton, fgpose.Config(online={"lag_s": 0.1, "smoothed_covariance": True}))
+for frame in range(10):
+    estimate = estimator.update_arrays(frame / 50, rig.project(points_m))
+print(estimate.smoothed is not None and estimate.smoothed.covariance_m2 is not None, "scipy.linalg" in sys.modules)
+"""
+
+
+@pytest.mark.slow
+def test_no_update_stops_to_import_what_only_the_batch_needs() -> None:
+    """To import scipy.linalg takes 0.2 s, in the update that first gives a lagged covariance."""
+    live = subprocess.run([sys.executable, "-c", _LIVE], capture_output=True, text=True, check=True)
+    assert live.stdout.split() == ["True", "False"]
