@@ -11,8 +11,7 @@ from jaxtyping import Float
 from fgpose.parameters import CalibrationConfig
 
 CORRELATION_S = CalibrationConfig.error_correlation_s
-"""Time over which the errors of a pose network are correlated. Always the default, with which
-_EQUAL_FRAMES was fitted."""
+"""Time over which the errors of a pose network are correlated. Always the default: _EQUAL_FRAMES was fitted with it."""
 # Share of the variance of a visible detection that is correlated (4 of 5 px), measured on the same network.
 _CORRELATED_SHARE = 0.64
 # The information of the whole graph over that of one frame counts frames of unequal weight. Fitted with the factors in

@@ -146,9 +146,9 @@ def batch_file(
     return path
 
 
-def weights() -> np.ndarray:
-    """The second camera has three times the weight of the first."""
-    return np.broadcast_to(np.array([0.1, 0.3])[:, None], (N_FRAMES, 2, SKELETON.n_joints)).copy()
+def weights(of_views: tuple[float, float] = (0.1, 0.3)) -> np.ndarray:
+    """The same for all joints in all frames; the second camera has three times the weight of the first."""
+    return np.broadcast_to(np.array(of_views)[:, None], (N_FRAMES, 2, SKELETON.n_joints)).copy()
 
 
 def residuals() -> dict[str, np.ndarray]:
@@ -327,7 +327,7 @@ def test_weights_are_relative_to_the_best_view(tmp_path: Path, rig: CameraRig, o
     def colours(name: str, of_views: tuple[float, float]) -> list[np.ndarray]:
         path = tmp_path / f"{name}.rrd"
         with open_recording(path, rig, SKELETON) as recording:
-            recording.log_observations(observations, weights() * 0.0 + np.array(of_views)[:, None])
+            recording.log_observations(observations, weights(of_views))
         entities = (f"/world/camera/{camera}/image/detections" for camera in (r"cam\ 1", "cam_2"))
         found = [values(path, entity, "Points2D:colors")[0] for entity in entities]
         assert [len(set(of_view.tolist())) for of_view in found] == [1, 1]

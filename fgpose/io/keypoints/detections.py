@@ -121,15 +121,14 @@ def checked_detections(
 
 def numbers(source: Source, what: str, value: Any) -> np.ndarray:
     """An array of what a file has; null is NaN. Raises ValueError for anything but numbers, or ragged lists of them."""
-    refusal = ValueError(f"{source}: {what} are not numbers, or not equally many for every joint")
     try:
         array = np.array(value)
         if array.dtype.kind in "OfiuV" or not array.size:
             # Lists with null are objects.
             return array.astype(float)
     except (TypeError, ValueError, OverflowError):
-        raise refusal from None
-    raise refusal
+        pass
+    raise ValueError(f"{source}: {what} are not numbers, or not equally many for every joint")
 
 
 def _check_shape(source: Source, skeleton: Skeleton, what: str, array: np.ndarray, shape: tuple[int, ...]) -> None:

@@ -162,10 +162,18 @@ def test_known_lengths_are_those_of_the_graph(walking_scene, rig):
     check_two_steps(NormalEquations(segment), GtsamBatch(segment))
 
 
+def shared_lengths(segment: Segment) -> SharedLengths:
+    return next(factors for factors in factors_of(segment) if isinstance(factors, SharedLengths))
+
+
+def no_information(state: BatchState) -> Information:
+    return Information(np.empty((*state.joints.shape, *state.joints.shape[1:])), len(state.lengths_m))
+
+
 def test_tension_is_the_curvature_that_gauss_newton_leaves_out(walking_scene, rig):
     """Of bones that are too long, against second differences of their cost."""
     segment = difficult_segment(walking_scene, rig, Config())
-    bones = next(factors for factors in factors_of(segment) if isinstance(factors, SharedLengths))
+    bones = shared_lengths(segment)
     state = NormalEquations(segment).initial()
     short = BatchState(state.joints, np.full_like(state.lengths_m, 0.05))
     row = int(np.flatnonzero(bones.present[0])[0])
@@ -177,7 +185,7 @@ def test_tension_is_the_curvature_that_gauss_newton_leaves_out(walking_scene, ri
         sigma_m=bones.sigma_m[[row]],
         length_of_row=bones.length_of_row[[row]],
     )
-    information = Information(np.empty((*state.joints.shape, *state.joints.shape[1:])), len(state.lengths_m))
+    information = no_information(state)
     single.add_information(information, short)
     single.add_tension(information, short)
 
@@ -193,7 +201,7 @@ def test_tension_is_the_curvature_that_gauss_newton_leaves_out(walking_scene, ri
     expected = information.positions[0][np.ix_([start, end], range(3), [start, end], range(3))].reshape(6, 6)
     # cost of about 1e3 by 4 h^2 of 4e-10 leaves 1e-3 of entries of 4e4
     np.testing.assert_allclose(expected, hessian, atol=1e-3 * np.abs(expected).max())
-    at_length = Information(np.empty((*state.joints.shape, *state.joints.shape[1:])), len(state.lengths_m))
+    at_length = no_information(state)
     single.add_tension(at_length, BatchState(state.joints, np.full_like(state.lengths_m, 2.0)))
     assert not at_length.frames.any(), "a bone that is too short has no tension"
 
@@ -201,10 +209,10 @@ def test_tension_is_the_curvature_that_gauss_newton_leaves_out(walking_scene, ri
 def test_two_joints_at_one_point_have_no_tension(walking_scene, rig):
     """Their bone has no direction, even where the estimate of its length has become negative (seen in a soak)."""
     segment = difficult_segment(walking_scene, rig, Config())
-    bones = next(factors for factors in factors_of(segment) if isinstance(factors, SharedLengths))
+    bones = shared_lengths(segment)
     state = NormalEquations(segment).initial()
     at_one_point = BatchState(np.zeros_like(state.joints), np.full_like(state.lengths_m, -0.1))
-    information = Information(np.empty((*state.joints.shape, *state.joints.shape[1:])), len(state.lengths_m))
+    information = no_information(state)
     with np.errstate(all="raise"):
         bones.add_tension(information, at_one_point)
     assert not information.frames.any()
