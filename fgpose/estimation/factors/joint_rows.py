@@ -67,6 +67,20 @@ class JointRows(ABC):
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
         residual, jacobians = self.whitened(state)
+        self._add_pull(gradient, residual, jacobians)
+
+    def add_remainder(self, gradient: BatchState, state: BatchState, step: BatchState) -> None:
+        """J^T of what a step changes in the residuals beyond their linearisation, r(x + s) - r(x) - J s."""
+        residual, jacobians = self.whitened(state)
+        moved, _ = self.whitened(BatchState(state.joints + step.joints, state.lengths_m + step.lengths_m))
+        steps = [step.joints[:, 0, slots] for slots in self.slots]
+        if self.lengths is not None:
+            steps.append(np.broadcast_to(step.lengths_m[self.lengths, None], jacobians[-1].shape))
+        linear = sum(np.einsum("tri,tri->tr", *pair) for pair in zip(jacobians, steps, strict=True))
+        self._add_pull(gradient, moved - residual - linear, jacobians)
+
+    def _add_pull(self, gradient: BatchState, residual: np.ndarray, jacobians: tuple[np.ndarray, ...]) -> None:
+        """J^T r."""
         for slots, jacobian in zip(self.slots, jacobians, strict=False):
             pull = residual[..., None] * jacobian
             for row, slot in enumerate(slots.tolist()):  # a joint may occur in several rows

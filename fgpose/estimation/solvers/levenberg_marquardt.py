@@ -1,7 +1,9 @@
 """Levenberg-Marquardt over any least-squares problem: the graph of one frame, or a recording in either form.
 
-Where joints are barely determined, the textbook method oscillates or converges slowly. Three additions avoid this at
-little cost: the damping follows the gain ratio (Nielsen 1999, "Damping parameter in Marquardt's method"), a
+Where joints are barely determined, the textbook method oscillates or converges slowly. Four additions avoid this at
+little cost: the damping follows the gain ratio (Nielsen 1999, "Damping parameter in Marquardt's method"), a step is
+corrected for residuals that bend within it (as by Transtrum and Sethna 2012, "Improvements to the Levenberg-Marquardt
+algorithm for nonlinear least-squares minimization", with the whole remainder instead of its second order), a
 factorisation serves for several iterations while they contract (the chord method), and the steps of several iterations
 are combined (fgpose.estimation.solvers.anderson).
 """
@@ -29,6 +31,8 @@ _FRACTIONS = (0.5, 0.25)
 # Except for the plain step, a step is taken only if the error falls by this share of the predicted decrease.
 _SUFFICIENT = 0.25
 _ROUNDING = 1e-12
+# A correction that is longer than this share of its step cannot be relied on.
+_MOST_CORRECTION = 0.5
 # A factorisation is replaced after a step that is longer than this, or hardly shorter than the step before.
 _CHORD_REACH_M = 0.02
 _CHORD_CONTRACTION = 0.8
@@ -79,6 +83,15 @@ class Problem(Protocol[State]):
         ...
 
 
+@runtime_checkable
+class Bending(Protocol[State]):
+    """A problem with residuals that are far from linear within a step."""
+
+    def remainder(self, state: State, step: Vector) -> Vector:
+        """J^T (r(x + s) - r(x) - J s): the gradient of what a step changes beyond the linearisation."""
+        ...
+
+
 @dataclass(frozen=True)
 class Solution(Generic[State]):
     """Where the optimiser ended, and how."""
@@ -123,7 +136,7 @@ class _Search(Generic[State]):
             if self._system is not None:
                 step = -self._system.solve(gradient)
                 decrease = self._predicted_decrease(gradient, step)
-                if self._take_whole(step, decrease):
+                if self._take_whole(self._corrected(self._system, step), decrease):
                     return self._settled(step, decrease if fresh else None)
                 if self._take_part(gradient, step):
                     self._damp_more()
@@ -133,6 +146,14 @@ class _Search(Generic[State]):
             else:
                 self._forget()
         return None
+
+    def _corrected(self, system: System, step: Vector) -> Vector:
+        """The step and what makes up for the remainder of the residuals, (H + damping D) c = -J^T remainder: a joint
+        follows the circle around its neighbour, where the plain step leaves it along the tangent."""
+        if not isinstance(self._problem, Bending) or not np.isfinite(step).all():
+            return step
+        correction = -system.solve(self._problem.remainder(self.state, step))
+        return step + correction if np.linalg.norm(correction) < _MOST_CORRECTION * np.linalg.norm(step) else step
 
     def _predicted_decrease(self, gradient: Vector, step: Vector) -> float:
         """-g s - s H s / 2, with (H + damping D) s = -g."""

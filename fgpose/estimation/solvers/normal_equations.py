@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.estimation.factors.bone_length import SharedLengths
+from fgpose.estimation.factors.joint_rows import JointRows
 from fgpose.estimation.factors.kinds import Factors, factors_of
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.factors.projection import detection_information
@@ -65,6 +66,15 @@ class NormalEquations:
         gradient = BatchState(np.zeros_like(state.joints), np.zeros_like(state.lengths_m))
         for factors in self._factors:
             factors.add_gradient(gradient, state)
+        return np.append(gradient.joints, gradient.lengths_m)
+
+    def remainder(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        """Of the bones: all other residuals are close to linear over a step."""
+        gradient = BatchState(np.zeros_like(state.joints), np.zeros_like(state.lengths_m))
+        by_state = BatchState(*_split(step, self._shape))
+        for factors in self._factors:
+            if isinstance(factors, JointRows):
+                factors.add_remainder(gradient, state, by_state)
         return np.append(gradient.joints, gradient.lengths_m)
 
     def factorized(self, state: BatchState, damping: float) -> _Factorized | None:
