@@ -31,6 +31,8 @@ _FRACTIONS = (0.5, 0.25)
 # Except for the plain step, a step is taken only if the error falls by this share of the predicted decrease.
 _SUFFICIENT = 0.25
 _ROUNDING = 1e-12
+# Within a shorter step, a limb of 25 cm bends by less than a hundredth of its standard deviation.
+_CORRECTED_FROM_M = 0.005
 # A correction that is longer than this share of its step cannot be relied on.
 _MOST_CORRECTION = 0.5
 # A factorisation is replaced after a step that is longer than this, or hardly shorter than the step before.
@@ -150,7 +152,7 @@ class _Search(Generic[State]):
     def _corrected(self, system: System, step: Vector) -> Vector:
         """The step and what makes up for the remainder of the residuals, (H + damping D) c = -J^T remainder: a joint
         follows the circle around its neighbour, where the plain step leaves it along the tangent."""
-        if not isinstance(self._problem, Bending) or not np.isfinite(step).all():
+        if not isinstance(self._problem, Bending) or not self._problem.step_size(step) > _CORRECTED_FROM_M:
             return step
         correction = -system.solve(self._problem.remainder(self.state, step))
         return step + correction if np.linalg.norm(correction) < _MOST_CORRECTION * np.linalg.norm(step) else step
