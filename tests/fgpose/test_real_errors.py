@@ -52,15 +52,24 @@ def test_every_view_begins_with_another_block(skeleton: Skeleton) -> None:
     blocks = [block for block in real_blocks()[0] if block.source == "openpose"]
     mirror = [skeleton.mirrored((joint, joint))[0] for joint in range(skeleton.n_joints)]
 
-    def number(row_m: np.ndarray) -> int:
+    def number(row_m: np.ndarray, confidence: np.ndarray) -> int:
         for index, block in enumerate(blocks):
-            for rows_m in (block.error_m, block.error_m[:, mirror] * (-1, 1)):
-                if any(np.array_equal(row_m, known_m, equal_nan=True) for known_m in rows_m):
+            for joints, sign in ((slice(None), 1), (mirror, (-1, 1))):
+                same = np.isclose(block.error_m[:, joints] * sign, row_m, rtol=0, atol=0, equal_nan=True)
+                rows = np.flatnonzero(same.all(axis=(1, 2)))
+                if rows.size:
+                    np.testing.assert_array_equal(block.confidence[rows[0], joints], confidence)
                     return index
         raise AssertionError("not of a block")
 
     drawn = real_errors(np.random.default_rng(0), 200, 4, skeleton, 60.0, ("openpose",))
-    assert sorted(number(drawn.error_m[0, camera]) for camera in range(4)) == [0, 1, 2, 3]
+    numbers = [
+        [number(*pair) for pair in zip(drawn.error_m[:, camera], drawn.confidence[:, camera], strict=True)]
+        for camera in range(4)
+    ]
+    assert sorted(of_camera[0] for of_camera in numbers) == [0, 1, 2, 3]
+    # 200 frames are two blocks or three.
+    assert all(len(set(of_camera)) >= 2 for of_camera in numbers)
     np.testing.assert_array_equal(drawn.hidden, ~(np.linalg.norm(drawn.error_m, axis=-1) <= HIDDEN_M))
 
 
