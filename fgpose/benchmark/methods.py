@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.metrics import mean_known
+from fgpose.benchmark.families import Variant
 from fgpose.benchmark.linear import low_pass, triangulate_ransac
 from fgpose.benchmark.peer_methods import peer_methods
 from fgpose.benchmark.recording import Method, Recording, Result
@@ -218,6 +219,15 @@ def _oracle(recording: Recording) -> Result:
 
 
 ORACLE = Method("oracle", "oracle", _Timed(_oracle))
+
+# All methods on all variants take too long. Batch, online and oracle say how well the defaults hold on errors for which
+# they were not chosen; MSAC is the best of the methods that take each frame alone.
+_OUTSIDE_STANDARD = ("MSAC by confidence", "fgpose online, lag 0.2 s", "fgpose batch", "oracle")
+
+
+def methods_for(variant: Variant, among: Sequence[Method]) -> list[Method]:
+    """The methods that run on a variant unless others are named: on the standard family all."""
+    return [method for method in among if variant.family == "standard" or method.name in _OUTSIDE_STANDARD]
 
 
 def find_methods(names: Sequence[str], among: Sequence[Method]) -> list[Method]:

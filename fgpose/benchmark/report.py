@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.benchmark import tables
+from fgpose.benchmark.families import VARIANTS, family_of
 from fgpose.benchmark.figures import write_figures
 from fgpose.benchmark.scores import Score
 from fgpose.benchmark.summary import (
@@ -50,13 +51,15 @@ def write_report(scores: list[Score], folder: Path, command: str = "fgpose bench
         OSError: the folder cannot be written into.
     """
     summaries = summarise(scores)
-    figures = write_figures(summaries, folder)
+    main = _standard(summaries)
+    figures = write_figures(main, folder)
     pictures = [f"![{text}]({path.name})" for path, text in figures.items()]
     parts = [
         *_head(summaries, command),
         *pictures,
-        *_overview(summaries),
-        *_calibration(summaries),
+        *_overview(main),
+        *_families(summaries),
+        *_calibration(main),
         *_details(summaries),
     ]
     path = folder / "report.md"
@@ -87,6 +90,12 @@ def _head(summaries: Summaries, command: str) -> list[str]:
     ]
 
 
+def _standard(summaries: Summaries) -> Summaries:
+    """Without the families that have a table of their own; all where there is nothing else."""
+    kept = {key: entry for key, entry in summaries.items() if family_of(key[0]) in ("standard", None)}
+    return kept or summaries
+
+
 def _clips(summaries: Summaries, variant: str) -> set[str]:
     return {score.clip for entry in tables.entries_of(summaries, variant).values() for score in entry.scores}
 
@@ -103,6 +112,24 @@ def _overview(summaries: Summaries) -> list[str]:
         ]
     for method in ours:
         parts += [f"### {method}", tables.comparison(summaries, method)]
+    return parts
+
+
+def _families(summaries: Summaries) -> list[str]:
+    families: dict[str, list[str]] = {}
+    for variant in variants_of(summaries):
+        if (family := family_of(variant)) not in ("standard", None):
+            families.setdefault(str(family), []).append(variant)
+    if not families:
+        return []
+    parts = [
+        "## Errors for which no default was chosen",
+        "Absolute MPJPE and 95th percentile in mm. Defaults are chosen on the tuning clips of the standard family, the "
+        "tables above; what they are worth on other errors is stated here, beside the oracle, which leaves out every "
+        "detection of a hidden joint. Ratios compare the MPJPE, with their intervals.",
+    ]
+    for family, variants in families.items():
+        parts += [f"### Family: {family}", tables.of_family(summaries, variants)]
     return parts
 
 
@@ -145,8 +172,6 @@ def _details(summaries: Summaries) -> list[str]:
 
 def _description(variant: str) -> list[str]:
     """What the open benchmark says of its variants; nothing of others, as of recordings of Human3.6M."""
-    from fgpose.benchmark.variants import VARIANTS
-
     return [f"{known.description}." for known in VARIANTS if known.name == variant]
 
 

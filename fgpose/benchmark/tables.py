@@ -14,6 +14,9 @@ NONE = "–"
 """A number that does not exist."""
 FEWER = "†"
 """Marks a mean over fewer recordings than the variant has."""
+BATCH = "fgpose batch"
+ONLINE = "fgpose online, lag 0.2 s"
+"""What is stated of every family."""
 _ORACLE = "oracle"
 """A group whose methods know the truth: never marked as the best."""
 _MAX_VARIANTS = 6
@@ -74,6 +77,29 @@ def comparison(summaries: Summaries, method: str) -> str:
             )
     header = ["variant", "best other", "ours", "ours / best other", "at 95 %", "ours / oracle", "acceleration / linear"]
     return _markdown(header, rows)
+
+
+def of_family(summaries: Summaries, variants: Sequence[str]) -> str:
+    """Batch, online estimator and oracle on the variants of a family: mean errors with 95th percentiles, and ratios."""
+    rows = []
+    for variant in variants:
+        batch, online = (summaries.get((variant, method)) for method in (BATCH, ONLINE))
+        oracle = best_other(summaries, variant, groups=(_ORACLE,))
+        per_frame = best_other(summaries, variant, groups=("per-frame",))
+        rows.append(
+            [
+                words(variant),
+                *(_mean_and_tail(entry) for entry in (per_frame, online, batch, oracle)),
+                _ratio(batch, oracle, "mpjpe_mm"),
+                _ratio(online, batch, "mpjpe_mm"),
+            ]
+        )
+    header = ["variant", "best per frame", "online, lag 0.2 s", "batch", "oracle", "batch / oracle", "online / batch"]
+    return _markdown(header, rows)
+
+
+def _mean_and_tail(entry: Summary | None) -> str:
+    return f"{_fixed(entry.mean('mpjpe_mm'))}, {_fixed(entry.mean('p95_mm'))}" if entry else NONE
 
 
 def calibration(summaries: Summaries, number: str) -> str | None:
@@ -176,8 +202,8 @@ def _coverage(entry: Summary, number: str) -> np.ndarray:
     return np.array([100 * entry.mean(number, level) for level in range(len(COVERAGE_LEVELS))])
 
 
-def _ratio(ours: Summary, other: Summary | None, number: str) -> str:
-    if other is None:
+def _ratio(ours: Summary | None, other: Summary | None, number: str) -> str:
+    if ours is None or other is None:
         return NONE
     ratio = paired_ratio(ours, other, number)
     interval = f" ({ratio.low:.2f}–{ratio.high:.2f})" if np.isfinite(ratio.half_width) else ""

@@ -2,7 +2,8 @@
 
 The default error structure is that of BlazePose GHUM measured on four calibrated views: depth much worse than lateral,
 partly shared by the whole body, correlated in time, with a bias of its own in every camera. Outliers, confidence and
-hallucinations behind occluders were not measured: their defaults are assumptions. Occluders follow the rule of
+hallucinations behind occluders were not measured: their defaults are assumptions. RealErrors are those of detectors on
+real recordings instead. Occluders follow the rule of
 Human3.6M-Occluded, but stay for a while and move with the person, as a table or a robot does.
 """
 
@@ -12,6 +13,8 @@ from fgpose.synthetic.noise import NO_NOISE as NO_NOISE
 from fgpose.synthetic.noise import DetectionNoise as DetectionNoise
 from fgpose.synthetic.occlusion import NO_OCCLUSION as NO_OCCLUSION
 from fgpose.synthetic.occlusion import Occlusion as Occlusion
+from fgpose.synthetic.real_errors import RealErrors as RealErrors
+from fgpose.synthetic.real_errors import real_errors as real_errors
 from fgpose.synthetic.rig import ring_rig as ring_rig
 from fgpose.synthetic.scene import Scene as Scene
 from fgpose.synthetic.scene import simulate as simulate

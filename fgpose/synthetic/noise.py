@@ -15,8 +15,10 @@ _TRUNK_DEPTH_M = 0.065
 
 
 def check_scales(settings: object, *, shares: tuple[str, ...]) -> None:
-    """Raise ValueError unless every field is finite and not negative, and the named shares do not exceed 1."""
+    """Raise ValueError unless every number is finite and not negative, and the named shares do not exceed 1."""
     for name, value in vars(settings).items():
+        if isinstance(value, str):
+            continue
         upper = 1.0 if name in shares else np.inf
         if not np.isfinite(value) or not 0 <= value <= upper:
             raise ValueError(f"{type(settings).__name__}.{name} must be in [0, {upper:g}], got {value!r}")
@@ -55,9 +57,18 @@ class DetectionNoise:
     """SD of the confidence around its mean, correlated in time. Raising it makes confidence tell less."""
     confidence_fall_px: float = 200.0
     """Pixel error over which the mean confidence falls to 1/e. Raising it makes confidence tell less; 0: no fall."""
+    min_bias_m: float = 0.0
+    """Length of the constant error in the image of each joint in each view, metres at the joint's depth, in a random
+    direction: uniform from min_bias_m ..."""
+    max_bias_m: float = 0.0
+    """... to max_bias_m."""
+    misled_joint: str = ""
+    """Joint whose confidence tells the wrong thing: one minus what it would be. Empty: none."""
 
     def __post_init__(self) -> None:
         check_scales(self, shares=("outlier_share", "confidence"))
+        if self.min_bias_m > self.max_bias_m:
+            raise ValueError("DetectionNoise.min_bias_m must not exceed max_bias_m")
 
     def depth_sigma_m(self, skeleton: Skeleton) -> Float[np.ndarray, " joint"]:
         """SD of each joint's depth in one view, as an honest estimator states it; what hides the joint not counted."""
@@ -105,6 +116,15 @@ def detection_error(
     depth_m = depth_m + noise.body_depth_m * correlated((frames, cameras, 1))
     depth_m = depth_m + noise.joint_depth_scale * _joint_depth_m(skeleton) * correlated(shape)
     return DetectionError(pixel_px, depth_m, noise.lateral_m * correlated((*shape, 2)), correlated(shape))
+
+
+def bias_m(
+    rng: np.random.Generator, shape: tuple[int, int], noise: DetectionNoise
+) -> Float[np.ndarray, "camera joint 2"]:
+    """Constant error of each joint in each view, metres along the axes of the image."""
+    angle = rng.uniform(0.0, 2 * np.pi, shape)
+    length_m = rng.uniform(noise.min_bias_m, noise.max_bias_m, shape)
+    return length_m[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
 def _joint_depth_m(skeleton: Skeleton) -> Float[np.ndarray, " joint"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.synthetic.noise import check_scales, correlated_normal
 
@@ -48,9 +48,17 @@ class Occlusion:
     """Share of the occluded detections that are missing altogether, for a while each."""
     confidence: float = 0.55
     """Mean confidence of an occluded joint that happens to be exact."""
+    whole_periods: bool = False
+    """A joint that is behind occluders for half of a period or longer is hidden for all of it, any other for none: a
+    hallucination lasts as long as the occluders stay, however the person moves."""
+    snap_share: float = 0.0
+    """Share of the stretches of occlusion in which another joint is taken for the occluded one: the detection follows
+    the mirrored joint or, where there is none, the nearest visible joint, with the noise of a visible one."""
+    snap_confidence: float = 0.8
+    """Mean confidence of a snapped detection that hits the wrong joint exactly; by default as of a visible joint."""
 
     def __post_init__(self) -> None:
-        check_scales(self, shares=("missing_share", "confidence"))
+        check_scales(self, shares=("missing_share", "confidence", "snap_share", "snap_confidence"))
         for low, high in (("min_scale", "max_scale"), ("min_duration_s", "max_duration_s")):
             if getattr(self, low) > getattr(self, high):
                 raise ValueError(f"Occlusion.{low} must not exceed {high}")
@@ -94,6 +102,8 @@ class _Occluders:
     """Over the short side of the box."""
     is_ellipse: Bool[np.ndarray, "frame camera occluder"]
     drawn: Bool[np.ndarray, "frame camera"]
+    period: Int[np.ndarray, " frame"]
+    """Ascending number of the period."""
 
 
 def occluded_joints(
@@ -109,7 +119,17 @@ def occluded_joints(
     distance = np.abs(true_px[..., None, :] - centre_px[:, :, None]) / half_px[:, :, None]
     in_ellipse, in_rectangle = np.sum(distance**2, axis=-1) <= 1, distance.max(axis=-1) <= 1
     hidden = np.where(occluders.is_ellipse[:, :, None], in_ellipse, in_rectangle).any(axis=-1)
-    return hidden & occluders.drawn[..., None]
+    hidden &= occluders.drawn[..., None]
+    return _for_whole_periods(hidden, occluders.period) if occlusion.whole_periods else hidden
+
+
+def _for_whole_periods(
+    hidden: Bool[np.ndarray, "frame camera joint"], period: Int[np.ndarray, " frame"]
+) -> Bool[np.ndarray, "frame camera joint"]:
+    """Hidden for all of a period where it is for half of it or longer, else for none of it."""
+    _, starts, number, counts = np.unique(period, return_index=True, return_inverse=True, return_counts=True)
+    share = np.add.reduceat(hidden.astype(float), starts, axis=0) / counts[:, None, None]
+    return (share >= 0.5)[number]
 
 
 def _draw_occluders(
@@ -129,6 +149,7 @@ def _draw_occluders(
         sides[period],
         (rng.random(shape) < 0.5)[period],
         (rank < occlusion.n_views)[period],
+        period,
     )
 
 

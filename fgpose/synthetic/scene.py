@@ -10,8 +10,10 @@ from jaxtyping import Bool, Float
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic.noise import DetectionNoise, detection_error
+from fgpose.synthetic.noise import DetectionNoise, bias_m, detection_error
 from fgpose.synthetic.occlusion import Occlusion, hallucination, occluded_joints
+from fgpose.synthetic.real_errors import RealErrors
+from fgpose.synthetic.snapping import shown_joints
 
 _MIN_CONFIDENCE = 0.02  # 0 would mean that there is no detection
 _MIN_LATERAL_M = 1e-3  # a covariance must be positive definite
@@ -25,7 +27,8 @@ class Scene:
     """World frame, metres."""
     observations: Observations
     occluded: Bool[np.ndarray, "frame camera joint"]
-    """Whether an occluder hides the joint from the camera; it may be detected (hallucinated) all the same."""
+    """Whether an occluder hides the joint from the camera; it may be detected (hallucinated) all the same. Of real
+    errors: see RealErrors.hidden."""
     rig: CameraRig
 
 
@@ -38,6 +41,7 @@ def simulate(
     occlusion: Occlusion,
     seed: int,
     offsets_s: Float[np.ndarray, " camera"] | None = None,
+    real: RealErrors | None = None,
 ) -> Scene:
     """What the cameras of the rig would have seen of this motion (world frame, metres).
 
@@ -46,6 +50,7 @@ def simulate(
 
     Args:
         offsets_s: how much later than its observations say each camera took its images.
+        real: what real detectors did, instead of the noise in the image and its confidence.
 
     Raises:
         ValueError: more views are occluded than there are cameras, or the truth is empty, not finite or of another
@@ -55,19 +60,27 @@ def simulate(
         raise ValueError(f"{occlusion.n_views} occluded views need as many cameras, the rig has {rig.n_cameras}")
     if truth_m.shape[1] != skeleton.n_joints or len(truth_m) == 0 or not np.isfinite(truth_m).all():
         raise ValueError(f"the truth must be (frames, {skeleton.n_joints}, 3) and finite, got {truth_m.shape}")
-    noise_rng, hidden_rng, occluder_rng = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+    # Whatever draws more gets a stream of its own, behind the others: scenes of old seeds stay the same.
+    streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(5)]
+    noise_rng, hidden_rng, occluder_rng, snap_rng, bias_rng = streams
     seen_m = _at_camera_times(truth_m, fps, np.zeros(rig.n_cameras) if offsets_s is None else offsets_s)
     true_px = rig.project_each(seen_m)
     occluded = occluded_joints(occluder_rng, true_px, fps, occlusion)
+    shown = shown_joints(snap_rng, occluded, true_px, skeleton, occlusion.snap_share)[..., None]
+    snapped = shown[..., 0] != np.arange(skeleton.n_joints)
+    seen_m, true_px = (np.take_along_axis(array, shown, axis=2) for array in (seen_m, true_px))
     error = detection_error(noise_rng, occluded.shape, skeleton, fps, noise)
     hidden = hallucination(hidden_rng, occluded.shape, fps, occlusion)
-    pixel_px = error.pixel_px + np.where(occluded[..., None], hidden.pixel_px, 0.0)
-    depth_m = error.depth_m + np.where(occluded, hidden.depth_m, 0.0)
-    level = np.where(occluded, occlusion.confidence, noise.confidence)
-    if noise.confidence_fall_px > 0:
-        level = level * np.exp(-np.linalg.norm(pixel_px, axis=-1) / noise.confidence_fall_px)
-    confidence = np.clip(level + noise.confidence_spread * error.confidence, _MIN_CONFIDENCE, 1.0)
-    detected = _in_image(rig, true_px) & ~(occluded & hidden.missing)
+    hallucinated = occluded & ~snapped
+    visible_px = error.pixel_px if real is None else _lateral_px(rig, seen_m, real.error_m)
+    if noise.max_bias_m > 0:
+        visible_px = visible_px + _lateral_px(rig, seen_m, bias_m(bias_rng, occluded.shape[1:], noise))
+    pixel_px = visible_px + np.where(hallucinated[..., None], hidden.pixel_px, 0.0)
+    depth_m = error.depth_m + np.where(hallucinated, hidden.depth_m, 0.0)
+    level = np.where(hallucinated, occlusion.confidence, np.where(snapped, occlusion.snap_confidence, noise.confidence))
+    stated = _confidence(level, pixel_px, error.confidence, skeleton, noise)
+    confidence = stated if real is None else np.maximum(real.confidence, _MIN_CONFIDENCE)
+    detected = _in_image(rig, true_px) & ~(hallucinated & hidden.missing) & np.isfinite(pixel_px).all(axis=-1)
     observations = Observations(
         skeleton=skeleton,
         time_s=np.arange(len(truth_m)) / fps,
@@ -79,7 +92,35 @@ def simulate(
         camera_names=rig.names,
         covariance3d_m2=_stated_covariance_m2(rig, seen_m, noise.depth_sigma_m(skeleton), noise),
     )
-    return Scene(truth_m, observations, occluded, rig)
+    return Scene(truth_m, observations, occluded if real is None else occluded | real.hidden, rig)
+
+
+def _lateral_px(
+    rig: CameraRig,
+    seen_m: Float[np.ndarray, "frame camera joint 3"],
+    lateral_m: Float[np.ndarray, "*frame camera joint 2"],
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    """Errors along the axes of the image, in metres at the joint's depth, as pixels."""
+    depth_m = np.stack([camera.to_camera_frame(seen_m[:, c])[..., 2] for c, camera in enumerate(rig.cameras)], axis=1)
+    focal_px = np.array([np.diag(camera.K)[:2] for camera in rig.cameras])
+    return lateral_m * focal_px[:, None] / depth_m[..., None]
+
+
+def _confidence(
+    level: Float[np.ndarray, "frame camera joint"],
+    pixel_px: Float[np.ndarray, "frame camera joint 2"],
+    spread: Float[np.ndarray, "frame camera joint"],
+    skeleton: Skeleton,
+    noise: DetectionNoise,
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Around the mean of an exact detection, less where it is wrong; the other way round for the misled joint."""
+    if noise.confidence_fall_px > 0:
+        level = level * np.exp(-np.linalg.norm(pixel_px, axis=-1) / noise.confidence_fall_px)
+    confidence = level + noise.confidence_spread * spread
+    if noise.misled_joint:
+        misled = skeleton.index(noise.misled_joint)
+        confidence[..., misled] = 1.0 - confidence[..., misled]
+    return np.clip(confidence, _MIN_CONFIDENCE, 1.0)
 
 
 def _at_camera_times(

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 import tyro
 
-from fgpose.benchmark.recording import Method
+from fgpose.benchmark.recording import Method, Recording
 from fgpose.benchmark.scores import Score, load_scores
 from fgpose.benchmark.variants import Variant
 from fgpose.cli import benchmark
@@ -133,6 +134,31 @@ def test_quick_leaves_out_the_slowest_method_unless_it_is_named():
     assert slow not in [method.name for method in Open(quick=True)._methods()]
     assert slow in [method.name for method in Open()._methods()]
     assert [method.name for method in Open(quick=True, methods=(slow,))._methods()] == [slow]
+
+
+def test_the_other_families_run_few_methods_unless_more_are_named(folder, monkeypatch):
+    asked: list[tuple[list[str], list[str]]] = []
+
+    def nothing(recordings: Iterable[Recording], methods: list[Method], *_: object) -> list[Score]:
+        names = sorted({recording.variant for recording in recordings})
+        asked.append((names, [method.name for method in methods]))
+        return []
+
+    monkeypatch.setattr("fgpose.benchmark.runner.run", nothing)
+    monkeypatch.setattr(benchmark, "_QUICK_FRAMES", 2)
+    few = ["MSAC by confidence", "fgpose online, lag 0.2 s", "fgpose batch", "oracle"]
+    for methods in ((), ("DLT", "oracle")):
+        options = Open(quick=True, variants=("clean", "lost", "snapping", "real"), methods=methods, output=folder)
+        options._scores(options._variants(), options._methods())
+    (standard, every), (others, fewer), (all_four, named) = asked
+    assert (standard, others) == (["clean", "lost"], ["real", "snapping"])
+    assert (len(every) > 10, fewer) == (True, few)
+    assert (all_four, named) == (["clean", "lost", "real", "snapping"], ["DLT", "oracle"])
+
+
+def test_an_ablation_is_of_the_standard_family():
+    assert {variant.family for variant in Open(ablation=True)._variants()} == {"standard"}
+    assert len(Open()._variants()) > len(Open(ablation=True)._variants()) == 12
 
 
 @pytest.mark.slow

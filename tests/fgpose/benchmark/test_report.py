@@ -12,7 +12,7 @@ from made_up_scores import made_up, over_clips
 from fgpose.benchmark.report import TOLERANCE, check_against, store_intervals, write_report
 from fgpose.benchmark.scores import Score
 from fgpose.benchmark.summary import summarise
-from fgpose.benchmark.tables import absolute_errors, all_numbers, calibration, comparison, time_offsets
+from fgpose.benchmark.tables import absolute_errors, all_numbers, calibration, comparison, of_family, time_offsets
 from fgpose.benchmark.variants import VERSION
 
 NONE = (np.nan,) * 3
@@ -125,6 +125,46 @@ def test_ratios_are_to_the_best_in_that_very_number(scores):
 def test_where_there_is_nobody_to_compare_with_there_is_no_ratio():
     row = rows_of(comparison(summarise([made_up()]), "fgpose batch"))["occluded"]
     assert [row[name] for name in ("best other", "ours / best other", "ours / oracle")] == ["–", "–", "–"]
+
+
+@pytest.fixture
+def other_family() -> list[Score]:
+    online = "fgpose online, lag 0.2 s"
+    return [
+        *over_clips([30.0, 50.0], variant="snapping", method="fgpose batch", group="ours", p95_mm=70.0),
+        *over_clips([60.0, 60.0], variant="snapping", method=online, group="ours", p95_mm=90.0),
+        *over_clips([20.0, 20.0], variant="snapping", method="oracle", group="oracle", p95_mm=35.0),
+        *over_clips([80.0, 90.0], variant="snapping", method="MSAC", group="per-frame", p95_mm=150.0),
+    ]
+
+
+def test_a_family_is_held_against_its_oracle(other_family):
+    row = rows_of(of_family(summarise(other_family), ["snapping"]))["snapping"]
+    assert row == {
+        "variant": "snapping",
+        "best per frame": "85.0, 150.0",
+        "online, lag 0.2 s": "60.0, 90.0",
+        "batch": "40.0, 70.0",
+        "oracle": "20.0, 35.0",
+        "batch / oracle": "2.00 (1.50–2.50)",
+        "online / batch": "1.50 (1.20–2.00)",
+    }
+    without = [score for score in other_family if score.group != "oracle"]
+    row = rows_of(of_family(summarise(without), ["snapping"]))["snapping"]
+    assert (row["oracle"], row["batch / oracle"]) == ("–", "–")
+
+
+def test_the_standard_family_keeps_its_tables(tmp_path, scores, other_family):
+    before, *_ = write_report(scores, tmp_path / "before")
+    after, *_ = write_report([*scores, *other_family], tmp_path / "after")
+    before, after = (path.read_text(encoding="utf-8") for path in (before, after))
+    for title in ("## Absolute MPJPE (mm)", "### fgpose batch", "### All joints"):
+        assert before.split(title)[1].split("\n\n")[1] in after
+    assert "### Family: snapping" in after
+    assert "### Family" not in before
+    # On its own a family has all tables.
+    alone = write_report(other_family, tmp_path / "alone")[0].read_text(encoding="utf-8")
+    assert "## Absolute MPJPE (mm)\n\n| method | snapping |" in alone
 
 
 def test_calibration_states_the_largest_deviation(scores):

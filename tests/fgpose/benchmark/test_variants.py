@@ -216,7 +216,8 @@ def test_recordings_come_by_variant_then_clip():
 
 
 def test_names_differ_and_are_described():
-    assert len({variant.name for variant in VARIANTS}) == len({v.description for v in VARIANTS}) == len(VARIANTS) == 12
+    assert len({variant.name for variant in VARIANTS}) == len({v.description for v in VARIANTS}) == len(VARIANTS)
+    assert sum(variant.family == "standard" for variant in VARIANTS) == 12
 
 
 def test_an_unknown_name_is_refused():
