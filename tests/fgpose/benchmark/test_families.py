@@ -69,7 +69,7 @@ def test_lasting_hallucinations_last_half_a_second_to_three(clip: str):
     recording = record(find_variant("lasting"), clip)
     changes = np.flatnonzero((recording.occluded[1:] != recording.occluded[:-1]).any(axis=(1, 2))) + 1
     assert len(changes) >= 1
-    lasted_s = np.diff([0, *changes]) / recording.fps
+    lasted_s = np.diff(changes, prepend=0) / recording.fps
     # What is hidden changes between frames, at up to one frame from where the occluders do.
     assert lasted_s.min() >= 0.5 - 1 / recording.fps
     assert lasted_s.max() <= 3.0 + 1 / recording.fps
@@ -150,7 +150,7 @@ def test_real_errors_are_rows_of_the_blocks():
     mirror = [SKELETON.mirrored((joint, joint))[0] for joint in range(17)]
     blocks = [block.error_m for block in real_blocks()[0] if block.source in find_variant("real_occluded").real]
     rows = np.concatenate(blocks + [block[:, mirror] * (-1, 1) for block in blocks])
-    inside = np.isfinite(recording.observations.points2d_px).all(axis=-1)
+    inside = recording.observations.seen
     for view in range(4):
         found = []
         for frame_m, known in zip(error_m(recording)[:, view], inside[:, view], strict=True):
