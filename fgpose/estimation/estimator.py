@@ -20,7 +20,7 @@ from fgpose.estimation.images import fits_better, on_time
 from fgpose.estimation.keys import position_key
 from fgpose.estimation.online_covariance import online_covariance_m2, total_weight
 from fgpose.estimation.online_factors import link_factors, own_factors, segment_of, variables
-from fgpose.estimation.persistence import RunningPersistence
+from fgpose.estimation.persistence import RunningPersistence, relative_trust
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
@@ -165,6 +165,7 @@ class Estimator:
             self._learn_lengths(state)
         self._add(state)
         self._window.append(self._read(state))
+        self._settle(state.positions_m)
         self._marginalise_old(state.at.time_s)
         self._n_frames += 1
         return self._estimate(np.isfinite(image_time_s))
@@ -180,7 +181,7 @@ class Estimator:
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
-        joined = state.joined(observations, image_time_s, evidence, entering)
+        joined = replace(state.joined(observations, image_time_s, evidence, entering), trust=self._trust(evidence))
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
         self._move(at, joined)
         self._window[at] = self._read(joined)
@@ -263,8 +264,13 @@ class Estimator:
             linked=linked,
             status=joint_status(active, evidence.observed[0]),
             unseen_s=time_s - self._last_seen_s,
-            trust=total_weight(evidence),
+            trust=self._trust(evidence),
+            fitting=total_weight(evidence),
         )
+
+    def _trust(self, evidence: Evidence) -> Float[np.ndarray, "camera joint"]:
+        """In the detections of a frame, by how well those before them have fitted."""
+        return relative_trust(self._persistence.weights(), np.isfinite(evidence.undistorted_px[0]).all(axis=-1))
 
     def _marginalise_old(self, time_s: float) -> None:
         """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""
@@ -282,6 +288,14 @@ class Estimator:
         segment = self._segment(state)
         own, links = own_factors(segment, state), link_factors(segment)
         self._smoother.add(own, *variables(state, state.active, self.config), links)
+
+    def _settle(self, guess_m: Float[np.ndarray, "joint 3"]) -> None:
+        """Take a second step where the newest frame is far from its first guess: where the kernels do not know yet
+        which detections fit."""
+        moved_m = np.linalg.norm(self._window[-1].positions_m - guess_m, axis=-1)
+        if (moved_m > self.config.online.relinearize_m).any():
+            self._smoother.relinearize()
+            self._window[-1] = self._read(self._window[-1])
 
     def _segment(self, state: FrameState) -> Segment:
         return segment_of(state, self._rig, self._lengths, self._density.density(), self.config)
@@ -308,7 +322,7 @@ class Estimator:
         state = self._window[-1]
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
         self._persistence.add(self._usual_step_s(), np.where(is_new[:, None], residual_px, np.nan))
-        state = replace(state, trust=total_weight(state.evidence, self._persistence.weights()))
+        state = replace(state, fitting=total_weight(state.evidence, self._persistence.weights()))
         self._window[-1] = state
         covariance_m2 = None
         if self.config.online.covariance:

@@ -36,8 +36,16 @@ class FrameState:
     status: np.ndarray
     unseen_s: Float[np.ndarray, " joint"]
     """Time since any camera saw each joint."""
-    trust: Float[np.ndarray, " joint"]
+    trust: Float[np.ndarray, "camera joint"]
+    """Share of its weight that each detection has in the graph: little where the detections of the joint in the camera
+    have not fitted lately."""
+    fitting: Float[np.ndarray, " joint"]
     """Weights of the detections of each joint that have fitted lately, summed over the cameras."""
+
+    @property
+    def trusted(self) -> Evidence:
+        """The evidence, with the weights that the detections have in the graph."""
+        return replace(self.evidence, weights=self.evidence.weights * self.trust)
 
     @property
     def joints(self) -> list[int]:

@@ -42,7 +42,7 @@ def online_covariance_m2(
     covariance_m2 = np.full((skeleton.n_joints, 3, 3), np.nan)
     if state.joints:
         correlated_m2 = with_correlated_errors(linear_m2, _frame_information(state, rig, config), step_s)
-        factor = distrust_factor_online(state.trust, total_weight(state.evidence))
+        factor = distrust_factor_online(state.fitting, total_weight(state.evidence))
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
     return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
 
@@ -56,7 +56,7 @@ def total_weight(
 
 def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:
     """Of the detections of this frame alone."""
-    joints, evidence = state.joints, state.evidence
+    joints, evidence = state.joints, state.trusted
     detections = evidence.undistorted_px[:, :, joints], evidence.weights[:, :, joints]
     points_m = state.positions_m[None, joints]
     return detection_information(rig, *detections, points_m, config.projection)[0]

@@ -7,7 +7,7 @@ occluder stays: the errors of the detections before and after tell more about a 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig
 
@@ -44,8 +44,7 @@ def persistence_weights(
 class RunningPersistence:
     """The same frame by frame, with a running mean of the errors in which older detections have less weight.
 
-    Without the frames that follow, this detects an occlusion too late to weight detections by it. It serves for the
-    covariance of the newest pose.
+    Without the frames that follow, an occlusion is detected while it lasts. So the weights are for the next frame.
     """
 
     def __init__(self, shape: tuple[int, int], config: ProjectionConfig) -> None:
@@ -61,6 +60,24 @@ class RunningPersistence:
     def weights(self) -> Float[np.ndarray, "camera joint"]:
         """Weight in (0, 1] of each detection: 1/2 where the mean error is persistent_px."""
         return _weight(self._error_px, self._config.persistent_px)
+
+
+def relative_trust(
+    trust: Float[np.ndarray, "camera joint"], seen: Bool[np.ndarray, "camera joint"]
+) -> Float[np.ndarray, "camera joint"]:
+    """Trust in each detection of a frame relative to the second most trusted camera that sees the joint, at most 1.
+
+    It takes two cameras to locate a joint. Where fewer fit, the estimate is as likely to be wrong as the detections;
+    without weight they could never correct it.
+
+    Args:
+        trust: in (0, 1].
+        seen: which joints each camera detects; where fewer than two do, trust is 1.
+    """
+    if len(trust) < 2:
+        return np.ones_like(trust)
+    second = np.sort(np.where(seen, trust, 0.0), axis=0)[-2]
+    return np.divide(np.minimum(trust, second), second, out=np.ones_like(trust), where=second > 0)
 
 
 def _weight(error_px: np.ndarray, threshold_px: float | np.ndarray) -> np.ndarray:

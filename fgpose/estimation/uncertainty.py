@@ -2,8 +2,8 @@
 
 The graph takes the errors of detections as independent. The errors of a pose network are correlated in time, so many
 frames together carry less information than the graph believes. And if some detections of a joint were taken for
-hallucinated, others may be hallucinated too, so the covariance is widened. Online, where hallucinated detections keep
-their weight, this effect is much larger.
+hallucinated, others may be hallucinated too, so the covariance is widened. Online, where hallucinated detections lose
+their weight only after a while, this effect is much larger.
 
 A bone keeps an unseen joint on a sphere around the joint that holds it. Linearised, the sphere is a plane. As the plane
 turns with the body, the bone seems to measure the joint in every direction, and the graph states centimetres although
@@ -24,8 +24,8 @@ from fgpose.skeleton import Skeleton
 # Fitted to the errors on four motion capture clips, at their pace and twice as fast, with 2, 3 and 4 cameras, with and
 # without occlusion. sigma_px is cautious (6 px, of which 5 px are there, would be 0.69), but errors have heavy tails.
 _CAUTION, _TRUSTED_VIEWS = 0.8, 1.5
-# Fitted to the newest pose on the same recordings.
-_CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 20.0, 2.5
+# Fitted to the newest pose on the same recordings at their pace.
+_CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 1.0, 12.0, 2.5
 
 
 def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:

@@ -102,6 +102,14 @@ class FixedLagSmoother:
         except _FAILURES:
             self._recover()
 
+    def relinearize(self) -> None:
+        """Linearise again what has moved by more than relinearize_m; iSAM2 itself does so with the next frame only."""
+        nothing = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        try:
+            self._isam.update(*nothing, self._in_order(gtsam.ISAM2UpdateParams(), *nothing, 0))
+        except _FAILURES:
+            self._recover()
+
     def replace(self, at: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> None:
         """Put other factors in the place of those that a frame came with, but for its links to the frame before.
 
@@ -194,7 +202,8 @@ class FixedLagSmoother:
             params.extraReelimKeys = _key_list(itertools.chain.from_iterable(frames))
         else:
             frames = _frames_of(eliminated, frames)
-        params.constrainedKeys = _Labels().of(frames, len(frames))
+        if frames:
+            params.constrainedKeys = _Labels().of(frames, len(frames))
         return params
 
     def _tried(self, act: Callable[[], Result]) -> Result:

@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.config import ProjectionConfig, config_from_dict
-from fgpose.estimation.persistence import RunningPersistence, persistence_weights
+from fgpose.estimation.persistence import RunningPersistence, persistence_weights, relative_trust
 from fgpose.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
@@ -187,3 +187,33 @@ def test_running_persistence_forgets_what_is_older_than_the_memory() -> None:
     for _ in range(60):
         running.add(STEP_S, np.array([[2.0], [2.0]]))
     np.testing.assert_allclose(running.weights(), 1.0, atol=1e-3)
+
+
+def test_trust_is_relative_to_the_second_camera() -> None:
+    """By columns: one camera of four does not fit; only one does; none does; two see the joint; one does."""
+    trust = np.array([[0.01, 1.0, 0.1, 0.1, 0.1], [1.0, 0.1, 0.1, 0.4, 1.0], [1.0, 0.2, 0.1, 1.0, 1.0]])
+    seen = np.array([[True, True, True, True, True], [True, True, True, True, False], [True, True, True, False, False]])
+    relative = relative_trust(trust, seen)
+    np.testing.assert_allclose(relative[0], [0.01, 1.0, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(relative[1], [1.0, 0.5, 1.0, 1.0, 1.0])
+    np.testing.assert_allclose(relative[2, :3], [1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(relative_trust(np.array([[0.1]]), np.array([[True]])), [[1.0]])
+
+
+@pytest.mark.slow
+def test_online_a_hallucination_loses_its_weight(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    """Two views of four take the left wrist for the right one for a second."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    scene = simulate(truth_m[:100], skeleton, rig, fps, DetectionNoise(), Occlusion(n_views=0), seed=0)
+    points_px, wrist, hallucinated = scene.observations.points2d_px.copy(), skeleton.index("right_wrist"), slice(40, 90)
+    points_px[hallucinated, :2, wrist] = points_px[hallucinated, :2, skeleton.index("left_wrist")]
+    observations = replace(scene.observations, points2d_px=points_px, points3d_m=None, covariance3d_m2=None)
+
+    def error_mm(persistent_px: float) -> float:
+        config = config_from_dict({"projection": {"persistent_px": persistent_px}, "online": {"covariance": False}})
+        estimator = fgpose.Estimator(rig, skeleton, config)
+        positions_m = np.stack([estimator.update(frame).positions_m for frame in observations])
+        return float(1e3 * np.linalg.norm(positions_m - scene.truth_m, axis=-1)[hallucinated, wrist].mean())
+
+    # 27 and 47 mm
+    assert error_mm(12.0) < 0.75 * error_mm(1e6)
