@@ -10,6 +10,7 @@ import pytest
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
 from fgpose.config import config_from_dict
+from fgpose.estimation.evidence import gather
 from fgpose.io.skeletons import load_skeleton
 from fgpose.synthetic import (
     NO_NOISE,
@@ -100,6 +101,29 @@ def test_the_depth_of_each_view_helps_where_two_cameras_are_occluded(
     assert error_m["few_views"] < error_m["never"]
     # with two cameras no joint has more than two views
     assert error_m["few_views"] == error_m["always"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scale", [1.0, 3.0])
+def test_depths_without_covariance_have_that_of_the_recording(
+    scale: float, long_scene: Scene, rig: fgpose.CameraRig
+) -> None:
+    """Errors along the ray, of which those of the second view are three times as large; in a single frame nothing tells
+    their size."""
+    filmed = long_scene.observations
+    centres_m = np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays_m = long_scene.truth_m[:, None] - centres_m
+    relative = 0.02 * np.random.default_rng(0).normal(size=rays_m.shape[:3])
+    relative[:, 1] *= scale
+    views_m = centres_m + (1 + relative)[..., None] * rays_m
+    observations = replace(filmed, points3d_m=views_m, covariance3d_m2=None)
+    config = config_from_dict({"depth": {"use": "always"}})
+    evidence = gather(observations, rig, config)
+    found = np.median(evidence.depth_sigma_m / np.linalg.norm(views_m - centres_m, axis=-1), axis=(0, 2))
+    # triangulation adds an error of 0.2 % of the distance; 2,000 depths tell a median to 3 %
+    np.testing.assert_allclose(found, [0.02, 0.02 * scale, 0.02, 0.02], rtol=0.08)
+    single = gather(observations.frames(slice(0, 1)), rig, config)
+    np.testing.assert_allclose(single.depth_sigma_m[0, 0], 0.043 * np.linalg.norm(views_m - centres_m, axis=-1)[0, 0])
 
 
 def test_estimated_bone_lengths(long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
