@@ -104,6 +104,8 @@ class FixedLagSmoother:
 
     def relinearize(self) -> None:
         """Linearise again what has moved by more than relinearize_m; iSAM2 itself does so with the next frame only."""
+        if not any(self._frames):
+            return
         nothing = gtsam.NonlinearFactorGraph(), gtsam.Values()
         try:
             self._isam.update(*nothing, self._in_order(gtsam.ISAM2UpdateParams(), *nothing, 0))

@@ -140,6 +140,9 @@ def test_the_bayes_tree_is_always_in_the_order_of_time(seeds: range) -> None:
         for number, (graph, values, keys) in enumerate(random_stream(seed)):
             smoother.add(graph, values, keys)
             check_order(smoother)
+            if rng.random() < 0.5:
+                smoother.relinearize()
+                check_order(smoother)
             if number >= lag:
                 smoother.drop_oldest()
             assert np.isfinite(smoother.points(keys)).all()

@@ -255,6 +255,7 @@ class Uncorrected(Counting):
         return np.zeros_like(step)
 
 
+@pytest.mark.slow
 def test_corrected_steps_need_fewer_factorisations(walking_scene, rig):
     """From a start that is 20 cm off in each coordinate."""
     segment = difficult_segment(walking_scene, rig, Config())
