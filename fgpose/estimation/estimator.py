@@ -20,7 +20,7 @@ from fgpose.estimation.images import fits_better, on_time
 from fgpose.estimation.keys import position_key
 from fgpose.estimation.online_covariance import online_covariance_m2, total_weight
 from fgpose.estimation.online_factors import link_factors, own_factors, segment_of, variables
-from fgpose.estimation.persistence import RunningPersistence, relative_trust
+from fgpose.estimation.persistence import RunningPersistence
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
@@ -181,7 +181,10 @@ class Estimator:
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
-        joined = replace(state.joined(observations, image_time_s, evidence, entering), trust=self._trust(evidence))
+        joined = replace(
+            state.joined(observations, image_time_s, evidence, entering),
+            trust=self._persistence.trust(observations.seen[0]),
+        )
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
         self._move(at, joined)
         self._window[at] = self._read(joined)
@@ -264,13 +267,9 @@ class Estimator:
             linked=linked,
             status=joint_status(active, evidence.observed[0]),
             unseen_s=time_s - self._last_seen_s,
-            trust=self._trust(evidence),
+            trust=self._persistence.trust(frame.seen[0]),
             fitting=total_weight(evidence),
         )
-
-    def _trust(self, evidence: Evidence) -> Float[np.ndarray, "camera joint"]:
-        """In the detections of a frame, by how well those before them have fitted."""
-        return relative_trust(self._persistence.weights(), np.isfinite(evidence.undistorted_px[0]).all(axis=-1))
 
     def _marginalise_old(self, time_s: float) -> None:
         """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""

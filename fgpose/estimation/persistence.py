@@ -61,23 +61,21 @@ class RunningPersistence:
         """Weight in (0, 1] of each detection: 1/2 where the mean error is persistent_px."""
         return _weight(self._error_px, self._config.persistent_px)
 
+    def trust(self, seen: Bool[np.ndarray, "camera joint"]) -> Float[np.ndarray, "camera joint"]:
+        """Share of its weight, in (0, 1], that each detection of the next frame should have.
 
-def relative_trust(
-    trust: Float[np.ndarray, "camera joint"], seen: Bool[np.ndarray, "camera joint"]
-) -> Float[np.ndarray, "camera joint"]:
-    """Trust in each detection of a frame relative to the second most trusted camera that sees the joint, at most 1.
+        The threshold is twice persistent_px, for the newest pose errs too, and at least twice the error of the second
+        best camera that sees the joint: it takes two to locate it. Where fewer fit, the estimate is as likely to be
+        wrong as the detections; without weight they could never correct it. And where all clocks are off, all cameras
+        err.
 
-    It takes two cameras to locate a joint. Where fewer fit, the estimate is as likely to be wrong as the detections;
-    without weight they could never correct it.
-
-    Args:
-        trust: in (0, 1].
-        seen: which joints each camera detects; where fewer than two do, trust is 1.
-    """
-    if len(trust) < 2:
-        return np.ones_like(trust)
-    second = np.sort(np.where(seen, trust, 0.0), axis=0)[-2]
-    return np.divide(np.minimum(trust, second), second, out=np.ones_like(trust), where=second > 0)
+        Args:
+            seen: which joints each camera detects in the next frame; where fewer than two do, trust is 1.
+        """
+        if len(seen) < 2:
+            return np.ones(seen.shape)
+        second_px = np.sort(np.where(seen, np.nan_to_num(self._error_px), np.inf), axis=0)[1]
+        return _weight(self._error_px, _USUAL_ERRORS * np.maximum(self._config.persistent_px, second_px))
 
 
 def _weight(error_px: np.ndarray, threshold_px: float | np.ndarray) -> np.ndarray:

@@ -152,7 +152,8 @@ class _Search(Generic[State]):
     def _corrected(self, system: System, step: Vector) -> Vector:
         """The step and what makes up for the remainder of the residuals, (H + damping D) c = -J^T remainder: a joint
         follows the circle around its neighbour, where the plain step leaves it along the tangent."""
-        if not isinstance(self._problem, Bending) or not self._problem.step_size(step) > _CORRECTED_FROM_M:
+        size = self._problem.step_size(step)
+        if not isinstance(self._problem, Bending) or not _CORRECTED_FROM_M < size < np.inf:
             return step
         correction = -system.solve(self._problem.remainder(self.state, step))
         return step + correction if np.linalg.norm(correction) < _MOST_CORRECTION * np.linalg.norm(step) else step

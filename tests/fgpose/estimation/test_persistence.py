@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.config import ProjectionConfig, config_from_dict
-from fgpose.estimation.persistence import RunningPersistence, persistence_weights, relative_trust
+from fgpose.estimation.persistence import RunningPersistence, persistence_weights
 from fgpose.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
@@ -190,14 +190,19 @@ def test_running_persistence_forgets_what_is_older_than_the_memory() -> None:
 
 
 def test_trust_is_relative_to_the_second_camera() -> None:
-    """By columns: one camera of four does not fit; only one does; none does; two see the joint; one does."""
-    trust = np.array([[0.01, 1.0, 0.1, 0.1, 0.1], [1.0, 0.1, 0.1, 0.4, 1.0], [1.0, 0.2, 0.1, 1.0, 1.0]])
-    seen = np.array([[True, True, True, True, True], [True, True, True, True, False], [True, True, True, False, False]])
-    relative = relative_trust(trust, seen)
-    np.testing.assert_allclose(relative[0], [0.01, 1.0, 1.0, 1.0, 1.0])
-    np.testing.assert_allclose(relative[1], [1.0, 0.5, 1.0, 1.0, 1.0])
-    np.testing.assert_allclose(relative[2, :3], [1.0, 1.0, 1.0])
-    np.testing.assert_array_equal(relative_trust(np.array([[0.1]]), np.array([[True]])), [[1.0]])
+    """By joints: one camera of three does not fit; only one does; none does; only two see the joint; only one does."""
+    bad, good = 72.0, 2.0
+    error_px = np.array([[bad, good, bad, bad, bad], [good, bad, bad, 48.0, good], [good, 48.0, bad, good, good]])
+    seen = np.ones(error_px.shape, dtype=bool)
+    seen[2, 3] = seen[1:, 4] = False
+    running = RunningPersistence(error_px.shape, CONFIG)
+    running.add(STEP_S, error_px)
+    trust = running.trust(seen)
+    # 1 / (1 + (error / threshold)^4); the threshold is 24 px, or twice the second best error: 96 and 144 px
+    np.testing.assert_allclose(trust[0], [1 / 82, 1.0, 16 / 17, 16 / 17, 1.0], rtol=1e-3)
+    np.testing.assert_allclose(trust[1, :4], [1.0, 1 / (1 + 0.75**4), 16 / 17, 81 / 82], rtol=1e-3)
+    np.testing.assert_allclose(trust[2, :3], [1.0, 16 / 17, 16 / 17], rtol=1e-3)
+    np.testing.assert_array_equal(RunningPersistence((1, 5), CONFIG).trust(seen[:1]), 1.0)
 
 
 @pytest.mark.slow
