@@ -478,6 +478,7 @@ def test_run_on_the_demonstration_videos(
     assert np.nanmax(limbs_m) < 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.network
 @pytest.mark.filterwarnings("default")
 def test_two_real_people_stay_who_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

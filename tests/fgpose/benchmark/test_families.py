@@ -144,6 +144,7 @@ def test_a_share_of_the_stretches_snaps_with_the_noise_and_confidence_of_visible
     assert chance_to_rate_higher(confidence[visible], confidence[snapped]) == pytest.approx(0.5, abs=0.08)
 
 
+@pytest.mark.slow
 def test_real_errors_are_rows_of_the_blocks():
     """All joints of a view together, as the detector had them."""
     recording = record(find_variant("real_occluded"), TEST_CLIPS[0])

@@ -294,6 +294,7 @@ def images(video: Path, n: int) -> list[np.ndarray]:
     return [np.ascontiguousarray(capture.read()[1][..., ::-1]) for _ in range(n)]
 
 
+@pytest.mark.slow
 @pytest.mark.network
 def test_agrees_with_mediapipe_on_real_frames(real: tuple[Path, Path, Path]) -> None:
     landmarks, detector, videos = real
@@ -318,6 +319,7 @@ def test_agrees_with_mediapipe_on_real_frames(real: tuple[Path, Path, Path]) -> 
         assert np.sum(np.median(off_px, axis=1) > 5.0) <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.network
 def test_tracking_stays_with_detection_on_a_real_video(real: tuple[Path, Path, Path]) -> None:
     landmarks, detector, videos = real

@@ -68,6 +68,7 @@ def both(
     return interpret(original, images), found
 
 
+@pytest.mark.slow
 def test_landmarks_are_those_of_the_interpreter(model: Model, videos: Path, packages: RealPackages) -> None:
     expected, found = both(model, "landmarks", crops(videos, 256), packages)
     # There is a person to be seen, though bent to the side in some of these upright crops.
