@@ -445,6 +445,7 @@ def test_a_real_network_with_files_of_ones_own_is_told_apart(tmp_path: Path) -> 
         open_network(tmp_path / "a.onnx", kind="blazepose", detector=tmp_path / "a.onnx")
 
 
+@pytest.mark.slow
 @pytest.mark.network
 @pytest.mark.filterwarnings("default")
 def test_run_on_the_demonstration_videos(

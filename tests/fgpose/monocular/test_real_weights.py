@@ -83,6 +83,7 @@ def test_landmarks_are_those_of_the_interpreter(model: Model, videos: Path, pack
     np.testing.assert_allclose(found["Identity_1"], expected["Identity_1"], rtol=0, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_detector_is_that_of_the_interpreter(videos: Path, packages: RealPackages) -> None:
     expected, found = both(MODELS[0], "detector", 2 * crops(videos, 224) - 1, packages)
     scores, expected_scores = expit(found["Identity_1"][..., 0]), expit(expected["Identity_1"][..., 0])
