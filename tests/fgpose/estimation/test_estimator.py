@@ -444,7 +444,6 @@ def test_joints_at_one_pixel_in_every_view(joints: tuple[str, ...], mocap_clear:
     assert np.median(errors_m(estimates[52:], mocap_clear.truth_m)) < 0.03
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("jump_s", "max_unseen_s"),
     [(1.0, 3.0), (1e6, 1e7)]
