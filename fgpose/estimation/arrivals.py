@@ -119,9 +119,7 @@ def one_frame(
 ) -> Observations:
     """Observations of one frame from points2d_px, confidence, points3d_m and covariance3d_m2, whose first axis is the
     camera. Raises ValueError as Observations does."""
-    points2d_px, confidence, points3d_m, covariance3d_m2 = (
-        array if array is None or np.ndim(array) == 0 else np.asarray(array)[None] for array in arrays
-    )
+    points2d_px, confidence, points3d_m, covariance3d_m2 = map(_with_axis, arrays)
     return Observations(
         skeleton=skeleton,
         time_s=np.asarray(time_s, dtype=float)[None],
@@ -131,3 +129,15 @@ def one_frame(
         camera_names=camera_names,
         covariance3d_m2=None if covariance3d_m2 is None else np.asarray(covariance3d_m2),
     )
+
+
+def one_image(
+    skeleton: Skeleton, time_s: float, camera_name: str, arrays: Sequence[np.ndarray | float | None]
+) -> Observations:
+    """one_frame for arrays of one camera, without its axis."""
+    return one_frame(skeleton, time_s, (camera_name,), [_with_axis(array) for array in arrays])
+
+
+def _with_axis(array: np.ndarray | float | None) -> np.ndarray | float | None:
+    """With a first axis of length one, unless it is the same for everything."""
+    return array if array is None or np.ndim(array) == 0 else np.asarray(array)[None]

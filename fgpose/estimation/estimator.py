@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, with_image
+from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.estimation.evidence import Evidence, gather
@@ -135,11 +135,8 @@ class Estimator:
             ValueError: the camera is not in the rig, its image was there before or is older than the lag, or the
                 arrays are not as they should be. The estimator is then as it was before.
         """
-        arrays = [
-            array if array is None or np.ndim(array) == 0 else np.asarray(array)[None]
-            for array in (points2d_px, confidence, points3d_m, covariance3d_m2)
-        ]
-        image = one_frame(self.skeleton, time_s, (camera,), arrays).with_cameras(self.rig.names)
+        arrays = points2d_px, confidence, points3d_m, covariance3d_m2
+        image = one_image(self.skeleton, time_s, camera, arrays).with_cameras(self.rig.names)
         number = self.rig.names.index(camera)
         frames_s = np.array([state.at.time_s for state in self._window])
         images_s = np.array([state.image_time_s for state in self._window]).reshape(-1, self.rig.n_cameras)
@@ -181,10 +178,8 @@ class Estimator:
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
-        joined = replace(
-            state.joined(observations, image_time_s, evidence, entering),
-            trust=self._persistence.trust(observations.seen[0]),
-        )
+        trust = self._persistence.trust(observations.seen[0])
+        joined = state.joined(observations, image_time_s, evidence, trust, entering)
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
         self._move(at, joined)
         self._window[at] = self._read(joined)
@@ -321,8 +316,8 @@ class Estimator:
         state = self._window[-1]
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
         self._persistence.add(self._usual_step_s(), np.where(is_new[:, None], residual_px, np.nan))
-        state = replace(state, fitting=total_weight(state.evidence, self._persistence.weights()))
-        self._window[-1] = state
+        fitting = total_weight(state.evidence, self._persistence.weights())
+        self._window[-1] = state = replace(state, fitting=fitting)
         covariance_m2 = None
         if self.config.online.covariance:
             linear_m2 = self._smoother.covariances(state.position_keys)

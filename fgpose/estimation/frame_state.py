@@ -73,6 +73,7 @@ class FrameState:
         observations: Observations,
         image_time_s: Float[np.ndarray, " camera"],
         evidence: Evidence,
+        trust: Float[np.ndarray, "camera joint"],
         entering: Bool[np.ndarray, " joint"],
     ) -> FrameState:
         """The frame with another image, by which these joints are triangulated for the first time."""
@@ -82,6 +83,7 @@ class FrameState:
             observations=observations,
             image_time_s=image_time_s,
             evidence=evidence,
+            trust=trust,
             positions_m=np.where(entering[:, None], evidence.guess_m[0], self.positions_m),
             velocities_mps=np.where(entering[:, None], 0.0, self.velocities_mps),
             active=active,
