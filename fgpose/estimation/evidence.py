@@ -134,11 +134,13 @@ def _depths(
     rays_m = views_m - np.array([camera.position_m for camera in rig.cameras])[:, None]
     distance_m = np.linalg.norm(rays_m, axis=-1)
     rays = rays_m / distance_m[..., None]
-    error_m = np.einsum("tcji,tcji->tcj", rays, views_m - triangulated_m[:, None])
-    sigma_m = distance_m * _relative_sigma(error_m / distance_m)[:, None]
+    sigma_m = np.full(distance_m.shape, np.nan)
     if observations.covariance3d_m2 is not None:
-        variance_m2 = np.einsum("tcji,tcjik,tcjk->tcj", rays, observations.covariance3d_m2, rays)
-        sigma_m = np.where(np.isnan(variance_m2), sigma_m, np.sqrt(variance_m2))
+        sigma_m = np.sqrt(np.einsum("tcji,tcjik,tcjk->tcj", rays, observations.covariance3d_m2, rays))
+    unstated = np.isnan(sigma_m) & np.isfinite(distance_m)
+    if unstated.any():
+        error_m = np.einsum("tcji,tcji->tcj", rays, views_m - triangulated_m[:, None])
+        sigma_m = np.where(unstated, distance_m * _relative_sigma(error_m / distance_m)[:, None], sigma_m)
     if config.use == "few_views":
         few = observations.seen.sum(axis=1, keepdims=True) <= _FEW_VIEWS
         sigma_m = np.where(few, sigma_m, np.nan)
