@@ -61,8 +61,7 @@ def simulate(
     if truth_m.shape[1] != skeleton.n_joints or len(truth_m) == 0 or not np.isfinite(truth_m).all():
         raise ValueError(f"the truth must be (frames, {skeleton.n_joints}, 3) and finite, got {truth_m.shape}")
     # Whatever draws more gets a stream of its own, behind the others: scenes of old seeds stay the same.
-    streams = [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(5)]
-    noise_rng, hidden_rng, occluder_rng, snap_rng, bias_rng = streams
+    noise_rng, hidden_rng, occluder_rng, snap_rng, bias_rng = np.random.default_rng(seed).spawn(5)
     seen_m = _at_camera_times(truth_m, fps, np.zeros(rig.n_cameras) if offsets_s is None else offsets_s)
     true_px = rig.project_each(seen_m)
     occluded = occluded_joints(occluder_rng, true_px, fps, occlusion)

@@ -123,12 +123,11 @@ def numbers(source: Source, what: str, value: Any) -> np.ndarray:
     """An array of what a file has; null is NaN. Raises ValueError for anything but numbers, or ragged lists of them."""
     try:
         array = np.array(value)
-        if array.dtype.kind in "OfiuV" or not array.size:
-            # Lists with null are objects.
-            return array.astype(float)
+        if array.dtype.kind not in "OfiuV" and array.size:
+            raise TypeError(f"{array.dtype} is no type of numbers")
+        return array.astype(float)  # lists with null are objects
     except (TypeError, ValueError, OverflowError):
-        pass
-    raise ValueError(f"{source}: {what} are not numbers, or not equally many for every joint")
+        raise ValueError(f"{source}: {what} are not numbers, or not equally many for every joint") from None
 
 
 def _check_shape(source: Source, skeleton: Skeleton, what: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
