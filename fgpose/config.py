@@ -49,6 +49,9 @@ from fgpose.parameters import (
 from fgpose.parameters import (
     SymmetryConfig as SymmetryConfig,
 )
+from fgpose.parameters import (
+    VisibilityConfig as VisibilityConfig,
+)
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
@@ -64,6 +67,7 @@ class Sections(TypedDict, total=False):
 
     fusion: FusionConfig | Section
     projection: ProjectionConfig | Section
+    visibility: VisibilityConfig | Section
     depth: DepthConfig | Section
     symmetry: SymmetryConfig | Section
     motion: MotionConfig | Section
@@ -85,6 +89,7 @@ class Config:
 
     fusion: FusionConfig
     projection: ProjectionConfig
+    visibility: VisibilityConfig
     depth: DepthConfig
     symmetry: SymmetryConfig
     motion: MotionConfig

@@ -51,13 +51,25 @@ class ProjectionConfig:
     fusion). Raising it trusts detections that no other view confirms."""
     min_weight: float = 0.001
     """Least weight of a detection, so that none is switched off. Raising it makes the weights more equal."""
-    persistent_px: float = 12.0
-    """Median error of a joint in a camera, over memory_s before and after, at which the weight of a detection is halved
-    (batch only): it is probably hallucinated. Raising it trusts detections that have not fitted for a while. Twice the
-    median error of the recording is the least."""
-    memory_s: float = 0.12
-    """Time before and after a detection over which the median error is taken, seconds. Raising it detects short
-    occlusions less."""
+
+
+@dataclass(frozen=True)
+class VisibilityConfig:
+    """Whether each detection is of its joint or hallucinated: a hidden Markov chain for each joint in each camera."""
+
+    model: Literal["none", "markov"] = "markov"
+    """none: every detection keeps the weight of the fusion and projection.sigma_px. markov: detections that are
+    probably hallucinated lose weight, and the standard deviation of the others is learned from the recording."""
+    visible_s: float = 0.5
+    """Mean time for which a joint stays visible, seconds. Raising it tells short occlusions less."""
+    hidden_s: float = 0.25
+    """Mean time for which a joint stays hidden, seconds. Raising it distrusts more of what follows a hallucination."""
+    sigma_m: float = 0.018
+    """Usual standard deviation of a visible detection along each axis of the image, metres at the joint (measured on
+    BlazePose and OpenPose); outweighed by what the recording tells. Raising it trusts the detections less."""
+    hallucinated_m: float = 0.1
+    """Scale of the errors of hallucinated detections, metres at the joint (half of them are larger by a factor of 1.7).
+    Raising it distrusts only larger errors."""
 
 
 @dataclass(frozen=True)

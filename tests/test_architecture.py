@@ -35,7 +35,8 @@ ESTIMATION_FLOORS = (
     {"online_covariance", "online_factors"},
     {"solvers"},
     {"factors"},
-    {"frame_state", "images"},
+    {"frame_state", "images", "visibility"},
+    {"detection_residuals"},
     {"segment"},
     {"evidence"},
     {
@@ -48,7 +49,6 @@ ESTIMATION_FLOORS = (
         "initial_guess",
         "keys",
         "noise",
-        "persistence",
         "process_noise",
         "uncertainty",
         "weights",

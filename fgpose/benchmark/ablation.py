@@ -6,14 +6,12 @@ from fgpose.benchmark.methods import batch
 from fgpose.benchmark.recording import Method
 from fgpose.config import Config, Sections
 
-# No error is that large, so no detection loses weight.
-_NEVER_PX = 1e9
 # The best on the tuning clips, of 0.25 to 16 m^2/s^3.
 _BEST_DENSITY = 1.0
 
 _CHANGES: dict[str, Sections] = {
     "as it is": {},
-    "no distrust of lasting errors": {"projection": {"persistent_px": _NEVER_PX}},
+    "no visibility": {"visibility": {"model": "none"}},
     "no robust kernel": {"projection": {"kernel": "none"}},
     "weights: confidence alone": {"projection": {"weighting": "confidence"}},
     "weights: uniform": {"projection": {"weighting": "uniform"}},

@@ -20,10 +20,10 @@ from fgpose.estimation.images import fits_better, on_time
 from fgpose.estimation.keys import position_key
 from fgpose.estimation.online_covariance import online_covariance_m2, total_weight
 from fgpose.estimation.online_factors import link_factors, own_factors, segment_of, variables
-from fgpose.estimation.persistence import RunningPersistence
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
+from fgpose.estimation.visibility import RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -56,7 +56,7 @@ class Estimator:
         self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
-        self._persistence = RunningPersistence((rig.n_cameras, skeleton.n_joints), self.config.projection)
+        self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config.projection, self.config.visibility)
         self._n_frames = 0
         self._offsets = RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
@@ -178,7 +178,7 @@ class Estimator:
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
-        trust = self._persistence.trust(observations.seen[0])
+        trust, evidence = self._visibility.before(0.0, state.positions_m, evidence, self._rig)
         joined = state.joined(observations, image_time_s, evidence, trust, entering)
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
         self._move(at, joined)
@@ -250,6 +250,7 @@ class Estimator:
             better = fits_better(guess_m, moved_m, evidence, self._rig, self.config.projection)
             positions_m = np.where((entering | better)[:, None], guess_m, moved_m)
             velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
+        trust, evidence = self._visibility.before(step_s, positions_m, evidence, self._rig)
         return FrameState(
             at=FrameTime(self._n_frames, time_s),
             step_s=step_s,
@@ -262,7 +263,7 @@ class Estimator:
             linked=linked,
             status=joint_status(active, evidence.observed[0]),
             unseen_s=time_s - self._last_seen_s,
-            trust=self._persistence.trust(frame.seen[0]),
+            trust=trust,
             fitting=total_weight(evidence),
         )
 
@@ -315,8 +316,8 @@ class Estimator:
         """Of the newest frame, some of whose images are new."""
         state = self._window[-1]
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
-        self._persistence.add(self._usual_step_s(), np.where(is_new[:, None], residual_px, np.nan))
-        fitting = total_weight(state.evidence, self._persistence.weights())
+        self._visibility.add(self._usual_step_s(), state.positions_m, state.evidence, self._rig, is_new)
+        fitting = total_weight(state.evidence, self._visibility.probability)
         self._window[-1] = state = replace(state, fitting=fitting)
         covariance_m2 = None
         if self.config.online.covariance:

@@ -37,7 +37,9 @@ class Evidence:
     time_s: Float[np.ndarray, " frame"]
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
     weights: Float[np.ndarray, "frame camera joint"]
-    """Weight in (0, 1] of each detection; see fgpose.estimation.weights."""
+    """Weight in (0, 1] of each detection; see fgpose.estimation.weights and visibility."""
+    sigma_px: Float[np.ndarray, "frame camera joint"]
+    """Standard deviation of each detection, if it is of its joint."""
     n_views: Int[np.ndarray, "frame joint"]
     """How many cameras detected the joint."""
     fused_m: Float[np.ndarray, "frame joint 3"]
@@ -59,6 +61,11 @@ class Evidence:
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether at least two cameras detected the joint: one ray alone does not determine a position."""
         return self.n_views >= 2
+
+    @property
+    def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:
+        """Standard deviation of each detection in the graph."""
+        return self.sigma_px / np.sqrt(self.weights)
 
     @property
     def total_weight(self) -> Float[np.ndarray, "frame joint"]:
@@ -111,6 +118,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
         weights=detection_weights(fusion, observations.confidence, config.projection),
+        sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),

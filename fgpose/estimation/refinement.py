@@ -84,6 +84,7 @@ def _segment(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Con
     unweighted = replace(
         evidence,
         weights=np.ones_like(evidence.weights),
+        sigma_px=np.full_like(evidence.weights, _SQUARED_PIXELS.sigma_px),
         guess_m=evidence.fused_m,
         anchored=np.zeros_like(evidence.anchored),
         depth_sigma_m=np.full_like(evidence.depth_sigma_m, np.nan),

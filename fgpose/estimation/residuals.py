@@ -9,7 +9,6 @@ from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.factors.bone_length import KnownLengths
 from fgpose.estimation.factors.joint_rows import JointRows
-from fgpose.estimation.factors.projection import projection_sigma_px
 from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.factors.symmetry import Symmetries
 from fgpose.estimation.initial_guess import median_lengths
@@ -32,7 +31,7 @@ def whitened_residuals(
         Several bones of one joint add up as the root of the sum of squares. The motion factors' velocities are
         eliminated: their residual is that of positions alone.
     """
-    residuals = _projection(trajectory, evidence, config)
+    residuals = _projection(trajectory, evidence)
     if config.symmetry.form != "none":
         residuals["symmetry"] = _symmetry(trajectory, config)
     if config.motion.model != "none":
@@ -40,12 +39,10 @@ def whitened_residuals(
     return residuals
 
 
-def _projection(
-    trajectory: Trajectory, evidence: Evidence, config: Config
-) -> dict[str, Float[np.ndarray, "frame joint"]]:
+def _projection(trajectory: Trajectory, evidence: Evidence) -> dict[str, Float[np.ndarray, "frame joint"]]:
     if trajectory.residual_px is None:
         return {}
-    whitened = trajectory.residual_px / projection_sigma_px(evidence.weights, config.projection)
+    whitened = trajectory.residual_px / evidence.detection_sigma_px
     return {f"projection/{name}": whitened[:, c] for c, name in enumerate(trajectory.camera_names)}
 
 

@@ -15,7 +15,6 @@ from fgpose.estimation.delays import image_motion_px
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.noise import with_correlated_errors
-from fgpose.estimation.persistence import persistence_weights
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
@@ -23,6 +22,7 @@ from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.estimation.uncertainty import distrust_factor, with_swing
+from fgpose.estimation.visibility import visibility
 from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -177,13 +177,11 @@ def _informed(segment: Segment, solution: Solution) -> Segment:
     evidence, config = segment.evidence, segment.config
     positions_m, time_s = solution.positions_m, evidence.time_s
     undistorted_px = evidence.undistorted_px - image_motion_px(positions_m, time_s, evidence.delay_s, segment.rig)
-    error_px = np.linalg.norm(segment.rig.project(positions_m) - undistorted_px, axis=-1)
-    trust = persistence_weights(error_px, time_s, config.projection)
-    informed = replace(
-        evidence,
-        undistorted_px=undistorted_px,
-        weights=np.maximum(evidence.weights * trust, config.projection.min_weight),
-    )
+    informed = replace(evidence, undistorted_px=undistorted_px)
+    if config.visibility.model == "markov":
+        found = visibility(positions_m, informed, segment.rig, segment.skeleton, config.projection, config.visibility)
+        weights = np.maximum(evidence.weights * found.probability, config.projection.min_weight)
+        informed = replace(informed, weights=weights, sigma_px=found.sigma_px)
     return replace(
         segment,
         evidence=informed,

@@ -21,14 +21,6 @@ from fgpose_factors import Kernel, noise_model, projection_factor, projection_re
 _SIGMAS_PER_E_FOLD = 1000
 
 
-def projection_sigma_px(
-    weights: Float[np.ndarray, "*detections"], config: ProjectionConfig
-) -> Float[np.ndarray, "*detections"]:
-    """Standard deviation of each detection, sigma_px / sqrt(weight); sigmas that agree to a thousandth are the same."""
-    steps = np.round(-_SIGMAS_PER_E_FOLD / 2 * np.log(np.maximum(weights, config.min_weight)))
-    return config.sigma_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
-
-
 @lru_cache(maxsize=4096)
 def _noise(sigma_px: float, kernel: Kernel, kernel_scale: float) -> gtsam.noiseModel.Base:
     return noise_model(2, sigma_px, kernel, kernel_scale)
@@ -52,18 +44,20 @@ class Projections:
         evidence, joints = segment.evidence, segment.joints
         used = segment.active[:, None, joints, None]
         measured_px = np.where(used, evidence.undistorted_px[:, :, joints], np.nan)
-        return cls.of_detections(segment.rig, measured_px, evidence.weights[:, :, joints], segment.config.projection)
+        sigma_px = evidence.detection_sigma_px[:, :, joints]
+        return cls.of_detections(segment.rig, measured_px, sigma_px, segment.config.projection)
 
     @classmethod
     def of_detections(
         cls,
         rig: CameraRig,
         undistorted_px: Float[np.ndarray, "frame camera slot 2"],
-        weights: Float[np.ndarray, "frame camera slot"],
+        sigma_px: Float[np.ndarray, "frame camera slot"],
         config: ProjectionConfig,
     ) -> Iterator[Projections]:
         """One table per camera."""
-        sigma_px = projection_sigma_px(weights, config)
+        steps = np.round(_SIGMAS_PER_E_FOLD * np.log(sigma_px))
+        sigma_px = np.exp(steps / _SIGMAS_PER_E_FOLD)
         sigma_px[np.isnan(undistorted_px).any(axis=-1)] = np.inf
         measured_px = np.nan_to_num(undistorted_px)
         for number, camera in enumerate(rig.cameras):
@@ -117,12 +111,12 @@ class Projections:
 def detection_information(
     rig: CameraRig,
     undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    weights: Float[np.ndarray, "frame camera joint"],
+    sigma_px: Float[np.ndarray, "frame camera joint"],
     positions_m: Float[np.ndarray, "frame joint 3"],
     config: ProjectionConfig,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Information of the detections of a frame alone on points at these positions, 1/m^2; NaN where a point is NaN."""
-    tables = Projections.of_detections(rig, undistorted_px, weights, config)
+    tables = Projections.of_detections(rig, undistorted_px, sigma_px, config)
     points_m = np.nan_to_num(positions_m)
     information = np.sum([table.information(points_m) for table in tables], axis=0)
     information[np.isnan(positions_m).any(axis=-1)] = np.nan

@@ -146,7 +146,7 @@ class NormalEquations:
         segment, evidence = self._segment, self._segment.evidence
         points_m = np.where(segment.active[..., None], positions_m, np.nan)
         return detection_information(
-            segment.rig, evidence.undistorted_px, evidence.weights, points_m, segment.config.projection
+            segment.rig, evidence.undistorted_px, evidence.detection_sigma_px, points_m, segment.config.projection
         )
 
     def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:

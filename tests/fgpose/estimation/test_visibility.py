@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from fgpose.estimation.persistence import RunningPersistence, persistence_weights
 
 import fgpose
 from fgpose.config import ProjectionConfig, config_from_dict
-from fgpose.estimation.persistence import RunningPersistence, persistence_weights
 from fgpose.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
