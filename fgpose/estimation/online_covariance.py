@@ -12,7 +12,7 @@ from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.frame_state import FrameState
-from fgpose.estimation.noise import with_correlated_errors
+from fgpose.estimation.noise import ErrorCorrelation, with_correlated_errors
 from fgpose.estimation.uncertainty import distrust_factor_online, with_swing
 from fgpose.geometry.camera import CameraRig
 
@@ -41,7 +41,9 @@ def online_covariance_m2(
     skeleton = state.observations.skeleton
     covariance_m2 = np.full((skeleton.n_joints, 3, 3), np.nan)
     if state.joints:
-        correlated_m2 = with_correlated_errors(linear_m2, _frame_information(state, rig, config), step_s)
+        correlated_m2 = with_correlated_errors(
+            linear_m2, _frame_information(state, rig, config), step_s, ErrorCorrelation()
+        )
         factor = distrust_factor_online(state.fitting, total_weight(state.evidence))
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
     return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]

@@ -14,7 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.delays import image_motion_px
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
-from fgpose.estimation.noise import with_correlated_errors
+from fgpose.estimation.noise import error_correlation, with_correlated_errors
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
@@ -226,7 +226,10 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     information = problem.frame_information(solution.positions_m)
     factor = distrust_factor(segment.evidence.total_weight[active])
     step_s = usual_step_s(segment.evidence.time_s)
-    correlated_m2 = with_correlated_errors(covariance_m2[active], information[active], step_s)
+    evidence = segment.evidence
+    residual = (segment.rig.project(solution.positions_m) - evidence.undistorted_px) / evidence.sigma_px[..., None]
+    errors = error_correlation(residual, evidence.weights, step_s)
+    correlated_m2 = with_correlated_errors(covariance_m2[active], information[active], step_s, errors)
     covariance_m2[active] = factor[:, None, None] * correlated_m2
     return replace(solution, covariance_m2=covariance_m2)
 
