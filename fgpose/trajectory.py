@@ -76,6 +76,8 @@ class Trajectory:
     convergence: Convergence | None = None
     config: Config | None = None
     """The configuration that made this result."""
+    visibility: np.ndarray | None = None
+    """(T, C, J) probability that each detection is of its joint and not hallucinated; NaN where there is none."""
 
     def __post_init__(self) -> None:
         n_frames, n_joints = np.shape(self.time_s)[0], self.skeleton.n_joints
@@ -85,6 +87,7 @@ class Trajectory:
             "covariance_m2": (n_frames, n_joints, 3, 3),
             "residual_px": (n_frames, len(self.camera_names), n_joints),
             "bone_lengths_m": (self.skeleton.n_lengths,),
+            "visibility": (n_frames, len(self.camera_names), n_joints),
         }
         for name, shape in shapes.items():
             array = getattr(self, name)
@@ -101,8 +104,8 @@ class Trajectory:
         """Estimates of the online estimator as one trajectory; of several estimates of one frame the last counts.
 
         Args:
-            estimates: in the order of time; covariances and residuals are kept if all have them.
-            camera_names: those of the rig; without them there are no residuals.
+            estimates: in the order of time; covariances, residuals and visibility are kept if all have them.
+            camera_names: those of the rig; without them there are no residuals and no visibility.
             config: of the estimator.
 
         Raises:
@@ -123,6 +126,7 @@ class Trajectory:
             status=np.stack([estimate.status for estimate in frames]),
             covariance_m2=stacked("covariance_m2"),
             residual_px=stacked("residual_px") if camera_names else None,
+            visibility=stacked("visibility") if camera_names else None,
             camera_names=camera_names,
             config=config,
         )
@@ -157,6 +161,8 @@ class Estimate:
     """(J,) values of Status."""
     covariance_m2: Float[np.ndarray, "joint 3 3"] | None = None
     residual_px: Float[np.ndarray, "camera joint"] | None = None
+    visibility: Float[np.ndarray, "camera joint"] | None = None
+    """Probability that each detection is of its joint and not hallucinated; NaN where there is none."""
     smoothed: Estimate | None = None
     """The estimate of the frame that is one lag old, from all frames since. None until there is one."""
 
@@ -166,6 +172,6 @@ class Estimate:
 
     def __post_init__(self) -> None:
         # The estimator goes on from these very arrays.
-        for array in (self.positions_m, self.status, self.covariance_m2, self.residual_px):
+        for array in (self.positions_m, self.status, self.covariance_m2, self.residual_px, self.visibility):
             if array is not None:
                 array.setflags(write=False)

@@ -18,7 +18,7 @@ from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.images import fits_better, on_time
 from fgpose.estimation.keys import position_key
-from fgpose.estimation.online_covariance import online_covariance_m2, total_weight
+from fgpose.estimation.online_covariance import online_covariance_m2
 from fgpose.estimation.online_factors import link_factors, own_factors, segment_of, variables
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Segment
@@ -174,7 +174,8 @@ class Estimator:
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
         evidence = gather(observations, self._rig, self.config)
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
-        evidence = replace(evidence, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
+        visibility = self._visibility.probability[None]
+        evidence = replace(evidence, time_s=np.array([state.at.time_s]), delay_s=delay_s[None], visibility=visibility)
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
@@ -264,7 +265,6 @@ class Estimator:
             status=joint_status(active, evidence.observed[0]),
             unseen_s=time_s - self._last_seen_s,
             trust=trust,
-            fitting=total_weight(evidence),
         )
 
     def _marginalise_old(self, time_s: float) -> None:
@@ -317,8 +317,7 @@ class Estimator:
         state = self._window[-1]
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
         self._visibility.add(self._usual_step_s(), state.positions_m, state.evidence, self._rig, is_new)
-        fitting = total_weight(state.evidence, self._visibility.probability)
-        self._window[-1] = state = replace(state, fitting=fitting)
+        state = self._window[-1] = state.judged(self._visibility.probability)
         covariance_m2 = None
         if self.config.online.covariance:
             linear_m2 = self._smoother.covariances(state.position_keys)
@@ -331,6 +330,7 @@ class Estimator:
             status=state.status,
             covariance_m2=covariance_m2,
             residual_px=residual_px,
+            visibility=np.where(state.evidence.detected[0], state.evidence.visibility[0], np.nan),
             smoothed=self._lagged(state.at.time_s),
         )
 

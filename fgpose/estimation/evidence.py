@@ -40,6 +40,8 @@ class Evidence:
     """Weight in (0, 1] of each detection; see fgpose.estimation.weights and visibility."""
     sigma_px: Float[np.ndarray, "frame camera joint"]
     """Standard deviation of each detection, if it is of its joint."""
+    visibility: Float[np.ndarray, "frame camera joint"]
+    """Probability that each detection is of its joint: 1 until more is known; see fgpose.estimation.visibility."""
     n_views: Int[np.ndarray, "frame joint"]
     """How many cameras detected the joint."""
     fused_m: Float[np.ndarray, "frame joint 3"]
@@ -58,9 +60,15 @@ class Evidence:
     """How much later than its frame each image was taken."""
 
     @property
+    def detected(self) -> Bool[np.ndarray, "frame camera joint"]:
+        """Where there is a detection."""
+        return np.asarray(np.isfinite(self.undistorted_px).all(axis=-1))
+
+    @property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
-        """Whether at least two cameras detected the joint: one ray alone does not determine a position."""
-        return self.n_views >= 2
+        """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
+        position."""
+        return np.sum(self.detected & (self.visibility > 0.5), axis=1) >= 2
 
     @property
     def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:
@@ -70,7 +78,7 @@ class Evidence:
     @property
     def total_weight(self) -> Float[np.ndarray, "frame joint"]:
         """Weights of the detections of a joint, summed over the cameras."""
-        return np.where(np.isnan(self.undistorted_px).any(axis=-1), 0.0, self.weights).sum(axis=1)
+        return np.where(self.detected, self.weights, 0.0).sum(axis=1)
 
     @property
     def seen(self) -> Bool[np.ndarray, "frame joint"]:
@@ -119,6 +127,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         undistorted_px=undistorted_px,
         weights=detection_weights(fusion, observations.confidence, config.projection),
         sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
+        visibility=np.ones(observations.confidence.shape),
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),

@@ -39,13 +39,16 @@ class FrameState:
     trust: Float[np.ndarray, "camera joint"]
     """Share of its weight that each detection has in the graph: little where the detections of the joint in the camera
     have not fitted lately."""
-    fitting: Float[np.ndarray, " joint"]
-    """Weights of the detections of each joint that have fitted lately, summed over the cameras."""
 
     @property
     def trusted(self) -> Evidence:
         """The evidence, with the weights that the detections have in the graph."""
         return replace(self.evidence, weights=self.evidence.weights * self.trust)
+
+    def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
+        """The frame with the probability that each of its detections is of its joint."""
+        evidence = replace(self.evidence, visibility=visibility[None])
+        return replace(self, evidence=evidence, status=joint_status(self.active, evidence.observed[0]))
 
     @property
     def joints(self) -> list[int]:

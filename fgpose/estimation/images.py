@@ -47,6 +47,5 @@ def _image_error(
     squared = np.sum((rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
     # A point behind a camera that sees the joint has no image there: as bad as the farthest outlier.
     robust = np.where(np.isfinite(squared), squared / (1 + squared), 1.0)
-    seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
-    error = np.sum(np.where(seen, evidence.weights[0] * robust, 0.0), axis=0)
+    error = np.sum(np.where(evidence.detected[0], evidence.weights[0] * robust, 0.0), axis=0)
     return np.where(np.isfinite(positions_m).all(axis=-1), error, np.inf)

@@ -44,16 +44,14 @@ def online_covariance_m2(
         correlated_m2 = with_correlated_errors(
             linear_m2, _frame_information(state, rig, config), step_s, ErrorCorrelation()
         )
-        factor = distrust_factor_online(state.fitting, total_weight(state.evidence))
+        factor = distrust_factor_online(_probable_weight(state.evidence), state.evidence.total_weight[0])
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
     return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
 
 
-def total_weight(
-    evidence: Evidence, share: float | Float[np.ndarray, "camera joint"] = 1.0
-) -> Float[np.ndarray, " joint"]:
-    """Weights of the detections of each joint in one frame, each times its share, summed over the cameras."""
-    return replace(evidence, weights=share * evidence.weights).total_weight[0]
+def _probable_weight(evidence: Evidence) -> Float[np.ndarray, " joint"]:
+    """As Evidence.total_weight, of the detections that are of their joint."""
+    return replace(evidence, weights=evidence.weights * evidence.visibility).total_weight[0]
 
 
 def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:

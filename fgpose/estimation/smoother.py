@@ -107,6 +107,8 @@ class Solution:
     covariance_m2: Float[np.ndarray, "frame joint 3 3"] | None
     lengths_m: Float[np.ndarray, " length"]
     convergence: Convergence
+    visibility: Float[np.ndarray, "frame camera joint"]
+    """Probability that each detection is of its joint."""
 
     @staticmethod
     def of_nobody(segment: Segment) -> Solution:
@@ -114,7 +116,8 @@ class Solution:
         shape = segment.active.shape
         positions_m, covariance_m2 = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         no_lengths_m = np.full(segment.skeleton.n_lengths, np.nan)
-        return Solution(positions_m, covariance_m2, no_lengths_m, Convergence(True, 0, 0.0, 0.0))
+        settled = Convergence(True, 0, 0.0, 0.0)
+        return Solution(positions_m, covariance_m2, no_lengths_m, settled, segment.evidence.visibility)
 
     @staticmethod
     def joined(parts: list[Solution]) -> Solution:
@@ -125,12 +128,14 @@ class Solution:
             covariance_m2=np.concatenate(covariances_m2) if len(covariances_m2) == len(parts) else None,
             lengths_m=_first_known([part.lengths_m for part in parts]),
             convergence=Convergence.worst([part.convergence for part in parts]),
+            visibility=np.concatenate([part.visibility for part in parts]),
         )
 
     def frames(self, frames: slice) -> Solution:
         """Some of the frames."""
         covariance_m2 = None if self.covariance_m2 is None else self.covariance_m2[frames]
-        return replace(self, positions_m=self.positions_m[frames], covariance_m2=covariance_m2)
+        visibility = self.visibility[frames]
+        return replace(self, positions_m=self.positions_m[frames], covariance_m2=covariance_m2, visibility=visibility)
 
 
 def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
@@ -181,7 +186,7 @@ def _informed(segment: Segment, solution: Solution) -> Segment:
     if config.visibility.model == "markov":
         found = visibility(positions_m, informed, segment.rig, segment.skeleton, config.projection, config.visibility)
         weights = np.maximum(evidence.weights * found.probability, config.projection.min_weight)
-        informed = replace(informed, weights=weights, sigma_px=found.sigma_px)
+        informed = replace(informed, weights=weights, sigma_px=found.sigma_px, visibility=found.probability)
     return replace(
         segment,
         evidence=informed,
@@ -208,14 +213,14 @@ def _optimum(segment: Segment) -> Solution:
         return Solution.of_nobody(segment)
     solver = segment.config.solver
     if solver.backend == "gtsam":
-        return _minimized(GtsamBatch(segment), solver.max_iterations)
-    return _minimized(NormalEquations(segment), solver.max_iterations)
+        return _minimized(GtsamBatch(segment), segment)
+    return _minimized(NormalEquations(segment), segment)
 
 
-def _minimized(problem: _SegmentProblem[State], max_iterations: int) -> Solution:
-    solution = levenberg_marquardt(problem, problem.initial(), max_iterations)
+def _minimized(problem: _SegmentProblem[State], segment: Segment) -> Solution:
+    solution = levenberg_marquardt(problem, problem.initial(), segment.config.solver.max_iterations)
     positions_m, lengths_m = problem.positions_m(solution.state), problem.lengths_m(solution.state)
-    return Solution(positions_m, None, lengths_m, solution.convergence)
+    return Solution(positions_m, None, lengths_m, solution.convergence, segment.evidence.visibility)
 
 
 def _with_covariance(segment: Segment, solution: Solution) -> Solution:
@@ -236,6 +241,7 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
 
 def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
     evidence, rig, config = recording.evidence, recording.rig, recording.config
+    evidence = replace(evidence, visibility=solution.visibility)
     covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
     if covariance_m2 is not None:
         unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
@@ -251,6 +257,7 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
         bone_lengths_m=solution.lengths_m,
         convergence=solution.convergence,
         config=config,
+        visibility=np.where(evidence.detected, evidence.visibility, np.nan),
     )
 
 

@@ -144,7 +144,7 @@ class RunningVisibility:
         if not self._on:
             return np.ones(self._probability.shape), evidence
         predicted = self._chain.predicted(self._probability, step_s)
-        seen = np.isfinite(evidence.undistorted_px[0]).all(axis=-1)
+        seen = evidence.detected[0]
         second = np.sort(np.where(seen, predicted, 0.0), axis=0)[-2] if len(seen) > 1 else np.zeros(seen.shape[1])
         trust = np.divide(predicted, second, out=np.ones_like(predicted), where=second > 0)
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._projection, self._spread_m)

@@ -12,16 +12,16 @@ from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
 from fgpose.io.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
-_ARRAYS = ("covariance_m2", "residual_px")
+_ARRAYS = ("covariance_m2", "residual_px", "visibility")
 _TEXTS = ("skeleton", "camera_names", "bone_lengths_m", "convergence", "config")
 
 
 def write_npz(trajectory: Trajectory, path: Path) -> None:
     """Write a NumPy archive that needs no pickle.
 
-    Arrays time_s (T,), positions_m (T, J, 3), status (T, J), covariance_m2 (T, J, 3, 3) and residual_px (T, C, J)
-    where they are known; status_names: what the numbers in status mean; joints: their names. The rest as texts of the
-    same names as the fields of Trajectory, in JSON, the config in TOML.
+    Arrays time_s (T,), positions_m (T, J, 3), status (T, J), and where they are known covariance_m2 (T, J, 3, 3),
+    residual_px and visibility (T, C, J); status_names: what the numbers in status mean; joints: their names. The rest
+    as texts of the same names as the fields of Trajectory, in JSON, the config in TOML.
 
     Raises:
         OSError: the file cannot be written.
@@ -51,7 +51,8 @@ def read_npz(path: Path) -> Trajectory:
     values = described({name: text(archive, name) for name in _TEXTS if name in archive})
     n_joints, n_cameras = values["skeleton"].n_joints, len(values["camera_names"])
     shapes = {"time_s": (None,), "positions_m": (None, n_joints, 3)}
-    optional = {"covariance_m2": (None, n_joints, 3, 3), "residual_px": (None, n_cameras, n_joints)}
+    of_detections = (None, n_cameras, n_joints)
+    optional = dict(zip(_ARRAYS, ((None, n_joints, 3, 3), of_detections, of_detections), strict=True))
     shapes |= {name: shape for name, shape in optional.items() if name in archive}
     arrays = {name: checked(archive, name, "numbers", *shape).astype(float) for name, shape in shapes.items()}
     return Trajectory(status=_status(archive, n_joints), **arrays, **values)

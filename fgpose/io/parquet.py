@@ -28,7 +28,8 @@ def write_parquet(trajectory: Trajectory, path: Path) -> None:
     Columns: time_s, frame (from 0), person (always 0), joint; x_m, y_m, z_m in the world frame; cov_xx_m2, cov_xy_m2,
     cov_xz_m2, cov_yy_m2, cov_yz_m2, cov_zz_m2; n_views, the number of cameras with a detection; reprojection_px, the
     median of their reprojection errors in undistorted pixels; status (observed, predicted, unobservable); and, where
-    they are known, the errors of each camera in residual_px_<camera>. What is not known is null. The metadata of the
+    they are known, the errors of each camera in residual_px_<camera>, the probability that its detection is of the
+    joint in visibility_<camera>. What is not known is null. The metadata of the
     file (keys fgpose.*) hold the skeleton, cameras, bone lengths and convergence as JSON and the config as TOML.
 
     Raises:
@@ -59,6 +60,9 @@ def _columns(trajectory: Trajectory) -> dict[str, pa.Array]:
         covariance_m2 = trajectory.covariance_m2
         columns[name] = _nullable(unknown if covariance_m2 is None else covariance_m2[..., row, column])
     columns |= _residual_columns(trajectory)
+    if trajectory.visibility is not None:
+        for camera, name in enumerate(trajectory.camera_names):
+            columns[f"visibility_{name}"] = _nullable(trajectory.visibility[:, camera])
     status = np.asarray(trajectory.status, dtype=np.int8).ravel()
     names = [name.lower() for name in Status.__members__]
     return columns | {"status": pa.DictionaryArray.from_arrays(status, names)}
@@ -110,9 +114,10 @@ def read_parquet(path: Path) -> Trajectory:
     def column(name: str) -> np.ndarray:
         return numbers(table, name).reshape(n_frames, len(joints))
 
-    cameras = [f"residual_px_{name}" for name in values["camera_names"]]
-    if cameras and set(cameras) <= set(table.column_names):
-        values["residual_px"] = np.stack([column(name) for name in cameras], axis=1)
+    for field in ("residual_px", "visibility"):
+        cameras = [f"{field}_{name}" for name in values["camera_names"]]
+        if cameras and set(cameras) <= set(table.column_names):
+            values[field] = np.stack([column(name) for name in cameras], axis=1)
     if texts.get(_HAS_COVARIANCE) == "true":
         values["covariance_m2"] = symmetric(column)
     status_names, status = names(table, "status")

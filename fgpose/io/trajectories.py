@@ -138,14 +138,17 @@ def _in_order_of(skeleton: Skeleton, trajectory: Trajectory) -> Trajectory:
         np.moveaxis(result, axis, 0)[source < 0] = fill
         return result
 
-    covariance_m2, residual_px = trajectory.covariance_m2, trajectory.residual_px
+    def arranged_if_known(values: np.ndarray | None, axis: int) -> np.ndarray | None:
+        return None if values is None else arranged(values, axis, np.nan)
+
     return replace(
         trajectory,
         skeleton=skeleton,
         positions_m=arranged(trajectory.positions_m, 1, np.nan),
         status=arranged(trajectory.status, 1, Status.UNOBSERVABLE),
-        covariance_m2=None if covariance_m2 is None else arranged(covariance_m2, 1, np.nan),
-        residual_px=None if residual_px is None else arranged(residual_px, 2, np.nan),
+        covariance_m2=arranged_if_known(trajectory.covariance_m2, 1),
+        residual_px=arranged_if_known(trajectory.residual_px, 2),
+        visibility=arranged_if_known(trajectory.visibility, 2),
         # Lengths belong to the bones of the file's skeleton.
         bone_lengths_m=None,
     )

@@ -160,7 +160,10 @@ def _require_rerun() -> None:
 def show(result: Result, recording: Recording) -> None:
     """Show everything that is known of a result; see fgpose.viewer."""
     observations, evidence = result.source.observations, result.source.evidence(result.config)
-    recording.log_observations(observations, evidence.weights, evidence.undistorted_px)
+    weights = evidence.weights
+    if result.main.visibility is not None:
+        weights = weights * np.nan_to_num(result.main.visibility)
+    recording.log_observations(observations, weights, evidence.undistorted_px)
     for name, trajectory in result.trajectories.items():
         recording.log_trajectory(name, trajectory)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.

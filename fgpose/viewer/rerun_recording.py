@@ -285,6 +285,7 @@ def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
         status=np.asarray(estimate.status)[None],
         covariance_m2=None if estimate.covariance_m2 is None else estimate.covariance_m2[None],
         residual_px=None if estimate.residual_px is None else estimate.residual_px[None],
+        visibility=None if estimate.visibility is None else estimate.visibility[None],
         camera_names=rig.names,
     )
 
