@@ -19,6 +19,7 @@ from fgpose.estimation.detection_residuals import LEAST_SPREAD_M, PRIOR_MEASUREM
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
 
 # Residuals of consecutive frames count as one measurement within twice this time. Chosen on the tuning clips of the
@@ -28,7 +29,6 @@ _CORRELATION_S = 0.02
 _SPREAD_MEMORY_S = 10.0
 # 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
 _MEDIAN_GAIN = 0.72
-_LEAST_TRUST = 1e-3
 _MOST_LOG_ODDS = 30.0  # keeps the exponential finite
 
 
@@ -39,7 +39,7 @@ class Visibility:
     probability: Float[np.ndarray, "frame camera joint"]
     """That each detection is of its joint, given those before and after it too; also where nothing was detected."""
     sigma_px: Float[np.ndarray, "frame camera joint"]
-    """Standard deviation of a detection of a visible joint."""
+    """Standard deviation of a detection of a visible joint; as it was where the joint is behind the camera."""
 
 
 def visibility(
@@ -65,7 +65,8 @@ def visibility(
     spread_m = residuals.spread_m(config.sigma_m, float(np.median(_independent(step_s, CORRELATION_S))))
     log_odds = residuals.log_odds(spread_m, rig, skeleton, config)
     tempered = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
-    return Visibility(Chain(config).posterior(tempered, step_s), residuals.sigma_px(spread_m))
+    sigma_px = np.where(residuals.seen, residuals.sigma_px(spread_m), evidence.sigma_px)
+    return Visibility(Chain(config).posterior(tempered, step_s), sigma_px)
 
 
 class RunningVisibility:
@@ -112,7 +113,7 @@ class RunningVisibility:
         """Robbins and Monro's estimate of the weighted median that the batch takes."""
         tells = residuals.tells[0] & is_new[:, None]
         measurements = np.where(tells, _independent(step_s, CORRELATION_S) * residuals.weights[0], 0.0)
-        keep = np.exp(-step_s / _SPREAD_MEMORY_S)
+        keep = np.where(is_new, np.exp(-step_s / _SPREAD_MEMORY_S), 1.0)
         self._measurements = keep * self._measurements + measurements.sum(axis=1)
         larger = np.sum(measurements * np.sign(residuals.single_spread_m[0] - self._spread_m[:, None]), axis=1)
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
@@ -149,7 +150,8 @@ class RunningVisibility:
         trust = np.divide(predicted, second, out=np.ones_like(predicted), where=second > 0)
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._projection, self._spread_m)
         sigma_px = np.where(residuals.seen, residuals.sigma_px(self._spread_m), evidence.sigma_px)
-        return np.clip(trust, _LEAST_TRUST, 1.0), replace(evidence, sigma_px=sigma_px)
+        least = np.minimum(self._projection.min_weight / evidence.weights[0], 1.0)
+        return np.clip(trust, least, 1.0), replace(evidence, sigma_px=sigma_px)
 
 
 class Chain:
@@ -183,16 +185,15 @@ class Chain:
             odds = log_odds[t]
             filtered[t] = self.updated(filtered[t], later)
             likelihood = np.exp(np.clip(odds + later, -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
-            from_visible, from_hidden = self.predicted(np.ones(()), step_s[t]), self.predicted(np.zeros(()), step_s[t])
+            from_visible, from_hidden = self.predicted(np.array([1.0, 0.0]), step_s[t])
             later = np.log(from_visible * likelihood + 1 - from_visible)
             later -= np.log(from_hidden * likelihood + 1 - from_hidden)
         return filtered
 
 
 def _steps_s(time_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
-    """Time since the frame before; for the first frame, the usual one."""
-    steps_s = np.diff(time_s)
-    return np.concatenate([[np.median(steps_s) if len(steps_s) else 0.0], steps_s])
+    """Time since the frame before; for the first frame, the usual one, inf if it is alone."""
+    return np.concatenate([[usual_step_s(time_s)], np.diff(time_s)])
 
 
 def _independent(step_s: float | Float[np.ndarray, " frame"], correlation_s: float) -> Float[np.ndarray, "*frames"]:
