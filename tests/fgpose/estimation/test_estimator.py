@@ -65,9 +65,9 @@ def mocap_clear(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
 def test_without_noise_the_truth_is_recovered(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     truth_m = walking(40, 50.0, skeleton)
     scene = simulate(truth_m, skeleton, rig, 50.0, NO_NOISE, NO_OCCLUSION, seed=0)
-    config = config_from_dict({"projection": {"sigma_px": 0.5}})
+    config = config_from_dict({"visibility": {"sigma_m": 0.002}})
     errors = errors_m(run(scene.observations, rig, config), truth_m)
-    # What is left is smoothing of exact points with 0.5 px (2 mm here) of assumed noise.
+    # What is left is smoothing of exact points with 2 mm of assumed noise.
     assert np.max(errors[5:]) < 2e-3
 
 
@@ -264,7 +264,7 @@ def test_nobody_in_sight_from_the_start(mocap_clear: Scene, rig: fgpose.CameraRi
 EACH_FRAME_ALONE = {
     "motion": {"model": "none"},
     "symmetry": {"form": "none"},
-    "projection": {"persistent_px": 1e6},
+    "visibility": {"model": "none"},
     "online": {"relinearize_m": 1e-4},
     "solver": {"step_tolerance_m": 1e-6},
 }
@@ -385,8 +385,10 @@ def test_a_kernel_limits_the_pull_of_a_wrong_detection(mocap_clear: Scene, rig: 
     points2d_px[wrong, 0, wrist, 0] += 150.0
     pulled_m = []
     for kernel in ("none", "huber", "cauchy", "geman_mcclure", "tukey"):
-        projection = {"kernel": kernel, "weighting": "uniform", "persistent_px": 1e6}
-        config = config_from_dict({"projection": projection, "online": {"covariance": False}})
+        projection = {"kernel": kernel, "weighting": "uniform"}
+        config = config_from_dict(
+            {"projection": projection, "visibility": {"model": "none"}, "online": {"covariance": False}}
+        )
         with_it = run(replace(clear, points2d_px=points2d_px), rig, config)[-1]
         without = run(hidden(clear, wrong, [wrist], [0]), rig, config)[-1]
         pulled_m.append(np.linalg.norm(with_it.positions_m[wrist] - without.positions_m[wrist]))

@@ -34,7 +34,8 @@ def test_a_small_threshold_removes_the_linearization_errors_of_a_bad_start(
                 "online": {"lag_s": (N_FRAMES - 1) / FPS, "relinearize_m": relinearize_m, "covariance": False},
                 "solver": {"covariance": False},
                 # What the two do in different ways by design.
-                "projection": {"kernel": "none", "weighting": "uniform", "persistent_px": 1e6},
+                "projection": {"kernel": "none", "weighting": "uniform"},
+                "visibility": {"model": "none"},
                 "symmetry": {"form": "none"},
                 "motion": {"adaptive": False},
             }

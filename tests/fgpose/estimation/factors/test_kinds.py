@@ -108,16 +108,17 @@ def test_one_projection_factor_per_detection_of_an_active_joint(newest):
 
 def test_the_weight_of_a_detection_is_its_information(walking_scene, rig, newest):
     weights = np.ones((1, 4, 17))
-    weights[0, 0], weights[0, 1], weights[0, 2] = 0.25, 0.04, 0.0
-    config = ProjectionConfig(sigma_px=6.0, kernel="none", min_weight=0.01)
+    weights[0, 0], weights[0, 1], weights[0, 2] = 0.25, 0.04, 0.01
+    config = ProjectionConfig(kernel="none")
     values = gtsam.Values()
     values.insert(position_key(0, FRAME), walking_scene.truth_m[0, 0])
-    segment = with_config(with_evidence(newest, weights=weights), projection=config)
+    evidence = {"weights": weights, "sigma_px": np.full(weights.shape, 6.0)}
+    segment = with_config(with_evidence(newest, **evidence), projection=config)
     factors = of_kind(Projections.of, segment)[::17]
     points_px = newest.evidence.undistorted_px[0]
     squared_px2 = np.sum((rig.project(walking_scene.truth_m[0])[:, 0] - points_px[:, 0]) ** 2, axis=-1)
     sigmas_px = np.sqrt(squared_px2 / np.array([2 * factor.error(values) for factor in factors]))
-    # 6 px / sqrt(weight); not more than 6 px / sqrt(0.01)
+    # 6 px / sqrt(weight)
     np.testing.assert_allclose(sigmas_px, [12.0, 30.0, 60.0, 6.0], rtol=1e-3)
 
 
@@ -125,7 +126,9 @@ def test_the_information_of_detections_is_that_of_their_factors(walking_scene, r
     points_m = walking_scene.truth_m[:1].copy()
     points_m[0, 5] = NAN
     evidence = newest.evidence
-    found = detection_information(rig, evidence.undistorted_px, evidence.weights, points_m, ProjectionConfig())
+    found = detection_information(
+        rig, evidence.undistorted_px, evidence.detection_sigma_px, points_m, ProjectionConfig()
+    )
     for joint in range(17):
         if joint == 5:
             assert np.isnan(found[0, joint]).all()
