@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig, VisibilityConfig
 from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.noise import CORRELATED_FACTOR
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_factors import projection_residual, robust_weight
@@ -34,8 +35,6 @@ _PREDICTED_M = 0.01
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
-# The graph takes errors of consecutive frames for independent. They are not: so much larger must they seem.
-_CORRELATED_FACTOR = 1.2
 # Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
 _LEAST_REDUNDANCY = 0.2
 # Median length of a two-dimensional normal error of standard deviation 1 per axis.
@@ -137,7 +136,7 @@ class DetectionResiduals:
 
     def sigma_px(self, spread_m: Float[np.ndarray, " camera"]) -> Float[np.ndarray, "frame camera joint"]:
         """Standard deviation that the graph should take for each detection."""
-        return _CORRELATED_FACTOR * spread_m[:, None] * self.px_per_m
+        return CORRELATED_FACTOR * spread_m[:, None] * self.px_per_m
 
     def log_odds(
         self, spread_m: Float[np.ndarray, " camera"], rig: CameraRig, skeleton: Skeleton, config: VisibilityConfig
