@@ -147,3 +147,17 @@ def test_unsynchronised_cameras(tmp_path: Path):
     # a foot that swings at 4 m/s is 24 cm further after 60 ms
     assert after_mm < before_mm / 2
     assert output.read_text().count("time_offset_s") == 3
+
+
+@pytest.mark.slow
+def test_hallucinated_detections(tmp_path: Path):
+    output = tmp_path / "visibility.png"
+    printed = run("09_hallucinated_detections.py", "--output", str(output))
+    visible, hallucinated = numbers(r"visible joints #, hallucinated ones #", printed)
+    # hallucinations are ten times as far off as detections of visible joints; one in a hundred of these is an outlier
+    assert visible > 0.9
+    assert hallucinated < 0.2
+    markov_mm, _ = numbers(r"markov: .* all joints # mm, left elbow # mm", printed)
+    none_mm, _ = numbers(r"none: .* all joints # mm, left elbow # mm", printed)
+    assert markov_mm < none_mm
+    assert output.stat().st_size > 10_000
