@@ -35,7 +35,8 @@ class ProjectionConfig:
     """Reprojection factors: one per camera, joint and frame."""
 
     sigma_px: float = 6.0
-    """Standard deviation of a good detection. Raising it trusts motion and bones more."""
+    """Standard deviation of a good detection: with visibility.model none, before anything is learned from the
+    recording, and when cameras are calibrated. Raising it trusts motion and bones more."""
     kernel: Kernel = "cauchy"
     """Robust kernel on the reprojection error."""
     kernel_scale: float = 2.2

@@ -47,7 +47,7 @@ class Smooth(EstimatorOptions):
     Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. With --solver.no-covariance it is faster and
     does not state how uncertain each joint is.
 
-    Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --projection.sigma-px 4
+    Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --motion.max-unseen-s 5
     """
 
     def run(self) -> None:
