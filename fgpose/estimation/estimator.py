@@ -179,7 +179,7 @@ class Estimator:
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
-        trust, evidence = self._visibility.before(0.0, state.positions_m, evidence, self._rig)
+        trust, evidence = self._visibility.before(state.positions_m, evidence, self._rig)
         joined = state.joined(observations, image_time_s, evidence, trust, entering)
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
         self._move(at, joined)
@@ -251,7 +251,7 @@ class Estimator:
             better = fits_better(guess_m, moved_m, evidence, self._rig, self.config.projection)
             positions_m = np.where((entering | better)[:, None], guess_m, moved_m)
             velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
-        trust, evidence = self._visibility.before(step_s, positions_m, evidence, self._rig)
+        trust, evidence = self._visibility.before(positions_m, evidence, self._rig)
         return FrameState(
             at=FrameTime(self._n_frames, time_s),
             step_s=step_s,
@@ -316,7 +316,7 @@ class Estimator:
         """Of the newest frame, some of whose images are new."""
         state = self._window[-1]
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
-        self._visibility.add(self._usual_step_s(), state.positions_m, state.evidence, self._rig, is_new)
+        self._visibility.add(state.positions_m, state.evidence, self._rig, is_new)
         state = self._window[-1] = state.judged(self._visibility.probability)
         covariance_m2 = None
         if self.config.online.covariance:

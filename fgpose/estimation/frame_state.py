@@ -37,8 +37,8 @@ class FrameState:
     unseen_s: Float[np.ndarray, " joint"]
     """Time since any camera saw each joint."""
     trust: Float[np.ndarray, "camera joint"]
-    """Share of its weight that each detection has in the graph: little where the detections of the joint in the camera
-    have not fitted lately."""
+    """Share of its weight that each detection has in the graph: little where the joint was probably hidden from the
+    camera in the frame before."""
 
     @property
     def trusted(self) -> Evidence:

@@ -48,8 +48,8 @@ class ErrorCorrelation:
 
 
 def correlated_frames(
-    step_s: float | Float[np.ndarray, " frame"], correlation_s: float
-) -> float | Float[np.ndarray, " frame"]:
+    step_s: float | Float[np.ndarray, "*frames"], correlation_s: float
+) -> float | Float[np.ndarray, "*frames"]:
     """How many frames count as one measurement when errors are correlated over this time; at least one."""
     return np.maximum(1.0, 2 * correlation_s / step_s)
 

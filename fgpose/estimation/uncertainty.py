@@ -40,10 +40,10 @@ def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*
 def distrust_factor_online(
     trust: Float[np.ndarray, "*joints"], weight: Float[np.ndarray, "*joints"]
 ) -> Float[np.ndarray, "*joints"]:
-    """Factor on the covariance of the newest pose, larger where many detections have not fitted lately.
+    """Factor on the covariance of the newest pose, larger where many detections are probably hallucinated.
 
     Args:
-        trust: weights of the detections of a joint that have fitted lately, summed over the cameras.
+        trust: weights of the detections of a joint times the probability that they are of it, summed over the cameras.
         weight: of all its detections; the factor grows with the share of it that is not in trust.
     """
     enough = np.maximum(np.minimum(weight, _TRUSTED_VIEWS_ONLINE), 1e-9)

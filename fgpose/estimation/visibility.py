@@ -29,6 +29,7 @@ _CORRELATION_S = 0.02
 _SPREAD_MEMORY_S = 10.0
 # 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
 _MEDIAN_GAIN = 0.72
+_LEAST_STEP_S = 1e-6  # a camera that is there twice at one time tells nothing new
 _MOST_LOG_ODDS = 30.0  # keeps the exponential finite
 
 
@@ -82,17 +83,21 @@ class RunningVisibility:
         self._chain = Chain(config)
         self._on = config.model == "markov"
         self._probability = np.full((n_cameras, skeleton.n_joints), self._chain.usual if self._on else 1.0)
+        self._last_s = np.full((n_cameras, 1), -np.inf)
         self._spread_m = np.full(n_cameras, config.sigma_m)
         self._measurements = np.zeros(n_cameras)
 
     @property
     def probability(self) -> Float[np.ndarray, "camera joint"]:
-        """That each joint is visible, given all frames so far."""
+        """That each joint is visible to each camera, when that last took an image."""
         return self._probability
+
+    def _since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
+        """Time since the last image of each camera."""
+        return np.maximum(evidence.time_s[0] - self._last_s, _LEAST_STEP_S)
 
     def add(
         self,
-        step_s: float,
         positions_m: Float[np.ndarray, "joint 3"],
         evidence: Evidence,
         rig: CameraRig,
@@ -102,29 +107,28 @@ class RunningVisibility:
         if not self._on:
             return
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._projection, self._spread_m)
-        odds = residuals.log_odds(self._spread_m, rig, self._skeleton, self._config)[0] * _independent(
-            step_s, _CORRELATION_S
-        )
-        updated = self._chain.updated(self._chain.predicted(self._probability, step_s), odds)
+        since_s = self._since_s(evidence)
+        log_odds = residuals.log_odds(self._spread_m, rig, self._skeleton, self._config)[0]
+        tempered = log_odds * _independent(since_s, _CORRELATION_S)
+        updated = self._chain.updated(self._chain.predicted(self._probability, since_s), tempered)
         self._probability = np.where(is_new[:, None], updated, self._probability)
-        self._learn_spread(step_s, residuals, is_new)
+        self._last_s = np.where(is_new[:, None], evidence.time_s[0], self._last_s)
+        self._learn_spread(since_s, residuals, is_new)
 
-    def _learn_spread(self, step_s: float, residuals: DetectionResiduals, is_new: Bool[np.ndarray, " camera"]) -> None:
+    def _learn_spread(
+        self, since_s: Float[np.ndarray, "camera 1"], residuals: DetectionResiduals, is_new: Bool[np.ndarray, " camera"]
+    ) -> None:
         """Robbins and Monro's estimate of the weighted median that the batch takes."""
         tells = residuals.tells[0] & is_new[:, None]
-        measurements = np.where(tells, _independent(step_s, CORRELATION_S) * residuals.weights[0], 0.0)
-        keep = np.where(is_new, np.exp(-step_s / _SPREAD_MEMORY_S), 1.0)
+        measurements = np.where(tells, _independent(since_s, CORRELATION_S) * residuals.weights[0], 0.0)
+        keep = np.where(is_new, np.exp(-since_s[:, 0] / _SPREAD_MEMORY_S), 1.0)
         self._measurements = keep * self._measurements + measurements.sum(axis=1)
         larger = np.sum(measurements * np.sign(residuals.single_spread_m[0] - self._spread_m[:, None]), axis=1)
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
         self._spread_m = np.maximum(self._spread_m * np.exp(logs), LEAST_SPREAD_M)
 
     def before(
-        self,
-        step_s: float,
-        positions_m: Float[np.ndarray, "joint 3"],
-        evidence: Evidence,
-        rig: CameraRig,
+        self, positions_m: Float[np.ndarray, "joint 3"], evidence: Evidence, rig: CameraRig
     ) -> tuple[Float[np.ndarray, "camera joint"], Evidence]:
         """What is known of the detections of the next frame, before it is solved.
 
@@ -133,7 +137,6 @@ class RunningVisibility:
         two to locate it.
 
         Args:
-            step_s: time since the frame before.
             positions_m: the predicted pose.
             evidence: of the next frame.
             rig: the cameras.
@@ -144,7 +147,7 @@ class RunningVisibility:
         """
         if not self._on:
             return np.ones(self._probability.shape), evidence
-        predicted = self._chain.predicted(self._probability, step_s)
+        predicted = self._chain.predicted(self._probability, self._since_s(evidence))
         seen = evidence.detected[0]
         second = np.sort(np.where(seen, predicted, 0.0), axis=0)[-2] if len(seen) > 1 else np.zeros(seen.shape[1])
         trust = np.divide(predicted, second, out=np.ones_like(predicted), where=second > 0)
@@ -162,7 +165,7 @@ class Chain:
         self.usual = config.visible_s / (config.visible_s + config.hidden_s)
         """Probability of visible before anything is known."""
 
-    def predicted(self, probability: np.ndarray, step_s: float) -> np.ndarray:
+    def predicted(self, probability: np.ndarray, step_s: float | np.ndarray) -> np.ndarray:
         """Of visible, this time later."""
         return self.usual + (probability - self.usual) * np.exp(-self._rate * step_s)
 
@@ -196,6 +199,6 @@ def _steps_s(time_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]
     return np.concatenate([[usual_step_s(time_s)], np.diff(time_s)])
 
 
-def _independent(step_s: float | Float[np.ndarray, " frame"], correlation_s: float) -> Float[np.ndarray, "*frames"]:
+def _independent(step_s: Float[np.ndarray, "*frames"], correlation_s: float) -> Float[np.ndarray, "*frames"]:
     """How much of an independent measurement each frame is when errors are correlated over this time."""
     return np.asarray(1.0 / correlated_frames(step_s, correlation_s))

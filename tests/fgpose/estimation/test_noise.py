@@ -42,7 +42,7 @@ def test_the_correlation_is_found(errors: ErrorCorrelation, step_s: float) -> No
     # correlated over a time near the longest lag or the shortest step looks like a constant or like noise.
     time_s = np.array([0.05, 0.1, 0.2, 0.4])
     modelled = [fit.share * np.exp(-time_s / fit.time_s) + fit.constant_share for fit in (found, errors)]
-    np.testing.assert_allclose(*modelled, atol=0.07)
+    np.testing.assert_allclose(modelled[0], modelled[1], atol=0.07)
 
 
 def test_hallucinated_and_missing_detections_do_not_count() -> None:

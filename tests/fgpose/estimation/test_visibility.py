@@ -180,7 +180,7 @@ def test_one_frame_is_judged_by_itself(rig: CameraRig, skeleton: Skeleton) -> No
     others = np.delete(found.probability[0], 3, axis=1)
     assert others.min() > 0.99
     running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
-    running.add(np.inf, positions_m[0], wrong(evidence, slice(0, 1), 1, 3), rig, NEW)
+    running.add(positions_m[0], wrong(evidence, slice(0, 1), 1, 3), rig, NEW)
     # Online the spread is learned afterwards; in batch these exact detections have made it smaller already.
     np.testing.assert_allclose(running.probability, found.probability[0], atol=0.02)
 
@@ -205,7 +205,7 @@ def test_behind_a_camera_the_spread_stays_what_it_was(rig: CameraRig, skeleton: 
     sigma_px = visibility_of(positions_m, evidence, rig, skeleton).sigma_px
     np.testing.assert_array_equal(sigma_px[:, 2, 5], CONFIG.projection.sigma_px)
     running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
-    _, before = running.before(STEP_S, positions_m[0], evidence.frames(slice(0, 1)), rig)
+    _, before = running.before(positions_m[0], evidence.frames(slice(0, 1)), rig)
     assert before.sigma_px[0, 2, 5] == CONFIG.projection.sigma_px
     assert sigma_px.min() > 0.1
 
@@ -270,7 +270,7 @@ def test_running_spread_becomes_that_of_the_recording(rig: CameraRig, skeleton: 
     truth_m, evidence = exact(rig, skeleton, STEP_S * np.arange(1000))
     evidence = with_noise(evidence, np.array([3.0, 3.0, 10.0, 3.0])[:, None, None])
     running = running_after(evidence, truth_m, rig, skeleton)
-    _, last = running.before(STEP_S, truth_m[-1], evidence.frames(slice(-1, None)), rig)
+    _, last = running.before(truth_m[-1], evidence.frames(slice(-1, None)), rig)
     batch_px = visibility_of(truth_m, evidence, rig, skeleton).sigma_px[-1]
     # It began with 18 mm, 4.6 px, and forgets that as exp(-t / 10 s); 1 to 5 % of 50 to 100 % are left.
     np.testing.assert_allclose(last.sigma_px[0] / batch_px, 1.0, atol=0.08)
@@ -285,8 +285,8 @@ def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, ske
         running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
         for frame, position_m in enumerate(truth_m):
             for is_new in groups:
-                running.add(STEP_S, position_m, evidence.frames(slice(frame, frame + 1)), rig, is_new)
-        sigma_px.append(running.before(STEP_S, truth_m[-1], evidence.frames(slice(-1, None)), rig)[1].sigma_px)
+                running.add(position_m, evidence.frames(slice(frame, frame + 1)), rig, is_new)
+        sigma_px.append(running.before(truth_m[-1], evidence.frames(slice(-1, None)), rig)[1].sigma_px)
     np.testing.assert_allclose(sigma_px[0], sigma_px[1], rtol=1e-12)
 
 
@@ -294,7 +294,7 @@ def running_after(evidence: Evidence, positions_m: np.ndarray, rig: CameraRig, s
     running = RunningVisibility(rig.n_cameras, skeleton, CONFIG.projection, CONFIG.visibility)
     for frame, position_m in enumerate(positions_m):
         is_new = np.ones(rig.n_cameras, dtype=bool)
-        running.add(STEP_S, position_m, evidence.frames(slice(frame, frame + 1)), rig, is_new)
+        running.add(position_m, evidence.frames(slice(frame, frame + 1)), rig, is_new)
     return running
 
 
@@ -324,7 +324,7 @@ def test_trust_is_relative_to_the_second_camera(rig: CameraRig, skeleton: Skelet
     for camera, joint in ((2, 3), (1, 4), (2, 4)):
         evidence = without(evidence, every, camera, joint)
     running, last = running_after(evidence, positions_m, three, skeleton), evidence.frames(slice(-1, None))
-    trust, _ = running.before(STEP_S, positions_m[-1], last, three)
+    trust, _ = running.before(positions_m[-1], last, three)
     assert trust[0, 0] < 0.1
     np.testing.assert_allclose(trust[1:, 0], 1.0, atol=0.01)
     seen = np.isfinite(last.undistorted_px[0]).all(axis=-1)
@@ -334,9 +334,7 @@ def test_trust_is_relative_to_the_second_camera(rig: CameraRig, skeleton: Skelet
     one = rig.subset(rig.names[:1])
     positions_m, evidence = exact(one, skeleton)
     running = running_after(wrong(evidence, every, 0, 2), positions_m, one, skeleton)
-    np.testing.assert_array_equal(
-        running.before(STEP_S, positions_m[-1], evidence.frames(slice(-1, None)), one)[0], 1.0
-    )
+    np.testing.assert_array_equal(running.before(positions_m[-1], evidence.frames(slice(-1, None)), one)[0], 1.0)
 
 
 def test_no_weight_falls_below_the_least(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -349,7 +347,7 @@ def test_no_weight_falls_below_the_least(rig: CameraRig, skeleton: Skeleton) -> 
     evidence = replace(evidence, weights=weights)
     running, last = running_after(evidence, positions_m, rig, skeleton), evidence.frames(slice(-1, None))
     assert running.probability[1, 3] < 0.01
-    trust, _ = running.before(STEP_S, positions_m[-1], last, rig)
+    trust, _ = running.before(positions_m[-1], last, rig)
     assert trust[1, 3] * 2 * least == pytest.approx(least)
 
 
@@ -357,8 +355,8 @@ def test_without_the_model_nothing_changes(rig: CameraRig, skeleton: Skeleton) -
     positions_m, evidence = exact(rig, skeleton)
     running = RunningVisibility(4, skeleton, CONFIG.projection, VisibilityConfig(model="none"))
     last = wrong(evidence, slice(None), 1, 3).frames(slice(-1, None))
-    running.add(STEP_S, positions_m[-1], last, rig, NEW)
-    trust, before = running.before(STEP_S, positions_m[-1], last, rig)
+    running.add(positions_m[-1], last, rig, NEW)
+    trust, before = running.before(positions_m[-1], last, rig)
     np.testing.assert_array_equal(trust, 1.0)
     np.testing.assert_array_equal(running.probability, 1.0)
     assert before is last

@@ -349,6 +349,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         undistorted_px=pair.project(centre_m[0])[None],
         weights=np.ones((1, 2, 17)),
         sigma_px=np.full((1, 2, 17), sigma_px),
+        visibility=np.ones((1, 2, 17)),
         n_views=np.full((1, 17), 2),
         fused_m=centre_m,
         guess_m=centre_m,
