@@ -92,12 +92,13 @@ def test_the_depth_of_each_view_helps_where_two_cameras_are_occluded(
     rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
-    pair = rig.subset(rig.names[:2])
-    scene = simulate(truth_m[:100], skeleton, pair, fps, DetectionNoise(), Occlusion(n_views=2), seed=1)
-    error_m = {
-        use: mean_error_m(fgpose.smooth(scene.observations, pair, config_from_dict({"depth": {"use": use}})), scene)
-        for use in ("few_views", "never", "always")
-    }
+    pair, error_m = rig.subset(rig.names[:2]), {"few_views": 0.0, "never": 0.0, "always": 0.0}
+    for seed in (0, 1):
+        scene = simulate(truth_m[:100], skeleton, pair, fps, DetectionNoise(), Occlusion(n_views=2), seed=seed)
+        for use in error_m:
+            trajectory = fgpose.smooth(scene.observations, pair, config_from_dict({"depth": {"use": use}}))
+            error_m[use] += mean_error_m(trajectory, scene)
+    # 37.2 and 40.7 mm, 29.2 and 29.1 mm. With all their weight, depths of hallucinated joints did harm: 33.0 mm.
     assert error_m["few_views"] < error_m["never"]
     # with two cameras no joint has more than two views
     assert error_m["few_views"] == error_m["always"]
