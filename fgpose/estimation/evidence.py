@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -84,6 +84,11 @@ class Evidence:
     def seen(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether any camera detected the joint."""
         return self.n_views >= 1
+
+    def trusted(self, share: Float[np.ndarray, "frame camera joint"]) -> Evidence:
+        """With this share of the information of each detection, and of the depth that its view gives."""
+        of_depths = share[:, : self.depth_sigma_m.shape[1]]  # one for every camera, or none at all
+        return replace(self, weights=self.weights * share, depth_sigma_m=self.depth_sigma_m / np.sqrt(of_depths))
 
     def frames(self, frames: slice | np.ndarray) -> Evidence:
         """Some of the frames."""

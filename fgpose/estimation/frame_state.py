@@ -43,7 +43,7 @@ class FrameState:
     @property
     def trusted(self) -> Evidence:
         """The evidence, with the weights that the detections have in the graph."""
-        return replace(self.evidence, weights=self.evidence.weights * self.trust)
+        return self.evidence.trusted(self.trust[None])
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The frame with the probability that each of its detections is of its joint."""

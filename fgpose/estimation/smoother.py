@@ -185,17 +185,9 @@ def _informed(segment: Segment, solution: Solution) -> Segment:
     informed = replace(evidence, undistorted_px=undistorted_px)
     if config.visibility.model == "markov":
         found = visibility(positions_m, informed, segment.rig, segment.skeleton, config.projection, config.visibility)
-        least = config.projection.min_weight
-        weights = np.maximum(evidence.weights * found.probability, least)
-        # The depth of a hallucinated joint is hallucinated too. There is one for every camera, or none at all.
-        of_depths = np.maximum(found.probability, least)[:, : evidence.depth_sigma_m.shape[1]]
-        informed = replace(
-            informed,
-            weights=weights,
-            sigma_px=found.sigma_px,
-            visibility=found.probability,
-            depth_sigma_m=evidence.depth_sigma_m / np.sqrt(of_depths),
-        )
+        share = np.maximum(found.probability, config.projection.min_weight / evidence.weights)
+        known = replace(informed, sigma_px=found.sigma_px, visibility=found.probability)
+        informed = known.trusted(np.minimum(share, 1.0))
     return replace(
         segment,
         evidence=informed,
