@@ -161,10 +161,10 @@ class Estimate:
     """(J,) values of Status."""
     covariance_m2: Float[np.ndarray, "joint 3 3"] | None = None
     residual_px: Float[np.ndarray, "camera joint"] | None = None
-    visibility: Float[np.ndarray, "camera joint"] | None = None
-    """Probability that each detection is of its joint and not hallucinated; NaN where there is none."""
     smoothed: Estimate | None = None
     """The estimate of the frame that is one lag old, from all frames since. None until there is one."""
+    visibility: Float[np.ndarray, "camera joint"] | None = None
+    """Probability that each detection is of its joint and not hallucinated; NaN where there is none."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, 3]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

@@ -45,6 +45,7 @@ def test_all_shapes_that_belong_together_are_taken(parts: dict[str, Any], skelet
         **parts,
         covariance_m2=np.zeros((FRAMES, 17, 3, 3)),
         residual_px=np.zeros((FRAMES, 2, 17)),
+        visibility=np.ones((FRAMES, 2, 17)),
         bone_lengths_m=np.zeros(skeleton.n_lengths),
     )
     assert trajectory.n_frames == FRAMES
@@ -57,6 +58,7 @@ def test_all_shapes_that_belong_together_are_taken(parts: dict[str, Any], skelet
         ("status", (FRAMES + 1, 17)),
         ("covariance_m2", (FRAMES, 17, 3)),
         ("residual_px", (FRAMES, 3, 17)),
+        ("visibility", (FRAMES, 2, 16)),
         ("bone_lengths_m", (16,)),
     ],
 )

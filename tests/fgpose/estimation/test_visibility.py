@@ -26,6 +26,7 @@ from fgpose.synthetic import (
     simulate,
     walking,
 )
+from fgpose.trajectory import Status, Trajectory
 from tests.conftest import MOCAP
 
 FPS = 50.0
@@ -386,3 +387,26 @@ def test_online_a_hallucination_loses_its_weight(rig: fgpose.CameraRig, skeleton
 
     # 29 and 47 mm
     assert error_mm("markov") < 0.75 * error_mm("none")
+
+
+@pytest.mark.parametrize("online", [False, True])
+def test_a_joint_that_one_camera_sees_is_predicted(rig: CameraRig, skeleton: Skeleton, online: bool) -> None:
+    """Three of four views hallucinate the right wrist for a second, each somewhere else."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_02_01_short.npz")
+    scene = simulate(truth_m[:120], skeleton, rig, fps, DetectionNoise(), Occlusion(n_views=0), seed=0)
+    points_px, wrist, hidden = scene.observations.points2d_px.copy(), skeleton.index("right_wrist"), slice(40, 90)
+    points_px[hidden, :3, wrist] += np.array([[150.0, 0.0], [-120.0, 90.0], [0.0, -140.0]])
+    observations = replace(scene.observations, points2d_px=points_px)
+    if online:
+        estimator = fgpose.Estimator(rig, skeleton, Config(online={"covariance": False}))
+        found = Trajectory.from_estimates([estimator.update(frame) for frame in observations], rig.names)
+    else:
+        found = fgpose.smooth(observations, rig, Config(solver={"covariance": False}))
+    assert found.visibility is not None
+    late = slice(50, 90)  # online, it takes some frames to tell
+    # Single outliers are part of the noise of the scene.
+    assert np.mean(found.status[late, wrist] == Status.PREDICTED) > 0.9
+    assert np.mean(found.visibility[late, :3, wrist] < 0.5) > 0.9
+    assert np.mean(found.visibility[late, 3, wrist] > 0.5) > 0.9
+    others = np.arange(skeleton.n_joints) != wrist
+    assert found.observed[:, others].mean() > 0.98

@@ -69,6 +69,7 @@ def trajectory() -> Trajectory:
         bone_lengths_m=np.linspace(0.2, 0.5, STICK.n_lengths),
         convergence=Convergence(True, 7, 10.0, 1.0),
         config=Config(),
+        visibility=rng.uniform(size=(N_FRAMES, 2, STICK.n_joints)),
     )
 
 

@@ -53,6 +53,7 @@ def trajectory() -> Trajectory:
         bone_lengths_m=lengths_m,
         convergence=Convergence(converged=True, iterations=7, initial_error=1 / 3, final_error=0.1),
         config=Config(motion=MotionConfig(model="random_walk"), online=OnlineConfig(lag_s=math.inf)),
+        visibility=np.where(np.isnan(residual_px), np.nan, rng.uniform(size=residual_px.shape)),
     )
 
 
@@ -102,6 +103,7 @@ def test_parquet_is_a_long_table_that_needs_no_fgpose(trajectory, tmp_path):
         *("time_s", "frame", "person", "joint", "x_m", "y_m", "z_m"),
         *("cov_xx_m2", "cov_xy_m2", "cov_xz_m2", "cov_yy_m2", "cov_yz_m2", "cov_zz_m2", "n_views", "reprojection_px"),
         *(f"residual_px_{camera}" for camera in CAMERAS),
+        *(f"visibility_{camera}" for camera in CAMERAS),
         "status",
     ]
     rows = table.to_pylist()
@@ -110,6 +112,7 @@ def test_parquet_is_a_long_table_that_needs_no_fgpose(trajectory, tmp_path):
     assert row["y_m"] == trajectory.positions_m[2, 3, 1]
     assert row["cov_xz_m2"] == trajectory.covariance_m2[2, 3, 0, 2]
     assert row["n_views"] == 2
+    assert row[f"visibility_{CAMERAS[1]}"] == trajectory.visibility[2, 1, 3]
     assert row["reprojection_px"] == trajectory.residual_px[2, 1:, 3].mean()
     assert (gap["x_m"], gap["cov_yy_m2"], gap["n_views"], gap["status"]) == (None, None, 0, "unobservable")
     assert gap["reprojection_px"] is None
@@ -160,6 +163,8 @@ def test_joints_come_in_the_order_of_the_skeleton_asked_for(trajectory, tmp_path
     assert loaded.residual_px is not None
     np.testing.assert_array_equal(loaded.covariance_m2[:, ours], trajectory.covariance_m2[:, theirs])
     np.testing.assert_array_equal(loaded.residual_px[..., ours], trajectory.residual_px[..., theirs])
+    assert loaded.visibility is not None
+    np.testing.assert_array_equal(loaded.visibility[..., ours], trajectory.visibility[..., theirs])
     assert loaded.bone_lengths_m is None
 
 
