@@ -57,7 +57,7 @@ class View:
         trajectory = load_trajectory(self.file, world_up=self.world_up)
         if self.rig is None:
             rig = onlooker(trajectory)
-            trajectory = replace(trajectory, residual_px=None, camera_names=())
+            trajectory = replace(trajectory, residual_px=None, visibility=None, camera_names=())
         else:
             rig = load_rig(self.rig)
             if trajectory.camera_names and trajectory.camera_names != rig.names:

@@ -103,9 +103,14 @@ class DetectionResiduals:
         )
 
     @property
+    def several(self) -> Bool[np.ndarray, "frame 1 joint"]:
+        """Whether more than one camera sees the joint: it follows its only detection."""
+        return self.seen.sum(axis=1, keepdims=True) >= 2
+
+    @property
     def tells(self) -> Bool[np.ndarray, "frame camera joint"]:
         """Whose residual tells how large the errors of detections are."""
-        return self.seen & (self.redundancy > _LEAST_REDUNDANCY)
+        return self.seen & self.several & (self.redundancy > _LEAST_REDUNDANCY)
 
     @property
     def single_spread_m(self) -> Float[np.ndarray, "frame camera joint"]:

@@ -207,7 +207,7 @@ class Estimator:
         self._smoother.replace(at, self._own_factors(current), nothing, [])
 
     def _learn_lengths(self, state: FrameState) -> None:
-        self._lengths.add(state.step_s, state.evidence.guess_m[0], state.evidence.observed[0])
+        self._lengths.add(state.step_s, state.evidence.guess_m[0], state.evidence.n_views[0] >= 2)
 
     def _learn_offsets(self) -> None:
         """From the newest frame, where that is wanted."""

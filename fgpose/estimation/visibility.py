@@ -109,7 +109,7 @@ class RunningVisibility:
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._projection, self._spread_m)
         since_s = self._since_s(evidence)
         log_odds = residuals.log_odds(self._spread_m, rig, self._skeleton, self._config)[0]
-        tempered = log_odds * _independent(since_s, _CORRELATION_S)
+        tempered = np.where(residuals.several[0], log_odds, 0.0) * _independent(since_s, _CORRELATION_S)
         updated = self._chain.updated(self._chain.predicted(self._probability, since_s), tempered)
         self._probability = np.where(is_new[:, None], updated, self._probability)
         self._last_s = np.where(is_new[:, None], evidence.time_s[0], self._last_s)

@@ -268,6 +268,7 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: So
         status=np.full((n_frames, 25), Status.OBSERVED),
         covariance_m2=None,
         residual_px=None,
+        visibility=None,
     )
     motion = whitened_residuals(trajectory, gather(source.observations, source.rig, config), config)["motion"]
     # 10,000 values of mean square 3 and standard deviation about 2.5: 3 +- 0.1 is four standard errors.

