@@ -144,10 +144,19 @@ class DetectionResiduals:
         return CORRELATED_FACTOR * spread_m[:, None] * self.px_per_m
 
     def log_odds(
-        self, spread_m: Float[np.ndarray, " camera"], rig: CameraRig, skeleton: Skeleton, config: VisibilityConfig
+        self,
+        spread_m: Float[np.ndarray, "#frame camera #joint"],
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: VisibilityConfig,
     ) -> Float[np.ndarray, "frame camera joint"]:
-        """What each detection alone says for visible against hidden; 0 where nothing was detected."""
-        spread_px = spread_m[:, None] * self.px_per_m
+        """What each detection alone says for visible against hidden; 0 where nothing was detected.
+
+        Args:
+            spread_m: standard deviation of the residuals of visible detections along each axis of the image.
+            rig, skeleton, config: as for visibility.
+        """
+        spread_px = spread_m * self.px_per_m
         visible = self._log_density(spread_px, lambda squared: -squared / 2)
         anywhere = self._log_density(config.hallucinated_m * self.px_per_m, lambda squared: -1.5 * np.log1p(squared))
         other = self._log_density_at_others(spread_px, rig, skeleton)

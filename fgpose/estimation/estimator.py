@@ -316,7 +316,7 @@ class Estimator:
         """Of the newest frame, some of whose images are new."""
         state = self._window[-1]
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
-        self._visibility.add(state.positions_m, state.evidence, self._rig, is_new)
+        self._visibility.add(state.positions_m, state.velocities_mps, state.evidence, self._rig, is_new)
         state = self._window[-1] = state.judged(self._visibility.probability)
         covariance_m2 = None
         if self.config.online.covariance:

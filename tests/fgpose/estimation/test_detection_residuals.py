@@ -156,12 +156,14 @@ def test_few_detections_leave_the_usual_spread(rig: CameraRig, skeleton: Skeleto
     nobody = replace(residuals, seen=np.zeros_like(residuals.seen))
     np.testing.assert_array_equal(nobody.spread_m(PRIOR_M, INDEPENDENT), PRIOR_M)
     one_camera = replace(residuals, seen=residuals.seen & (np.arange(4) == 1)[:, None])
-    assert one_camera.spread_m(PRIOR_M, 1.0)[1] > 1.5 * PRIOR_M
+    np.testing.assert_array_equal(one_camera.spread_m(PRIOR_M, 1.0), PRIOR_M)  # a joint follows its only detection
+    two_cameras = replace(residuals, seen=residuals.seen & (np.arange(4) < 2)[:, None])
+    assert (two_cameras.spread_m(PRIOR_M, 1.0)[:2] > 1.5 * PRIOR_M).all()
 
 
 def odds_of(positions_m: np.ndarray, evidence: Evidence, rig: CameraRig, skeleton: Skeleton) -> np.ndarray:
     spread_m = np.full(rig.n_cameras, PRIOR_M)
-    return residuals_of(positions_m, evidence, rig).log_odds(spread_m, rig, skeleton, CONFIG.visibility)
+    return residuals_of(positions_m, evidence, rig).log_odds(spread_m[None, :, None], rig, skeleton, CONFIG.visibility)
 
 
 def moved(evidence: Evidence, camera: int, joint: int, to_px: np.ndarray) -> Evidence:

@@ -39,6 +39,8 @@ USUAL = 0.7 / 0.9
 STEPS_S = np.array([0.02, 0.02, 0.5, 1e-6, 0.1, 0.02, 3.0, 0.04])
 NEW = np.ones(4, dtype=bool)
 
+STILL = np.zeros((17, 3))
+
 
 def log_odds() -> Float[np.ndarray, "frame camera joint"]:
     """Of a short chain in each of two cameras and three joints, from hardly anything to nearly certain."""
@@ -93,9 +95,9 @@ def test_odds_without_bound_stay_probabilities() -> None:
 def exact(
     rig: CameraRig, skeleton: Skeleton, time_s: Float[np.ndarray, " frame"] | None = None
 ) -> tuple[np.ndarray, Evidence]:
-    """A walk, and detections without errors whose weight tells nothing."""
+    """A person who stands still, and detections without errors whose weight tells nothing."""
     time_s = STEP_S * np.arange(40) if time_s is None else time_s
-    truth_m = walking(len(time_s), FPS, skeleton)
+    truth_m = np.repeat(walking(1, FPS, skeleton), len(time_s), axis=0)
     evidence = gather(simulate(truth_m, skeleton, rig, FPS, NO_NOISE, NO_OCCLUSION, seed=0).observations, rig, CONFIG)
     return truth_m, replace(evidence, time_s=time_s, weights=np.full(evidence.weights.shape, 0.5))
 
@@ -181,7 +183,7 @@ def test_one_frame_is_judged_by_itself(rig: CameraRig, skeleton: Skeleton) -> No
     others = np.delete(found.probability[0], 3, axis=1)
     assert others.min() > 0.99
     running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
-    running.add(positions_m[0], wrong(evidence, slice(0, 1), 1, 3), rig, NEW)
+    running.add(positions_m[0], STILL, wrong(evidence, slice(0, 1), 1, 3), rig, NEW)
     # Online the spread is learned afterwards; in batch these exact detections have made it smaller already.
     np.testing.assert_allclose(running.probability, found.probability[0], atol=0.02)
 
@@ -293,16 +295,16 @@ def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, ske
         running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
         for frame, position_m in enumerate(truth_m):
             for is_new in groups:
-                running.add(position_m, evidence.frames(slice(frame, frame + 1)), rig, is_new)
+                running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, is_new)
         sigma_px.append(running.before(truth_m[-1], evidence.frames(slice(-1, None)), rig)[1].sigma_px)
-    np.testing.assert_allclose(sigma_px[0], sigma_px[1], rtol=1e-12)
+    np.testing.assert_allclose(sigma_px[0], sigma_px[1], rtol=2e-3)  # one detection may change sides of the median
 
 
 def running_after(evidence: Evidence, positions_m: np.ndarray, rig: CameraRig, skeleton: Skeleton) -> RunningVisibility:
     running = RunningVisibility(rig.n_cameras, skeleton, CONFIG.projection, CONFIG.visibility)
     for frame, position_m in enumerate(positions_m):
         is_new = np.ones(rig.n_cameras, dtype=bool)
-        running.add(position_m, evidence.frames(slice(frame, frame + 1)), rig, is_new)
+        running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, is_new)
     return running
 
 
@@ -363,7 +365,7 @@ def test_without_the_model_nothing_changes(rig: CameraRig, skeleton: Skeleton) -
     positions_m, evidence = exact(rig, skeleton)
     running = RunningVisibility(4, skeleton, CONFIG.projection, VisibilityConfig(model="none"))
     last = wrong(evidence, slice(None), 1, 3).frames(slice(-1, None))
-    running.add(positions_m[-1], last, rig, NEW)
+    running.add(positions_m[-1], STILL, last, rig, NEW)
     trust, before = running.before(positions_m[-1], last, rig)
     np.testing.assert_array_equal(trust, 1.0)
     np.testing.assert_array_equal(running.probability, 1.0)
