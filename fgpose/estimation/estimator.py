@@ -330,7 +330,7 @@ class Estimator:
             status=state.status,
             covariance_m2=covariance_m2,
             residual_px=residual_px,
-            visibility=np.where(state.evidence.detected[0], state.evidence.visibility[0], np.nan),
+            visibility=state.evidence.detection_visibility[0],
             smoothed=self._lagged(state.at.time_s),
         )
 

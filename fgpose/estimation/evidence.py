@@ -65,6 +65,11 @@ class Evidence:
         return np.asarray(np.isfinite(self.undistorted_px).all(axis=-1))
 
     @property
+    def detection_visibility(self) -> Float[np.ndarray, "frame camera joint"]:
+        """As visibility; NaN where there is no detection."""
+        return np.where(self.detected, self.visibility, np.nan)
+
+    @property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
         position."""

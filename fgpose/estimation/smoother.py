@@ -258,7 +258,7 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
         bone_lengths_m=solution.lengths_m,
         convergence=solution.convergence,
         config=config,
-        visibility=np.where(evidence.detected, evidence.visibility, np.nan),
+        visibility=evidence.detection_visibility,
     )
 
 
