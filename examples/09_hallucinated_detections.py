@@ -1,6 +1,6 @@
 """Which detections are hallucinated: what the hidden Markov model of visibility says, beside the truth.
 
-What one learns: computing the posterior of each detection, switching the model off, and what that does to a joint.
+What one learns: reading the posterior of each detection, switching the model off, and what that does to a joint.
 Needs fgpose[benchmark]. Makes the figure of the README:
 
     python examples/09_hallucinated_detections.py --output docs/visibility.png
@@ -18,23 +18,11 @@ from jaxtyping import Bool, Float
 import fgpose
 from fgpose.benchmark.plot_style import BLUE, GREY, PALE, VERMILLION, make_plain, new_figure
 from fgpose.benchmark.variants import find_variant, record
-from fgpose.estimation.evidence import gather
-from fgpose.estimation.visibility import visibility
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 TOP_PX = 110.0
-
-
-def posterior(
-    observations: fgpose.Observations, rig: fgpose.CameraRig, trajectory: fgpose.Trajectory
-) -> Float[np.ndarray, "frame camera joint"]:
-    """Probability that each detection is of its joint, given the pose and all frames; NaN without a detection."""
-    config = fgpose.Config()
-    evidence = gather(observations, rig, config)  # the cameras are synchronous: no detection has to be moved
-    given = trajectory.positions_m, evidence, rig, observations.skeleton
-    return np.where(observations.seen, visibility(*given, config.projection, config.visibility).probability, np.nan)
 
 
 def draw_camera(
@@ -72,7 +60,8 @@ def main(clip: str = "cmu_02_07_a", joint: str = "left_elbow", output: Path = Pa
     configs = {model: fgpose.Config(visibility={"model": model}) for model in ("markov", "none")}
     trajectories = {model: fgpose.smooth(observations, rig, config) for model, config in configs.items()}
     markov, hallucinated = trajectories["markov"], recording.occluded & observations.seen
-    visible = posterior(observations, rig, markov)
+    visible = markov.visibility
+    assert visible is not None
     of_visible, of_hallucinated = np.nanmean(visible[~recording.occluded]), np.mean(visible[hallucinated])
     print(f"mean posterior of visible: visible joints {of_visible:.2f}, hallucinated ones {of_hallucinated:.2f}")
 
