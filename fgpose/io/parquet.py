@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _AXES = "xyz"
 _PREFIX = "fgpose."
 _HAS_COVARIANCE = "has_covariance"
+_PER_CAMERA = ("residual_px", "visibility")  # fields with one column for each camera: residual_px_<camera>
 
 
 def write_parquet(trajectory: Trajectory, path: Path) -> None:
@@ -28,9 +29,9 @@ def write_parquet(trajectory: Trajectory, path: Path) -> None:
     Columns: time_s, frame (from 0), person (always 0), joint; x_m, y_m, z_m in the world frame; cov_xx_m2, cov_xy_m2,
     cov_xz_m2, cov_yy_m2, cov_yz_m2, cov_zz_m2; n_views, the number of cameras with a detection; reprojection_px, the
     median of their reprojection errors in undistorted pixels; status (observed, predicted, unobservable); and, where
-    they are known, the errors of each camera in residual_px_<camera>, the probability that its detection is of the
-    joint in visibility_<camera>. What is not known is null. The metadata of the
-    file (keys fgpose.*) hold the skeleton, cameras, bone lengths and convergence as JSON and the config as TOML.
+    they are known, the errors of each camera in residual_px_<camera>, and the probability that its detection is of the
+    joint in visibility_<camera>. What is not known is null. The metadata of the file (keys fgpose.*) hold the skeleton,
+    cameras, bone lengths and convergence as JSON and the config as TOML.
 
     Raises:
         OSError: the file cannot be written.
@@ -60,9 +61,11 @@ def _columns(trajectory: Trajectory) -> dict[str, pa.Array]:
         covariance_m2 = trajectory.covariance_m2
         columns[name] = _nullable(unknown if covariance_m2 is None else covariance_m2[..., row, column])
     columns |= _residual_columns(trajectory)
-    if trajectory.visibility is not None:
-        for camera, name in enumerate(trajectory.camera_names):
-            columns[f"visibility_{name}"] = _nullable(trajectory.visibility[:, camera])
+    for field in _PER_CAMERA:
+        values = getattr(trajectory, field)
+        if values is not None:
+            cameras = enumerate(trajectory.camera_names)
+            columns |= {f"{field}_{name}": _nullable(values[:, camera]) for camera, name in cameras}
     status = np.asarray(trajectory.status, dtype=np.int8).ravel()
     names = [name.lower() for name in Status.__members__]
     return columns | {"status": pa.DictionaryArray.from_arrays(status, names)}
@@ -75,13 +78,10 @@ def _residual_columns(trajectory: Trajectory) -> dict[str, pa.Array]:
     if residual_px is None:
         nothing = np.full((trajectory.n_frames, trajectory.skeleton.n_joints), np.nan)
         return {"n_views": _nullable(nothing).cast(pa.int32()), "reprojection_px": _nullable(nothing)}
-    columns = {
+    return {
         "n_views": pa.array(np.isfinite(residual_px).sum(axis=1, dtype=np.int32).ravel()),
         "reprojection_px": _nullable(_median_over_cameras(residual_px)),
     }
-    for camera, name in enumerate(trajectory.camera_names):
-        columns[f"residual_px_{name}"] = _nullable(residual_px[:, camera])
-    return columns
 
 
 def _median_over_cameras(residual_px: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "frame joint"]:
@@ -114,7 +114,7 @@ def read_parquet(path: Path) -> Trajectory:
     def column(name: str) -> np.ndarray:
         return numbers(table, name).reshape(n_frames, len(joints))
 
-    for field in ("residual_px", "visibility"):
+    for field in _PER_CAMERA:
         cameras = [f"{field}_{name}" for name in values["camera_names"]]
         if cameras and set(cameras) <= set(table.column_names):
             values[field] = np.stack([column(name) for name in cameras], axis=1)
