@@ -57,7 +57,6 @@ class Estimator:
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config.projection, self.config.visibility)
-        self._n_frames = 0
         self._offsets = RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._arrivals = Arrivals(rig.names)
@@ -152,19 +151,13 @@ class Estimator:
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"], *, is_whole: bool) -> Estimate:
         """A new frame, later than all others."""
-        before = self._window[-1] if self._window else None
-        evidence = gather(frame, self._rig, self.config)
-        if before is not None:
-            step_s = float(evidence.time_s[0]) - before.at.time_s
-            evidence = on_time(evidence, before.carried_on_m(step_s), before.velocities_mps, self._rig)
-        state = self._predicted(before, frame, image_time_s, evidence)
+        state = self._predicted(frame, image_time_s)
         if is_whole:
             self._learn_lengths(state)
         self._add(state)
         self._window.append(self._read(state))
         self._settle(state.positions_m)
         self._marginalise_old(state.at.time_s)
-        self._n_frames += 1
         return self._estimate(np.isfinite(image_time_s))
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
@@ -174,13 +167,13 @@ class Estimator:
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
         evidence = gather(observations, self._rig, self.config)
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
-        visibility = self._visibility.probability[None]
-        evidence = replace(evidence, time_s=np.array([state.at.time_s]), delay_s=delay_s[None], visibility=visibility)
+        evidence = replace(evidence, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
         trust, evidence = self._visibility.before(state.positions_m, evidence, self._rig)
         joined = state.joined(observations, image_time_s, evidence, trust, entering)
+        joined = joined.judged(self._visibility.probability)
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
         self._move(at, joined)
         self._window[at] = self._read(joined)
@@ -226,16 +219,12 @@ class Estimator:
             last_s[which] = np.maximum(last_s[which], evidence.time_s[0])
         return known
 
-    def _predicted(
-        self,
-        before: FrameState | None,
-        frame: Observations,
-        image_time_s: Float[np.ndarray, " camera"],
-        evidence: Evidence,
-    ) -> FrameState:
+    def _predicted(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> FrameState:
         """First guess of the newest frame: the predicted position or, if its reprojection error is smaller, the
         triangulated point. The joints that are estimated are triangulated now or, with a motion model, not too long
         ago."""
+        before = self._window[-1] if self._window else None
+        evidence = gather(frame, self._rig, self.config)
         time_s, guess_m = float(evidence.time_s[0]), evidence.guess_m[0]
         active = self._note(evidence, np.ones(self.skeleton.n_joints, dtype=bool))
         linked, step_s = np.zeros_like(active), np.inf
@@ -243,6 +232,7 @@ class Estimator:
         if before is not None:
             step_s = time_s - before.at.time_s
             moved_m = before.carried_on_m(step_s)
+            evidence = on_time(evidence, moved_m, before.velocities_mps, self._rig)
             entering = ~before.active | np.isnan(moved_m).any(axis=-1)
             if self.config.motion.model != "none":
                 active = self._last_triangulated_s >= time_s - self.config.motion.max_unseen_s
@@ -253,7 +243,7 @@ class Estimator:
             velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
         trust, evidence = self._visibility.before(positions_m, evidence, self._rig)
         return FrameState(
-            at=FrameTime(self._n_frames, time_s),
+            at=FrameTime(0 if before is None else before.at.frame + 1, time_s),
             step_s=step_s,
             observations=frame,
             image_time_s=image_time_s,
@@ -350,7 +340,5 @@ class Estimator:
         return self._covariance_m2(oldest, linear_m2, np.min([oldest.unseen_s, *later_s], axis=0))
 
     def _covariance_m2(self, state: FrameState, linear_m2: np.ndarray, unseen_s: np.ndarray) -> np.ndarray:
-        return online_covariance_m2(state, linear_m2, unseen_s, self._usual_step_s(), self._rig, self.config)
-
-    def _usual_step_s(self) -> float:
-        return usual_step_s(np.array([state.at.time_s for state in self._window]))
+        step_s = usual_step_s(np.array([state.at.time_s for state in self._window]))
+        return online_covariance_m2(state, linear_m2, unseen_s, step_s, self._rig, self.config)
