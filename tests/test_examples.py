@@ -43,6 +43,7 @@ def test_one_joint():
     assert all(4 < sigma_mm < 15 for sigma_mm in sigmas_mm)
 
 
+@pytest.mark.slow
 def test_smooth_a_recording(tmp_path: Path):
     output = tmp_path / "balance.parquet"
     printed = run("02_smooth_a_recording.py", "--frames", "40", "--output", str(output))

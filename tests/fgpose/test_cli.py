@@ -430,7 +430,7 @@ def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path
     ("formats", "live"),
     [
         (("c3d", "npz", "rrd"), False),
-        (("npz", "rrd", "c3d"), True),
+        pytest.param(("npz", "rrd", "c3d"), True, marks=pytest.mark.slow),
         pytest.param(("c3d", "npz", "rrd"), True, marks=pytest.mark.slow),
         pytest.param(("npz", "rrd", "c3d"), False, marks=pytest.mark.slow),
     ],

@@ -151,6 +151,7 @@ def test_self_calibration_helps_where_a_camera_was_bumped():
     assert relative_mm[0] < relative_mm[1]
 
 
+@pytest.mark.slow
 def test_the_oracle_is_not_misled_by_what_misleads_the_others():
     recording = record(replace(find_variant("industrial"), noise=NEARLY_PERFECT), "cmu_02_07_a", 120)
     oracle_mm, batch_mm = (error_mm(solved(name, recording), recording) for name in ("oracle", "fgpose batch"))

@@ -154,6 +154,7 @@ def test_a_family_is_held_against_its_oracle(other_family):
     assert (row["oracle"], row["batch / oracle"]) == ("–", "–")
 
 
+@pytest.mark.slow
 def test_the_standard_family_keeps_its_tables(tmp_path, scores, other_family):
     before, *_ = write_report(scores, tmp_path / "before")
     after, *_ = write_report([*scores, *other_family], tmp_path / "after")

@@ -152,7 +152,8 @@ def test_a_joint_is_observed_once_a_second_camera_sees_it(scene: Scene) -> None:
         assert np.isnan(estimate.residual_px[camera + 1 :]).all()
 
 
-@pytest.mark.parametrize("model", [pytest.param("none", marks=pytest.mark.slow), "random_walk"])
+@pytest.mark.slow
+@pytest.mark.parametrize("model", ["none", "random_walk"])
 def test_other_motion_models(model: Literal["none", "random_walk"], scene: Scene) -> None:
     """What whole frames give with the same model, and not what they give with another."""
     n_frames, sections = 12, {"visibility": {"model": "none"}, "online": {"covariance": False}}

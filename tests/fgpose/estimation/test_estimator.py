@@ -419,14 +419,8 @@ def test_a_person_behind_a_camera_that_sees_something(rig: fgpose.CameraRig, ske
     assert np.max(np.linalg.norm(estimates[5].positions_m - truth_m[5], axis=-1)) < 0.05
 
 
-@pytest.mark.parametrize(
-    "joints",
-    [
-        pytest.param(("left_elbow", "left_wrist"), marks=pytest.mark.slow),
-        ("left_hip", "right_hip", "pelvis", "head"),
-    ],
-    ids=str,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("joints", [("left_elbow", "left_wrist"), ("left_hip", "right_hip", "pelvis", "head")], ids=str)
 def test_joints_at_one_pixel_in_every_view(joints: tuple[str, ...], mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """A bone without a length has no direction either; from the start, later, and in the frame where it begins."""
     observations = mocap_clear.observations.frames(slice(0, 60))
@@ -448,10 +442,10 @@ def test_joints_at_one_pixel_in_every_view(joints: tuple[str, ...], mocap_clear:
 
 @pytest.mark.parametrize(
     ("jump_s", "max_unseen_s"),
-    [(1.0, 3.0), (1e6, 1e7)]
+    [(1.0, 3.0)]
     + [
         pytest.param(*jump_and_max, marks=pytest.mark.slow)
-        for jump_and_max in ((10.0, 3.0), (3600.0, 3.0), (1e6, 3.0), (1.0, 1e7), (10.0, 1e7), (3600.0, 1e7))
+        for jump_and_max in ((10.0, 3.0), (3600.0, 3.0), (1e6, 3.0), (1.0, 1e7), (10.0, 1e7), (3600.0, 1e7), (1e6, 1e7))
     ],
 )
 def test_a_clock_that_jumps_forward(

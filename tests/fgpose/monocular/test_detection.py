@@ -248,8 +248,10 @@ def test_a_camera_without_anybody_is_announced(
     assert observations.seen[:, :2].all()
 
 
-@pytest.mark.parametrize("camera", [0, 1, 2])
-@pytest.mark.parametrize("person", [0, 1])
+@pytest.mark.parametrize(
+    ("person", "camera"),
+    [(0, 1), (1, 2)] + [pytest.param(*which, marks=pytest.mark.slow) for which in ((0, 0), (0, 2), (1, 0), (1, 1))],
+)
 def test_the_person_in_a_region_is_followed_in_all_views(
     camera: int, person: int, both: Detected, squares: SquaresScene
 ) -> None:
