@@ -78,6 +78,16 @@ def test_frames_are_inverse_to_each_other(camera: Camera, points_m: np.ndarray) 
     np.testing.assert_allclose(camera.world_T_camera @ camera.camera_T_world, np.eye(4), atol=1e-12)
 
 
+def test_the_scale_of_the_image_is_how_far_a_point_moves_in_it(camera: Camera, points_m: np.ndarray) -> None:
+    step_m = 1e-5
+    jacobian = [(camera.project(points_m + step_m * axis) - camera.project(points_m)) / step_m for axis in np.eye(3)]
+    # Of each axis of the image, the norm over the directions of the world. Differences are exact to 1e-5.
+    expected = np.sqrt(np.mean(np.sum(np.square(jacobian), axis=0), axis=-1))
+    np.testing.assert_allclose(camera.px_per_m(points_m), expected, rtol=1e-4)
+    behind_m = camera.position_m - points_m[:1] - 10 * camera.world_T_camera[:3, 2]
+    assert np.isnan(camera.px_per_m(behind_m)).all()
+
+
 def test_nothing_is_projected_at_or_behind_the_camera(camera: Camera) -> None:
     behind = camera.to_world_frame(np.array([[0.1, 0.2, -3.0], [0.0, 0.0, 0.0], [0.0, 0.0, 2.0]]))
     image = camera.project(behind)
