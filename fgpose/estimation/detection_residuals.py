@@ -8,7 +8,8 @@ Cauchy distribution) or where another joint of the person is.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -78,7 +79,7 @@ class DetectionResiduals:
             residual_px[:, number], (jacobian[:, number],) = of_camera
         seen = np.asarray(np.isfinite(residual_px).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2)))
         residual_px[~seen], jacobian[~seen] = 0.0, 0.0
-        px_per_m = np.where(seen, np.sqrt(np.sum(jacobian**2, axis=(-1, -2)) / 2), 1.0)
+        px_per_m = np.where(seen, rig.px_per_m(positions_m), 1.0)
         length_m = np.linalg.norm(residual_px, axis=-1) / px_per_m
         precision = (np.broadcast_to(spread_m, len(rig.cameras))[:, None] * px_per_m) ** -2
         weights = evidence.weights
@@ -129,19 +130,14 @@ class DetectionResiduals:
             if not which.any():
                 return prior_m
             measurements = independent * float(self.weights[which].sum())
-            own_m = max(_weighted_median(self.single_spread_m[which], self.weights[which]), LEAST_SPREAD_M)
+            own_m = max(_weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
             logs = measurements * np.log(own_m) + prior_measurements * np.log(prior_m)
             return float(np.exp(logs / (measurements + prior_measurements)))
 
-        of_all_m = learned(self.tells, prior_m, PRIOR_MEASUREMENTS)
+        tells, single_m = self.tells, self.single_spread_m
+        of_all_m = learned(tells, prior_m, PRIOR_MEASUREMENTS)
         cameras = np.eye(self.seen.shape[1], dtype=bool)[:, None, :, None]
-        return np.array(
-            [learned(self.tells & of_camera, of_all_m, PRIOR_MEASUREMENTS_OF_CAMERA) for of_camera in cameras]
-        )
-
-    def sigma_px(self, spread_m: Float[np.ndarray, " camera"]) -> Float[np.ndarray, "frame camera joint"]:
-        """Standard deviation that the graph should take for each detection."""
-        return CORRELATED_FACTOR * spread_m[:, None] * self.px_per_m
+        return np.array([learned(tells & of_camera, of_all_m, PRIOR_MEASUREMENTS_OF_CAMERA) for of_camera in cameras])
 
     def log_odds(
         self,
@@ -186,6 +182,25 @@ class DetectionResiduals:
         return np.log(np.maximum(density, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
 
 
+def with_spread(
+    evidence: Evidence,
+    spread_m: Float[np.ndarray, " camera"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    rig: CameraRig,
+) -> Evidence:
+    """The evidence with the standard deviations that the graph should take for detections of visible joints.
+
+    Args:
+        evidence: keeps its own where the position is not known or is behind the camera.
+        spread_m: of each camera; see DetectionResiduals.spread_m.
+        positions_m: of the joints.
+        rig: cameras of the evidence.
+    """
+    sigma_px = CORRELATED_FACTOR * spread_m[:, None] * rig.px_per_m(positions_m)
+    return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
+
+
+@lru_cache(maxsize=16)  # asked for at every update of the online estimator
 def _share_of_others(skeleton: Skeleton) -> Float[np.ndarray, "joint joint"]:
     """How likely each other joint is detected in the place of a hidden one."""
     n = skeleton.n_joints

@@ -90,8 +90,10 @@ class Evidence:
         """Whether any camera detected the joint."""
         return self.n_views >= 1
 
-    def trusted(self, share: Float[np.ndarray, "frame camera joint"]) -> Evidence:
-        """With this share of the information of each detection, and of the depth that its view gives."""
+    def trusted(self, share: Float[np.ndarray, "frame camera joint"], min_weight: float) -> Evidence:
+        """With this share of the information of each detection, but a weight of at least min_weight; and of the depth
+        that its view gives."""
+        share = np.maximum(share, np.minimum(min_weight / self.weights, 1.0))
         of_depths = share[:, : self.depth_sigma_m.shape[1]]  # one for every camera, or none at all
         return replace(self, weights=self.weights * share, depth_sigma_m=self.depth_sigma_m / np.sqrt(of_depths))
 

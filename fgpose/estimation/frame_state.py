@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.config import ProjectionConfig
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import FrameTime
@@ -40,10 +41,9 @@ class FrameState:
     """Share of its weight that each detection has in the graph: little where the joint was probably hidden from the
     camera in the frame before."""
 
-    @property
-    def trusted(self) -> Evidence:
+    def trusted(self, config: ProjectionConfig) -> Evidence:
         """The evidence, with the weights that the detections have in the graph."""
-        return self.evidence.trusted(self.trust[None])
+        return self.evidence.trusted(self.trust[None], config.min_weight)
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The frame with the probability that each of its detections is of its joint."""

@@ -22,7 +22,7 @@ from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.estimation.uncertainty import distrust_factor, with_swing
-from fgpose.estimation.visibility import visibility
+from fgpose.estimation.visibility import judged
 from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -184,10 +184,7 @@ def _informed(segment: Segment, solution: Solution) -> Segment:
     undistorted_px = evidence.undistorted_px - image_motion_px(positions_m, time_s, evidence.delay_s, segment.rig)
     informed = replace(evidence, undistorted_px=undistorted_px)
     if config.visibility.model == "markov":
-        found = visibility(positions_m, informed, segment.rig, segment.skeleton, config.projection, config.visibility)
-        share = np.maximum(found.probability, config.projection.min_weight / evidence.weights)
-        known = replace(informed, sigma_px=found.sigma_px, visibility=found.probability)
-        informed = known.trusted(np.minimum(share, 1.0))
+        informed = judged(informed, positions_m, segment.rig, segment.skeleton, config.projection, config.visibility)
     return replace(
         segment,
         evidence=informed,

@@ -9,13 +9,18 @@ expectation-maximisation, in fgpose.estimation.smoother).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig, VisibilityConfig
-from fgpose.estimation.detection_residuals import LEAST_SPREAD_M, PRIOR_MEASUREMENTS_OF_CAMERA, DetectionResiduals
+from fgpose.estimation.detection_residuals import (
+    LEAST_SPREAD_M,
+    PRIOR_MEASUREMENTS_OF_CAMERA,
+    DetectionResiduals,
+    with_spread,
+)
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
@@ -37,29 +42,20 @@ _LEAST_STEP_S = 1e-6  # a camera that is there twice at one time tells nothing n
 _MOST_LOG_ODDS = 30.0  # keeps the exponential finite
 
 
-@dataclass(frozen=True, eq=False)
-class Visibility:
-    """What is known of the detections of some frames, given the pose."""
-
-    probability: Float[np.ndarray, "frame camera joint"]
-    """That each detection is of its joint, given those before and after it too; also where nothing was detected."""
-    sigma_px: Float[np.ndarray, "frame camera joint"]
-    """Standard deviation of a detection of a visible joint; as it was where the joint is behind the camera."""
-
-
-def visibility(
-    positions_m: Float[np.ndarray, "frame joint 3"],
+def judged(
     evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
     rig: CameraRig,
     skeleton: Skeleton,
     projection: ProjectionConfig,
     config: VisibilityConfig,
-) -> Visibility:
-    """The posterior of all frames of a recording (forward-backward algorithm).
+) -> Evidence:
+    """The evidence with what a pose tells about it: the probability that each detection is of its joint (forward-
+    backward algorithm), and standard deviations and weights that follow.
 
     Args:
+        evidence: of all frames, its detections moved to the time of their frame (fgpose.estimation.delays).
         positions_m: the pose as estimated so far; NaN where a joint is not estimated.
-        evidence: its detections moved to the time of their frame (fgpose.estimation.delays).
         rig: cameras of the evidence.
         skeleton: for the mirrored joints.
         projection: robust kernel of the detections.
@@ -71,8 +67,9 @@ def visibility(
     moved_m = _moved_m(_speed_mps(positions_m, evidence.time_s))
     log_odds = residuals.log_odds(np.hypot(spread_m[:, None], moved_m[:, None]), rig, skeleton, config)
     tempered = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
-    sigma_px = np.where(residuals.seen, residuals.sigma_px(spread_m), evidence.sigma_px)
-    return Visibility(Chain(config).posterior(tempered, step_s), sigma_px)
+    probability = Chain(config).posterior(tempered, step_s)
+    known = replace(with_spread(evidence, spread_m, positions_m, rig), visibility=probability)
+    return known.trusted(probability, projection.min_weight)
 
 
 class RunningVisibility:
@@ -150,7 +147,7 @@ class RunningVisibility:
             rig: the cameras.
 
         Returns:
-            Share of its weight, in (0, 1], that each detection should have, and the evidence with the standard
+            Share of its weight, in [0, 1], that each detection should have, and the evidence with the standard
             deviations learned so far.
         """
         if not self._on:
@@ -159,10 +156,7 @@ class RunningVisibility:
         seen = evidence.detected[0]
         second = np.sort(np.where(seen, predicted, 0.0), axis=0)[-2] if len(seen) > 1 else np.zeros(seen.shape[1])
         trust = np.divide(predicted, second, out=np.ones_like(predicted), where=second > 0)
-        residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._projection, self._spread_m)
-        sigma_px = np.where(residuals.seen, residuals.sigma_px(self._spread_m), evidence.sigma_px)
-        least = np.minimum(self._projection.min_weight / evidence.weights[0], 1.0)
-        return np.clip(trust, least, 1.0), replace(evidence, sigma_px=sigma_px)
+        return np.minimum(trust, 1.0), with_spread(evidence, self._spread_m, positions_m[None], rig)
 
 
 class Chain:
@@ -179,7 +173,7 @@ class Chain:
 
     def updated(self, probability: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
         """Of visible, given these odds too (Bayes)."""
-        likelihood = np.exp(np.clip(log_odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
+        likelihood = _odds(log_odds)
         return probability * likelihood / (probability * likelihood + 1 - probability)
 
     def posterior(
@@ -195,11 +189,15 @@ class Chain:
         for t in reversed(range(len(log_odds))):
             odds = log_odds[t]
             filtered[t] = self.updated(filtered[t], later)
-            likelihood = np.exp(np.clip(odds + later, -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
+            likelihood = _odds(odds + later)
             from_visible, from_hidden = self.predicted(np.array([1.0, 0.0]), step_s[t])
             later = np.log(from_visible * likelihood + 1 - from_visible)
             later -= np.log(from_hidden * likelihood + 1 - from_hidden)
         return filtered
+
+
+def _odds(log_odds: np.ndarray) -> np.ndarray:
+    return np.exp(np.clip(log_odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
 
 
 def _speed_mps(

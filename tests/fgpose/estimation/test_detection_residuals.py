@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import Config
-from fgpose.estimation.detection_residuals import _PREDICTED_M, DetectionResiduals
+from fgpose.estimation.detection_residuals import _PREDICTED_M, DetectionResiduals, with_spread
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -244,6 +244,10 @@ def test_nothing_is_said_where_nothing_is_seen(rig: CameraRig, skeleton: Skeleto
     of_residuals = {
         name: array for name, array in vars(residuals).items() if name not in ("positions_m", "undistorted_px")
     }
-    for name, array in {**of_residuals, "odds": odds, "sigma": residuals.sigma_px(SPREAD_M)}.items():
+    for name, array in {
+        **of_residuals,
+        "odds": odds,
+        "sigma": with_spread(evidence, SPREAD_M, positions_m, rig).sigma_px,
+    }.items():
         assert np.isfinite(array).all(), name
     assert np.isfinite(residuals.spread_m(PRIOR_M, INDEPENDENT)).all()

@@ -13,7 +13,7 @@ from jaxtyping import Float
 import fgpose
 from fgpose.config import Config, VisibilityConfig, config_from_dict
 from fgpose.estimation.evidence import Evidence, gather
-from fgpose.estimation.visibility import Chain, RunningVisibility, Visibility, visibility
+from fgpose.estimation.visibility import Chain, RunningVisibility, judged
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import (
@@ -120,13 +120,13 @@ def without(evidence: Evidence, frames: slice, camera: int, joint: int | slice) 
     return replace(evidence, undistorted_px=points_px)
 
 
-def visibility_of(positions_m: np.ndarray, evidence: Evidence, rig: CameraRig, skeleton: Skeleton) -> Visibility:
-    return visibility(positions_m, evidence, rig, skeleton, CONFIG.projection, CONFIG.visibility)
+def judged_by(positions_m: np.ndarray, evidence: Evidence, rig: CameraRig, skeleton: Skeleton) -> Evidence:
+    return judged(evidence, positions_m, rig, skeleton, CONFIG.projection, CONFIG.visibility)
 
 
 def test_what_is_wrong_for_a_while_is_hidden_in_its_camera_and_joint_alone(rig: CameraRig, skeleton: Skeleton) -> None:
     positions_m, evidence = exact(rig, skeleton)
-    probability = visibility_of(positions_m, wrong(evidence, slice(15, 22), 1, 3), rig, skeleton).probability
+    probability = judged_by(positions_m, wrong(evidence, slice(15, 22), 1, 3), rig, skeleton).visibility
     assert probability[15:22, 1, 3].max() < 0.01
     probability[15:22, 1, 3] = 1.0
     assert probability.min() > 0.9
@@ -142,7 +142,7 @@ def test_a_doubtful_detection_is_judged_by_those_around_it(rig: CameraRig, skele
     alone = without(without(doubtful, slice(0, 20), 1, 3), slice(21, 40), 1, 3)
     among_wrong = wrong(wrong(doubtful, slice(10, 20), 1, 3), slice(21, 31), 1, 3)
     of_good, of_alone, of_wrong = (
-        visibility_of(positions_m, evidence, rig, skeleton).probability[20, 1, 3]
+        judged_by(positions_m, evidence, rig, skeleton).visibility[20, 1, 3]
         for evidence in (doubtful, alone, among_wrong)
     )
     # 0.92, 0.15 and 0.0003
@@ -155,7 +155,7 @@ def test_errors_that_are_usual_in_the_recording_cost_little(rig: CameraRig, skel
     """Of 12 px instead of the usual 5 px: a detector that is less exact. Worse ones are nevertheless found."""
     positions_m, evidence = exact(rig, skeleton)
     evidence = wrong(with_noise(evidence, 12.0), slice(None), 2, 4, 150.0)
-    probability = visibility_of(positions_m, evidence, rig, skeleton).probability
+    probability = judged_by(positions_m, evidence, rig, skeleton).visibility
     assert probability[:, 2, 4].max() < 0.01
     # 0.96: of errors in the tail, above 2.5 sigma, hallucinations are as likely.
     assert np.delete(probability, 4, axis=2).mean() > 0.93
@@ -167,25 +167,25 @@ def test_without_detections(rig: CameraRig, skeleton: Skeleton) -> None:
     evidence = without(evidence, slice(None), 0, slice(None))
     evidence = without(wrong(evidence, slice(None), 1, 2), slice(10, 14), 1, 2)
     evidence = without(evidence, slice(10, 14), 2, 2)
-    probability = visibility_of(positions_m, evidence, rig, skeleton).probability
+    probability = judged_by(positions_m, evidence, rig, skeleton).visibility
     np.testing.assert_allclose(probability[:, 0], Chain(CONFIG.visibility).usual, rtol=1e-12)
     assert probability[10:14, 1, 2].max() < 0.05
     assert probability[10:14, 2, 2].min() > 0.9
-    nobody = visibility_of(np.full_like(positions_m, np.nan), evidence, rig, skeleton)
-    np.testing.assert_allclose(nobody.probability, Chain(CONFIG.visibility).usual, rtol=1e-12)
+    nobody = judged_by(np.full_like(positions_m, np.nan), evidence, rig, skeleton)
+    np.testing.assert_allclose(nobody.visibility, Chain(CONFIG.visibility).usual, rtol=1e-12)
     np.testing.assert_array_equal(nobody.sigma_px, evidence.sigma_px)
 
 
 def test_one_frame_is_judged_by_itself(rig: CameraRig, skeleton: Skeleton) -> None:
     positions_m, evidence = exact(rig, skeleton, np.zeros(1))
-    found = visibility_of(positions_m, wrong(evidence, slice(0, 1), 1, 3), rig, skeleton)
-    assert found.probability[0, 1, 3] < 0.01
-    others = np.delete(found.probability[0], 3, axis=1)
+    found = judged_by(positions_m, wrong(evidence, slice(0, 1), 1, 3), rig, skeleton)
+    assert found.visibility[0, 1, 3] < 0.01
+    others = np.delete(found.visibility[0], 3, axis=1)
     assert others.min() > 0.99
     running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
     running.add(positions_m[0], STILL, wrong(evidence, slice(0, 1), 1, 3), rig, NEW)
     # Online the spread is learned afterwards; in batch these exact detections have made it smaller already.
-    np.testing.assert_allclose(running.probability, found.probability[0], atol=0.02)
+    np.testing.assert_allclose(running.probability, found.visibility[0], atol=0.02)
 
 
 def test_frames_within_microseconds_tell_as_much_as_one(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -200,8 +200,8 @@ def test_frames_within_microseconds_tell_as_much_as_one(rig: CameraRig, skeleton
     positions_m = positions_m.copy()
     positions_m[burst] = positions_m[39]
     once = np.r_[:40, 69:109]
-    of_all = visibility_of(positions_m, evidence, rig, skeleton).probability
-    of_once = visibility_of(positions_m[once], evidence.frames(once), rig, skeleton).probability
+    of_all = judged_by(positions_m, evidence, rig, skeleton).visibility
+    of_once = judged_by(positions_m[once], evidence.frames(once), rig, skeleton).visibility
     assert 0.5 < of_once[39, 1, 3] < 0.99, "doubtful: 30 of them would tell"
     # 29 frames of 2.5e-5 measurements each; and the spread learned with them differs by a few percent.
     np.testing.assert_allclose(of_all[once], of_once, atol=0.05)
@@ -212,7 +212,7 @@ def test_behind_a_camera_the_spread_stays_what_it_was(rig: CameraRig, skeleton: 
     positions_m, evidence = exact(rig, skeleton)
     positions_m, camera = positions_m.copy(), rig.cameras[2]
     positions_m[:, 5] = camera.position_m - camera.world_T_camera[:3, 2]
-    sigma_px = visibility_of(positions_m, evidence, rig, skeleton).sigma_px
+    sigma_px = judged_by(positions_m, evidence, rig, skeleton).sigma_px
     np.testing.assert_array_equal(sigma_px[:, 2, 5], CONFIG.projection.sigma_px)
     running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
     _, before = running.before(positions_m[0], evidence.frames(slice(0, 1)), rig)
@@ -281,7 +281,7 @@ def test_running_spread_becomes_that_of_the_recording(rig: CameraRig, skeleton: 
     evidence = with_noise(evidence, np.array([3.0, 3.0, 10.0, 3.0])[:, None, None])
     running = running_after(evidence, truth_m, rig, skeleton)
     _, last = running.before(truth_m[-1], evidence.frames(slice(-1, None)), rig)
-    batch_px = visibility_of(truth_m, evidence, rig, skeleton).sigma_px[-1]
+    batch_px = judged_by(truth_m, evidence, rig, skeleton).sigma_px[-1]
     # It began with 18 mm, 4.6 px, and forgets that as exp(-t / 10 s); 1 to 5 % of 50 to 100 % are left.
     np.testing.assert_allclose(last.sigma_px[0] / batch_px, 1.0, atol=0.08)
 
@@ -358,7 +358,9 @@ def test_no_weight_falls_below_the_least(rig: CameraRig, skeleton: Skeleton) -> 
     running, last = running_after(evidence, positions_m, rig, skeleton), evidence.frames(slice(-1, None))
     assert running.probability[1, 3] < 0.01
     trust, _ = running.before(positions_m[-1], last, rig)
-    assert trust[1, 3] * 2 * least == pytest.approx(least)
+    online = last.trusted(trust[None], least)
+    batch = judged_by(positions_m, evidence, rig, skeleton)
+    assert batch.weights[20, 1, 3] == online.weights[0, 1, 3] == pytest.approx(least)
 
 
 def test_without_the_model_nothing_changes(rig: CameraRig, skeleton: Skeleton) -> None:
