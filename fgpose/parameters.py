@@ -114,11 +114,8 @@ class MotionConfig:
     model: Literal["none", "random_walk", "constant_velocity"] = "constant_velocity"
     """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
     adaptive: bool = True
-    """Let each joint's acceleration density follow its motion (constant_velocity): 2 * acceleration_time_s * mean
-    square acceleration nearby_s around. Otherwise it is acceleration_density at all times."""
-    acceleration_time_s: float = 0.06
-    """Time constant with which an acceleration passes, seconds (adaptive). Raising it follows motion more closely and
-    smooths less."""
+    """Let each joint's acceleration density follow its motion (constant_velocity): learned from its accelerations
+    nearby_s around. Otherwise it is acceleration_density at all times."""
     nearby_s: float = 0.2
     """Time before and after over which accelerations are averaged, seconds (adaptive). Raising it follows changes of
     pace less."""

@@ -264,7 +264,10 @@ class Estimator:
             self._smoother.drop_oldest()
             if is_adaptive(self.config.motion):
                 oldest = self._window[0]
-                self._density.add(oldest.at.time_s, self._points(oldest.velocity_keys, oldest.active))
+                velocities_mps = self._points(oldest.velocity_keys, oldest.active)
+                trusted = oldest.trusted(self.config.projection)
+                information = trusted.information(oldest.positions_m[None], self._rig)[0]
+                self._density.add(oldest.at.time_s, velocities_mps, information)
 
     def _is_lagged(self, state: FrameState, time_s: float) -> bool:
         return state.at.time_s <= time_s - self.config.online.lag_s + _TIME_ROUNDING_S

@@ -90,6 +90,14 @@ class Evidence:
         """Whether any camera detected the joint."""
         return self.n_views >= 1
 
+    def information(
+        self, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig
+    ) -> Float[np.ndarray, "frame joint"]:
+        """Of the detections of each frame on each axis of a joint at these positions, 1/m^2, on average: each tells two
+        of three coordinates."""
+        precision = (rig.px_per_m(positions_m) / self.detection_sigma_px) ** 2
+        return 2 / 3 * np.where(self.detected & np.isfinite(precision), precision, 0.0).sum(axis=1)
+
     def trusted(self, share: Float[np.ndarray, "frame camera joint"], min_weight: float) -> Evidence:
         """With this share of the information of each detection, but a weight of at least min_weight; and of the depth
         that its view gives."""

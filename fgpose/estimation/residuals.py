@@ -13,17 +13,19 @@ from fgpose.estimation.factors.state import BatchState
 from fgpose.estimation.factors.symmetry import Symmetries
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.process_noise import process_density
+from fgpose.geometry.camera import CameraRig
 from fgpose.trajectory import Trajectory
 
 
 def whitened_residuals(
-    trajectory: Trajectory, evidence: Evidence, config: Config
+    trajectory: Trajectory, evidence: Evidence, rig: CameraRig, config: Config
 ) -> dict[str, Float[np.ndarray, "frame joint"]]:
     """Norm of each factor's residual at the result, in its sigmas, before the robust kernel.
 
     Args:
         trajectory: of all the frames of the evidence, with residual_px.
-        evidence: what it was made from.
+        evidence: what it was made from, informed by it (fgpose.estimation.smoother.informed).
+        rig: cameras of the evidence.
         config: what it was made with.
 
     Returns:
@@ -35,7 +37,7 @@ def whitened_residuals(
     if config.symmetry.form != "none":
         residuals["symmetry"] = _symmetry(trajectory, config)
     if config.motion.model != "none":
-        residuals["motion"] = _motion(trajectory, config)
+        residuals["motion"] = _motion(trajectory, evidence.information(trajectory.positions_m, rig), config)
     return residuals
 
 
@@ -77,7 +79,9 @@ def _rows(trajectory: Trajectory, config: Config) -> JointRows:
     return KnownLengths(bones.T, present, np.full(len(bones), config.symmetry.sigma_m), np.nan_to_num(of_bones_m))
 
 
-def _motion(trajectory: Trajectory, config: Config) -> Float[np.ndarray, "frame joint"]:
+def _motion(
+    trajectory: Trajectory, information: Float[np.ndarray, "frame joint"], config: Config
+) -> Float[np.ndarray, "frame joint"]:
     """The change that the model does not predict, over its standard deviation; NaN at the ends.
 
     Random walk: the displacement since the frame before, variance q h. Constant velocity: the change of the mean
@@ -86,7 +90,7 @@ def _motion(trajectory: Trajectory, config: Config) -> Float[np.ndarray, "frame 
     interval_s = np.diff(trajectory.time_s)[:, None]
     whitened = np.full(trajectory.status.shape, np.nan)
     steps_m = np.diff(trajectory.positions_m, axis=0)
-    density = process_density(trajectory.positions_m, trajectory.time_s, config.motion)
+    density = process_density(trajectory.positions_m, trajectory.time_s, information, config.motion)
     if config.motion.model == "random_walk":
         sigma_m = np.sqrt(density[1:] * interval_s)
         whitened[1:] = np.linalg.norm(steps_m, axis=-1) / sigma_m

@@ -177,21 +177,40 @@ def _steps(segment: Segment, count: int) -> Solution:
 
 
 def _informed(segment: Segment, solution: Solution) -> Segment:
-    """The segment informed by a solution: the solution is the first guess, detections are moved to the time of their
-    frame, hallucinated ones lose weight, and each joint's process noise follows its motion."""
-    evidence, config = segment.evidence, segment.config
-    positions_m, time_s = solution.positions_m, evidence.time_s
-    undistorted_px = evidence.undistorted_px - image_motion_px(positions_m, time_s, evidence.delay_s, segment.rig)
-    informed = replace(evidence, undistorted_px=undistorted_px)
-    if config.visibility.model == "markov":
-        informed = judged(informed, positions_m, segment.rig, segment.skeleton, config.projection, config.visibility)
+    """The segment informed by a solution: the solution is the first guess, and the evidence and each joint's process
+    noise follow from its motion."""
+    evidence, positions_m, config = segment.evidence, solution.positions_m, segment.config
+    known = informed(evidence, positions_m, segment.rig, segment.skeleton, config)
+    information = known.information(positions_m, segment.rig)
     return replace(
         segment,
-        evidence=informed,
+        evidence=known,
         initial_m=np.where(np.isnan(positions_m), evidence.guess_m, positions_m),
         lengths_m=_first_known([solution.lengths_m, segment.lengths_m]),
-        process_density=process_density(positions_m, time_s, config.motion),
+        process_density=process_density(positions_m, evidence.time_s, information, config.motion),
     )
+
+
+def informed(
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    rig: CameraRig,
+    skeleton: Skeleton,
+    config: Config,
+) -> Evidence:
+    """The evidence with what a motion tells about it: detections are moved to the time of their frame, and hallucinated
+    ones lose weight.
+
+    Args:
+        evidence: as gathered.
+        positions_m: as estimated from it; NaN where a joint is not estimated.
+        rig, skeleton, config: what it was gathered with.
+    """
+    moved_px = image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
+    on_time = replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
+    if config.visibility.model == "none":
+        return on_time
+    return judged(on_time, positions_m, rig, skeleton, config.projection, config.visibility)
 
 
 @runtime_checkable

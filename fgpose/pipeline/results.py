@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.residuals import whitened_residuals
+from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import check_writable
 from fgpose.io.trajectories import check_output, save_trajectory
@@ -168,8 +169,9 @@ def show(result: Result, recording: Recording) -> None:
         recording.log_trajectory(name, trajectory)
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
-        main = result.main
-        recording.log_residuals(main.time_s, whitened_residuals(main, evidence, result.config))
+        main, rig, config = result.main, result.source.rig, result.config
+        known = informed(evidence, main.positions_m, rig, main.skeleton, config)
+        recording.log_residuals(main.time_s, whitened_residuals(main, known, rig, config))
     if result.update_ms is not None:
         recording.log_update_times(observations.frame_time_s, result.update_ms)
 

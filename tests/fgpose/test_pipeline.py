@@ -14,7 +14,7 @@ from fgpose.estimation import evidence as evidence_module
 from fgpose.estimation import fusion
 from fgpose.estimation.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
-from fgpose.estimation.smoother import smooth
+from fgpose.estimation.smoother import informed, smooth
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.triangulation import Triangulation
 from fgpose.io.calibration import save_rig
@@ -244,11 +244,12 @@ def test_a_misread_file_is_read_once_and_its_own_error_shown(
 
 def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> None:
     config = Config()
-    evidence = gather(source.observations, source.rig, config)
-    residuals = whitened_residuals(smoothed.main, evidence, config)
+    gathered, skeleton = gather(source.observations, source.rig, config), smoothed.main.skeleton
+    evidence = informed(gathered, smoothed.main.positions_m, source.rig, skeleton, config)
+    residuals = whitened_residuals(smoothed.main, evidence, source.rig, config)
     assert set(residuals) == {*(f"projection/cam_0{c}" for c in range(1, 5)), "symmetry", "motion"}
     assert smoothed.main.residual_px is not None
-    expected = smoothed.main.residual_px[3, 0, 5] / config.projection.sigma_px * np.sqrt(evidence.weights[3, 0, 5])
+    expected = smoothed.main.residual_px[3, 0, 5] / evidence.sigma_px[3, 0, 5] * np.sqrt(evidence.weights[3, 0, 5])
     # sigmas are rounded to a thousandth
     assert residuals["projection/cam_01"][3, 5] == pytest.approx(expected, rel=6e-4)
 
@@ -270,6 +271,7 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: So
         residual_px=None,
         visibility=None,
     )
-    motion = whitened_residuals(trajectory, gather(source.observations, source.rig, config), config)["motion"]
+    evidence = gather(source.observations, source.rig, config).frames(np.zeros(n_frames, dtype=int))
+    motion = whitened_residuals(trajectory, evidence, source.rig, config)["motion"]
     # 10,000 values of mean square 3 and standard deviation about 2.5: 3 +- 0.1 is four standard errors.
     assert np.nanmean(motion**2) == pytest.approx(3.0, abs=0.1)
