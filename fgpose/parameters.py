@@ -51,7 +51,7 @@ class ProjectionConfig:
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
     fusion). Raising it trusts detections that no other view confirms."""
     min_weight: float = 0.001
-    """Least weight of a detection, so that none is switched off. Raising it makes the weights more equal."""
+    """Least weight of a detection before its visibility is judged. Raising it makes the weights more equal."""
 
 
 @dataclass(frozen=True)
@@ -209,7 +209,7 @@ class SolverConfig:
     backend: Literal["numpy", "gtsam"] = "numpy"
     """What linearises the factors and solves for the step. numpy: all factors of a kind at once, frame after frame in
     LAPACK. gtsam: GTSAM, on a graph of the same factors; several times slower, and the same result."""
-    max_iterations: int = 100
+    max_iterations: int = 200
     """Upper bound of iterations per window."""
     step_tolerance_m: float = 5e-4
     """Converged when an iteration moves no joint by more than this, metres. Raising it stops earlier."""

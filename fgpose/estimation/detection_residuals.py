@@ -200,6 +200,26 @@ def with_spread(
     return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
 
 
+def hidden_information(
+    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, config: VisibilityConfig
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Of the detection of a hidden joint, relative to that of a visible one; 0 where not seen.
+
+    It is near the joint (a Cauchy distribution), unless it is of another one. The weight is that of
+    expectation-maximisation for Student's distribution (Lange, Little and Taylor 1989): with one degree of freedom in
+    two dimensions, 3 / (1 + d^2) at a distance of d scales.
+
+    Args:
+        evidence: with the standard deviations of visible detections; see with_spread.
+        positions_m: of the joints.
+        rig, config: as for visibility.
+    """
+    scale_px = config.hallucinated_m * rig.px_per_m(positions_m)
+    distance = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / scale_px
+    weight = (1 - _OTHER_JOINT_SHARE) * 3 / (1 + distance**2)
+    return np.nan_to_num(weight * (evidence.sigma_px / scale_px) ** 2)
+
+
 @lru_cache(maxsize=16)  # asked for at every update of the online estimator
 def _share_of_others(skeleton: Skeleton) -> Float[np.ndarray, "joint joint"]:
     """How likely each other joint is detected in the place of a hidden one."""

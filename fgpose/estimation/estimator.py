@@ -171,7 +171,7 @@ class Estimator:
         evidence = on_time(evidence, state.positions_m, state.velocities_mps, self._rig)
         known = self._note(evidence, state.active | is_newest)
         entering = known & ~state.active
-        trust, evidence = self._visibility.before(state.positions_m, evidence, self._rig)
+        trust, evidence = self._visibility.before(evidence, state.positions_m, self._rig)
         joined = state.joined(observations, image_time_s, evidence, trust, entering)
         joined = joined.judged(self._visibility.probability)
         self._smoother.replace(at, self._own_factors(joined), *variables(joined, entering, self.config))
@@ -241,7 +241,7 @@ class Estimator:
             better = fits_better(guess_m, moved_m, evidence, self._rig, self.config.projection)
             positions_m = np.where((entering | better)[:, None], guess_m, moved_m)
             velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
-        trust, evidence = self._visibility.before(positions_m, evidence, self._rig)
+        trust, evidence = self._visibility.before(evidence, positions_m, self._rig)
         return FrameState(
             at=FrameTime(0 if before is None else before.at.frame + 1, time_s),
             step_s=step_s,
@@ -265,8 +265,7 @@ class Estimator:
             if is_adaptive(self.config.motion):
                 oldest = self._window[0]
                 velocities_mps = self._points(oldest.velocity_keys, oldest.active)
-                trusted = oldest.trusted(self.config.projection)
-                information = trusted.information(oldest.positions_m[None], self._rig)[0]
+                information = oldest.trusted.information(oldest.positions_m[None], self._rig)[0]
                 self._density.add(oldest.at.time_s, velocities_mps, information)
 
     def _is_lagged(self, state: FrameState, time_s: float) -> bool:

@@ -19,6 +19,7 @@ _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate 
 # Median distance of the joints from their middle: 0.3 m, so 300 "metres" in millimetres. A few wrong
 # triangulations do not change the median.
 _MAX_BODY_M = 30.0
+_LEAST_SHARE = 1e-6  # keeps standard deviations finite
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
 # Of depths that no covariance comes with: measured on a monocular network (BlazePose, 150 mm at 3.5 m).
 _RELATIVE_SIGMA = 0.043
@@ -98,10 +99,9 @@ class Evidence:
         precision = (rig.px_per_m(positions_m) / self.detection_sigma_px) ** 2
         return 2 / 3 * np.where(self.detected & np.isfinite(precision), precision, 0.0).sum(axis=1)
 
-    def trusted(self, share: Float[np.ndarray, "frame camera joint"], min_weight: float) -> Evidence:
-        """With this share of the information of each detection, but a weight of at least min_weight; and of the depth
-        that its view gives."""
-        share = np.maximum(share, np.minimum(min_weight / self.weights, 1.0))
+    def trusted(self, share: Float[np.ndarray, "frame camera joint"]) -> Evidence:
+        """With this share of the information of each detection, and of the depth that its view gives."""
+        share = np.maximum(share, _LEAST_SHARE)
         of_depths = share[:, : self.depth_sigma_m.shape[1]]  # one for every camera, or none at all
         return replace(self, weights=self.weights * share, depth_sigma_m=self.depth_sigma_m / np.sqrt(of_depths))
 

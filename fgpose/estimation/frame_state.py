@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.config import ProjectionConfig
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import FrameTime
@@ -41,9 +40,10 @@ class FrameState:
     """Share of its weight that each detection has in the graph: little where the joint was probably hidden from the
     camera in the frame before."""
 
-    def trusted(self, config: ProjectionConfig) -> Evidence:
+    @property
+    def trusted(self) -> Evidence:
         """The evidence, with the weights that the detections have in the graph."""
-        return self.evidence.trusted(self.trust[None], config.min_weight)
+        return self.evidence.trusted(self.trust[None])
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The frame with the probability that each of its detections is of its joint."""

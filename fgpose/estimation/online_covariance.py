@@ -56,7 +56,7 @@ def _probable_weight(evidence: Evidence) -> Float[np.ndarray, " joint"]:
 
 def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:
     """Of the detections of this frame alone."""
-    joints, evidence = state.joints, state.trusted(config.projection)
+    joints, evidence = state.joints, state.trusted
     detections = evidence.undistorted_px[:, :, joints], evidence.detection_sigma_px[:, :, joints]
     points_m = state.positions_m[None, joints]
     return detection_information(rig, *detections, points_m, config.projection)[0]

@@ -26,7 +26,7 @@ def segment_of(
         rig=rig,
         skeleton=state.observations.skeleton,
         config=config,
-        evidence=state.trusted(config.projection),
+        evidence=state.trusted,
         active=state.active[None],
         lengths_m=lengths.median_m(),
         length_sigma_m=lengths.sigma_m(),

@@ -19,6 +19,7 @@ from fgpose.estimation.detection_residuals import (
     LEAST_SPREAD_M,
     PRIOR_MEASUREMENTS_OF_CAMERA,
     DetectionResiduals,
+    hidden_information,
     with_spread,
 )
 from fgpose.estimation.evidence import Evidence
@@ -69,7 +70,7 @@ def judged(
     tempered = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
     probability = Chain(config).posterior(tempered, step_s)
     known = replace(with_spread(evidence, spread_m, positions_m, rig), visibility=probability)
-    return known.trusted(probability, projection.min_weight)
+    return known.trusted(_share(probability, known, positions_m, rig, step_s[:, None, None], config))
 
 
 class RunningVisibility:
@@ -133,17 +134,13 @@ class RunningVisibility:
         self._spread_m = np.maximum(self._spread_m * np.exp(logs), LEAST_SPREAD_M)
 
     def before(
-        self, positions_m: Float[np.ndarray, "joint 3"], evidence: Evidence, rig: CameraRig
+        self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
     ) -> tuple[Float[np.ndarray, "camera joint"], Evidence]:
         """What is known of the detections of the next frame, before it is solved.
 
-        Where fewer than two cameras are trusted, the estimate is as likely to be wrong as the detections; without
-        weight they could never correct it. So trust is relative to the second best camera that sees the joint: it takes
-        two to locate it.
-
         Args:
-            positions_m: the predicted pose.
             evidence: of the next frame.
+            positions_m: the predicted pose.
             rig: the cameras.
 
         Returns:
@@ -152,11 +149,24 @@ class RunningVisibility:
         """
         if not self._on:
             return np.ones(self._probability.shape), evidence
-        predicted = self._chain.predicted(self._probability, self._since_s(evidence))
-        seen = evidence.detected[0]
-        second = np.sort(np.where(seen, predicted, 0.0), axis=0)[-2] if len(seen) > 1 else np.zeros(seen.shape[1])
-        trust = np.divide(predicted, second, out=np.ones_like(predicted), where=second > 0)
-        return np.minimum(trust, 1.0), with_spread(evidence, self._spread_m, positions_m[None], rig)
+        since_s = self._since_s(evidence)
+        predicted = self._chain.predicted(self._probability, since_s)
+        known = with_spread(evidence, self._spread_m, positions_m[None], rig)
+        return _share(predicted[None], known, positions_m[None], rig, since_s, self._config)[0], known
+
+
+def _share(
+    probability: Float[np.ndarray, "frame camera joint"],
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    rig: CameraRig,
+    step_s: Float[np.ndarray, "*steps"],
+    config: VisibilityConfig,
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Share of its weight that a detection should have if it is of a visible joint with this probability. A hidden one
+    tells where the joint is too: little, and the same for as long as errors are correlated."""
+    hidden = hidden_information(evidence, positions_m, rig, config) * _independent(step_s, CORRELATION_S)
+    return np.minimum(probability + (1 - probability) * hidden / evidence.weights, 1.0)
 
 
 class Chain:

@@ -50,8 +50,8 @@ def test_without_noise_the_truth_is_recovered(rig: fgpose.CameraRig, skeleton: f
     truth_m = walking(60, 50.0, skeleton)
     scene = simulate(truth_m, skeleton, rig, 50.0, NO_NOISE, NO_OCCLUSION, seed=0)
     trajectory = fgpose.smooth(scene.observations, rig, config_from_dict({"projection": {"sigma_px": 0.5}}))
-    # What is left is smoothing of exact points with 0.5 px (2 mm here) of assumed noise.
-    assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1e-3
+    # What is left is smoothing of exact points as if their errors were 2 mm, the least spread that is learned.
+    assert np.max(np.linalg.norm(trajectory.positions_m - truth_m, axis=-1)) < 1.5e-3
     assert trajectory.convergence is not None
     assert trajectory.convergence.converged
 
