@@ -150,7 +150,7 @@ class DetectionResiduals:
 
         Args:
             spread_m: standard deviation of the residuals of visible detections along each axis of the image.
-            rig, skeleton, config: as for visibility.
+            rig, skeleton, config: as for fgpose.estimation.visibility.judged.
         """
         spread_px = spread_m * self.px_per_m
         visible = self._log_density(spread_px, lambda squared: -squared / 2)
@@ -183,25 +183,21 @@ class DetectionResiduals:
 
 
 def with_spread(
-    evidence: Evidence,
-    spread_m: Float[np.ndarray, " camera"],
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    rig: CameraRig,
+    evidence: Evidence, spread_m: Float[np.ndarray, " camera"], px_per_m: Float[np.ndarray, "frame camera joint"]
 ) -> Evidence:
     """The evidence with the standard deviations that the graph should take for detections of visible joints.
 
     Args:
-        evidence: keeps its own where the position is not known or is behind the camera.
+        evidence: keeps its own where the scale is not known.
         spread_m: of each camera; see DetectionResiduals.spread_m.
-        positions_m: of the joints.
-        rig: cameras of the evidence.
+        px_per_m: scale of the image at the joint; NaN where it is not known.
     """
-    sigma_px = CORRELATED_FACTOR * spread_m[:, None] * rig.px_per_m(positions_m)
+    sigma_px = CORRELATED_FACTOR * spread_m[:, None] * px_per_m
     return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
 
 
 def hidden_information(
-    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, config: VisibilityConfig
+    length_m: Float[np.ndarray, "frame camera joint"], spread_m: Float[np.ndarray, " camera"], config: VisibilityConfig
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Of the detection of a hidden joint, relative to that of a visible one; 0 where not seen.
 
@@ -210,14 +206,12 @@ def hidden_information(
     two dimensions, 3 / (1 + d^2) at a distance of d scales.
 
     Args:
-        evidence: with the standard deviations of visible detections; see with_spread.
-        positions_m: of the joints.
-        rig, config: as for visibility.
+        length_m: of the residual, at the joint; NaN where not seen.
+        spread_m: of visible detections of each camera.
+        config: the priors.
     """
-    scale_px = config.hallucinated_m * rig.px_per_m(positions_m)
-    distance = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / scale_px
-    weight = (1 - _OTHER_JOINT_SHARE) * 3 / (1 + distance**2)
-    return np.nan_to_num(weight * (evidence.sigma_px / scale_px) ** 2)
+    relative = (CORRELATED_FACTOR * spread_m[:, None] / config.hallucinated_m) ** 2
+    return np.nan_to_num((1 - _OTHER_JOINT_SHARE) * 3 / (1 + (length_m / config.hallucinated_m) ** 2) * relative)
 
 
 @lru_cache(maxsize=16)  # asked for at every update of the online estimator

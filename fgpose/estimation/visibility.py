@@ -69,8 +69,10 @@ def judged(
     log_odds = residuals.log_odds(np.hypot(spread_m[:, None], moved_m[:, None]), rig, skeleton, config)
     tempered = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
     probability = Chain(config).posterior(tempered, step_s)
-    known = replace(with_spread(evidence, spread_m, positions_m, rig), visibility=probability)
-    return known.trusted(_share(probability, known, positions_m, rig, step_s[:, None, None], config))
+    length_m, px_per_m = (np.where(residuals.seen, each, np.nan) for each in (residuals.length_m, residuals.px_per_m))
+    hidden = hidden_information(length_m, spread_m, config)
+    known = replace(with_spread(evidence, spread_m, px_per_m), visibility=probability)
+    return known.trusted(_share(probability, evidence.weights, hidden, step_s[:, None, None]))
 
 
 class RunningVisibility:
@@ -151,22 +153,23 @@ class RunningVisibility:
             return np.ones(self._probability.shape), evidence
         since_s = self._since_s(evidence)
         predicted = self._chain.predicted(self._probability, since_s)
-        known = with_spread(evidence, self._spread_m, positions_m[None], rig)
-        return _share(predicted[None], known, positions_m[None], rig, since_s, self._config)[0], known
+        px_per_m = rig.px_per_m(positions_m)[None]
+        length_m = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / px_per_m
+        hidden = hidden_information(length_m, self._spread_m, self._config)
+        known = with_spread(evidence, self._spread_m, px_per_m)
+        return _share(predicted[None], evidence.weights, hidden, since_s)[0], known
 
 
 def _share(
     probability: Float[np.ndarray, "frame camera joint"],
-    evidence: Evidence,
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    rig: CameraRig,
+    weights: Float[np.ndarray, "frame camera joint"],
+    hidden: Float[np.ndarray, "frame camera joint"],
     step_s: Float[np.ndarray, "*steps"],
-    config: VisibilityConfig,
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Share of its weight that a detection should have if it is of a visible joint with this probability. A hidden one
-    tells where the joint is too: little, and the same for as long as errors are correlated."""
-    hidden = hidden_information(evidence, positions_m, rig, config) * _independent(step_s, CORRELATION_S)
-    return np.minimum(probability + (1 - probability) * hidden / evidence.weights, 1.0)
+    tells where the joint is too: little (hidden_information), and the same for as long as errors are correlated."""
+    of_frame = hidden * _independent(step_s, CORRELATION_S)
+    return np.minimum(probability + (1 - probability) * of_frame / weights, 1.0)
 
 
 class Chain:

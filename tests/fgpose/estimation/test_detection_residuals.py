@@ -247,7 +247,7 @@ def test_nothing_is_said_where_nothing_is_seen(rig: CameraRig, skeleton: Skeleto
     for name, array in {
         **of_residuals,
         "odds": odds,
-        "sigma": with_spread(evidence, SPREAD_M, positions_m, rig).sigma_px,
+        "sigma": with_spread(evidence, SPREAD_M, rig.px_per_m(positions_m)).sigma_px,
     }.items():
         assert np.isfinite(array).all(), name
     assert np.isfinite(residuals.spread_m(PRIOR_M, INDEPENDENT)).all()

@@ -327,7 +327,8 @@ def test_running_visibility_finds_a_hallucination_and_its_end(rig: CameraRig, sk
 def test_a_hidden_detection_tells_less_but_not_nothing(rig: CameraRig, skeleton: Skeleton) -> None:
     """Online as in batch: the weight of Student's distribution, once for as long as errors are correlated."""
     positions_m, evidence = exact(rig, skeleton)
-    evidence = wrong(evidence, slice(None), 1, 3, by_px := 300.0)
+    by_px = 300.0
+    evidence = wrong(evidence, slice(None), 1, 3, by_px)
     running, last = running_after(evidence, positions_m[:-1], rig, skeleton), evidence.frames(slice(-1, None))
     trust, known = running.before(last, positions_m[-1], rig)
     batch = judged_by(positions_m, evidence, rig, skeleton)
