@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.config import ProjectionConfig, VisibilityConfig
+from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.noise import CORRELATED_FACTOR
 from fgpose.geometry.camera import CameraRig
@@ -30,9 +30,9 @@ LEAST_SPREAD_M = 0.002
 #
 # Share of hidden joints that are detected where another joint is, half of them at the mirrored one.
 _OTHER_JOINT_SHARE, _MIRRORED_SHARE = 0.3, 0.5
-# How exactly bones and motion alone predict a joint. A joint that they do not hold follows a hallucination: its
-# residual is small and tells little.
-_PREDICTED_M = 0.01
+# How exactly bones and motion alone predict a joint, by motion model. A joint that they do not hold follows a
+# hallucination: its residual is small and tells little.
+_PREDICTED_M = {"constant_velocity": 0.01, "random_walk": 0.02, "none": 0.04}
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
@@ -67,10 +67,10 @@ class DetectionResiduals:
         positions_m: Float[np.ndarray, "frame joint 3"],
         evidence: Evidence,
         rig: CameraRig,
-        config: ProjectionConfig,
-        spread_m: float | Float[np.ndarray, " camera"],
+        config: Config,
     ) -> DetectionResiduals:
-        """spread_m: of visible detections, as far as it is known."""
+        """Of the detections as they were when the pose was found: the smaller the standard deviation of a camera was
+        there, the more the pose follows that camera, and the less its residuals tell."""
         residual_px = np.empty(evidence.undistorted_px.shape)
         jacobian = np.empty((*residual_px.shape, 3))
         for number, camera in enumerate(rig.cameras):
@@ -81,13 +81,13 @@ class DetectionResiduals:
         residual_px[~seen], jacobian[~seen] = 0.0, 0.0
         px_per_m = np.where(seen, rig.px_per_m(positions_m), 1.0)
         length_m = np.linalg.norm(residual_px, axis=-1) / px_per_m
-        precision = (np.broadcast_to(spread_m, len(rig.cameras))[:, None] * px_per_m) ** -2
-        weights = evidence.weights
-        kernel = robust_weight(weights * precision * (px_per_m * length_m) ** 2, config.kernel, config.kernel_scale)
-        information = np.where(seen, weights * precision * kernel, 0.0)[..., None, None]
+        weights, projection = evidence.weights, config.projection
+        squared = (np.linalg.norm(residual_px, axis=-1) / evidence.detection_sigma_px) ** 2
+        kernel = robust_weight(squared, projection.kernel, projection.kernel_scale)
+        information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)[..., None, None]
         # As if the frames nearby had the same weights: their errors are correlated, and only the ratios count.
         of_cameras = np.sum(jacobian.swapaxes(-1, -2) @ (information * jacobian), axis=1)
-        covariance_m2 = np.linalg.inv(of_cameras + np.eye(3) / _PREDICTED_M**2)
+        covariance_m2 = np.linalg.inv(of_cameras + np.eye(3) / _PREDICTED_M[config.motion.model] ** 2)
         projected_px2 = jacobian @ covariance_m2[:, None] @ jacobian.swapaxes(-1, -2)
         left = np.eye(2) - information * projected_px2
         without = _inverse(left)

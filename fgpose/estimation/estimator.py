@@ -56,7 +56,7 @@ class Estimator:
         self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
-        self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config.projection, self.config.visibility)
+        self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._offsets = RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._arrivals = Arrivals(rig.names)

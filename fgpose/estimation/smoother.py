@@ -109,6 +109,8 @@ class Solution:
     convergence: Convergence
     visibility: Float[np.ndarray, "frame camera joint"]
     """Probability that each detection is of its joint."""
+    sigma_px: Float[np.ndarray, "frame camera joint"]
+    """Standard deviation of each detection with which this was found, if it is of its joint."""
 
     @staticmethod
     def of_nobody(segment: Segment) -> Solution:
@@ -117,7 +119,8 @@ class Solution:
         positions_m, covariance_m2 = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         no_lengths_m = np.full(segment.skeleton.n_lengths, np.nan)
         settled = Convergence(True, 0, 0.0, 0.0)
-        return Solution(positions_m, covariance_m2, no_lengths_m, settled, segment.evidence.visibility)
+        evidence = segment.evidence
+        return Solution(positions_m, covariance_m2, no_lengths_m, settled, evidence.visibility, evidence.sigma_px)
 
     @staticmethod
     def joined(parts: list[Solution]) -> Solution:
@@ -129,13 +132,18 @@ class Solution:
             lengths_m=_first_known([part.lengths_m for part in parts]),
             convergence=Convergence.worst([part.convergence for part in parts]),
             visibility=np.concatenate([part.visibility for part in parts]),
+            sigma_px=np.concatenate([part.sigma_px for part in parts]),
         )
 
     def frames(self, frames: slice) -> Solution:
         """Some of the frames."""
-        covariance_m2 = None if self.covariance_m2 is None else self.covariance_m2[frames]
-        visibility = self.visibility[frames]
-        return replace(self, positions_m=self.positions_m[frames], covariance_m2=covariance_m2, visibility=visibility)
+        return replace(
+            self,
+            positions_m=self.positions_m[frames],
+            covariance_m2=None if self.covariance_m2 is None else self.covariance_m2[frames],
+            visibility=self.visibility[frames],
+            sigma_px=self.sigma_px[frames],
+        )
 
 
 def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
@@ -179,7 +187,8 @@ def _steps(segment: Segment, count: int) -> Solution:
 def _informed(segment: Segment, solution: Solution) -> Segment:
     """The segment informed by a solution: the solution is the first guess, and the evidence and each joint's process
     noise follow from its motion."""
-    evidence, positions_m, config = segment.evidence, solution.positions_m, segment.config
+    evidence = replace(segment.evidence, sigma_px=solution.sigma_px)
+    positions_m, config = solution.positions_m, segment.config
     known = informed(evidence, positions_m, segment.rig, segment.skeleton, config)
     information = known.information(positions_m, segment.rig)
     return replace(
@@ -202,7 +211,7 @@ def informed(
     ones lose weight.
 
     Args:
-        evidence: as gathered.
+        evidence: as gathered, with the standard deviations with which the motion was found.
         positions_m: as estimated from it; NaN where a joint is not estimated.
         rig, skeleton, config: what it was gathered with.
     """
@@ -210,7 +219,7 @@ def informed(
     on_time = replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
     if config.visibility.model == "none":
         return on_time
-    return judged(on_time, positions_m, rig, skeleton, config.projection, config.visibility)
+    return judged(on_time, positions_m, rig, skeleton, config)
 
 
 @runtime_checkable
@@ -237,7 +246,8 @@ def _optimum(segment: Segment) -> Solution:
 def _minimized(problem: _SegmentProblem[State], segment: Segment) -> Solution:
     solution = levenberg_marquardt(problem, problem.initial(), segment.config.solver.max_iterations)
     positions_m, lengths_m = problem.positions_m(solution.state), problem.lengths_m(solution.state)
-    return Solution(positions_m, None, lengths_m, solution.convergence, segment.evidence.visibility)
+    evidence = segment.evidence
+    return Solution(positions_m, None, lengths_m, solution.convergence, evidence.visibility, evidence.sigma_px)
 
 
 def _with_covariance(segment: Segment, solution: Solution) -> Solution:

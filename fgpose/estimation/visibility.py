@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.config import ProjectionConfig, VisibilityConfig
+from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.detection_residuals import (
     LEAST_SPREAD_M,
     PRIOR_MEASUREMENTS_OF_CAMERA,
@@ -48,29 +48,28 @@ def judged(
     positions_m: Float[np.ndarray, "frame joint 3"],
     rig: CameraRig,
     skeleton: Skeleton,
-    projection: ProjectionConfig,
-    config: VisibilityConfig,
+    config: Config,
 ) -> Evidence:
     """The evidence with what a pose tells about it: the probability that each detection is of its joint (forward-
     backward algorithm), and standard deviations and weights that follow.
 
     Args:
-        evidence: of all frames, its detections moved to the time of their frame (fgpose.estimation.delays).
+        evidence: of all frames, its detections moved to the time of their frame (fgpose.estimation.delays), with the
+            weights of the fusion and the standard deviations with which the pose was found.
         positions_m: the pose as estimated so far; NaN where a joint is not estimated.
         rig: cameras of the evidence.
         skeleton: for the mirrored joints.
-        projection: robust kernel of the detections.
-        config: the priors.
+        config: robust kernel, motion model and the priors.
     """
-    residuals = DetectionResiduals.of(positions_m, evidence, rig, projection, config.sigma_m)
+    residuals, priors = DetectionResiduals.of(positions_m, evidence, rig, config), config.visibility
     step_s = _steps_s(evidence.time_s)
-    spread_m = residuals.spread_m(config.sigma_m, float(np.median(_independent(step_s, CORRELATION_S))))
+    spread_m = residuals.spread_m(priors.sigma_m, float(np.median(_independent(step_s, CORRELATION_S))))
     moved_m = _moved_m(_speed_mps(positions_m, evidence.time_s))
-    log_odds = residuals.log_odds(np.hypot(spread_m[:, None], moved_m[:, None]), rig, skeleton, config)
+    log_odds = residuals.log_odds(np.hypot(spread_m[:, None], moved_m[:, None]), rig, skeleton, priors)
     tempered = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
-    probability = Chain(config).posterior(tempered, step_s)
+    probability = Chain(priors).posterior(tempered, step_s)
     length_m, px_per_m = (np.where(residuals.seen, each, np.nan) for each in (residuals.length_m, residuals.px_per_m))
-    hidden = hidden_information(length_m, spread_m, config)
+    hidden = hidden_information(length_m, spread_m, priors)
     known = replace(with_spread(evidence, spread_m, px_per_m), visibility=probability)
     return known.trusted(_share(probability, evidence.weights, hidden, step_s[:, None, None]))
 
@@ -81,15 +80,13 @@ class RunningVisibility:
     The posterior of a frame is known after the solver has run. So it weights the detections of the next frame.
     """
 
-    def __init__(
-        self, n_cameras: int, skeleton: Skeleton, projection: ProjectionConfig, config: VisibilityConfig
-    ) -> None:
-        self._skeleton, self._projection, self._config = skeleton, projection, config
-        self._chain = Chain(config)
-        self._on = config.model == "markov"
+    def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config) -> None:
+        self._skeleton, self._config = skeleton, config
+        self._chain = Chain(config.visibility)
+        self._on = config.visibility.model == "markov"
         self._probability = np.full((n_cameras, skeleton.n_joints), self._chain.usual if self._on else 1.0)
         self._last_s = np.full((n_cameras, 1), -np.inf)
-        self._spread_m = np.full(n_cameras, config.sigma_m)
+        self._spread_m = np.full(n_cameras, config.visibility.sigma_m)
         self._measurements = np.zeros(n_cameras)
 
     @property
@@ -112,11 +109,11 @@ class RunningVisibility:
         """Take the pose of a frame and its detections; only those of new images are evidence."""
         if not self._on:
             return
-        residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._projection, self._spread_m)
+        residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
         since_s = self._since_s(evidence)
         moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
         spread_m = np.hypot(self._spread_m[:, None], moved_m)[None]
-        log_odds = residuals.log_odds(spread_m, rig, self._skeleton, self._config)[0]
+        log_odds = residuals.log_odds(spread_m, rig, self._skeleton, self._config.visibility)[0]
         tempered = np.where(residuals.several[0], log_odds, 0.0) * _independent(since_s, _CORRELATION_S)
         updated = self._chain.updated(self._chain.predicted(self._probability, since_s), tempered)
         self._probability = np.where(is_new[:, None], updated, self._probability)
@@ -155,7 +152,7 @@ class RunningVisibility:
         predicted = self._chain.predicted(self._probability, since_s)
         px_per_m = rig.px_per_m(positions_m)[None]
         length_m = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / px_per_m
-        hidden = hidden_information(length_m, self._spread_m, self._config)
+        hidden = hidden_information(length_m, self._spread_m, self._config.visibility)
         known = with_spread(evidence, self._spread_m, px_per_m)
         return _share(predicted[None], evidence.weights, hidden, since_s)[0], known
 

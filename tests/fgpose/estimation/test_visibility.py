@@ -121,7 +121,7 @@ def without(evidence: Evidence, frames: slice, camera: int, joint: int | slice) 
 
 
 def judged_by(positions_m: np.ndarray, evidence: Evidence, rig: CameraRig, skeleton: Skeleton) -> Evidence:
-    return judged(evidence, positions_m, rig, skeleton, CONFIG.projection, CONFIG.visibility)
+    return judged(evidence, positions_m, rig, skeleton, CONFIG)
 
 
 def test_what_is_wrong_for_a_while_is_hidden_in_its_camera_and_joint_alone(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -182,7 +182,7 @@ def test_one_frame_is_judged_by_itself(rig: CameraRig, skeleton: Skeleton) -> No
     assert found.visibility[0, 1, 3] < 0.01
     others = np.delete(found.visibility[0], 3, axis=1)
     assert others.min() > 0.99
-    running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
+    running = RunningVisibility(4, skeleton, CONFIG)
     running.add(positions_m[0], STILL, wrong(evidence, slice(0, 1), 1, 3), rig, NEW)
     # Online the spread is learned afterwards; in batch these exact detections have made it smaller already.
     np.testing.assert_allclose(running.probability, found.visibility[0], atol=0.02)
@@ -214,7 +214,7 @@ def test_behind_a_camera_the_spread_stays_what_it_was(rig: CameraRig, skeleton: 
     positions_m[:, 5] = camera.position_m - camera.world_T_camera[:3, 2]
     sigma_px = judged_by(positions_m, evidence, rig, skeleton).sigma_px
     np.testing.assert_array_equal(sigma_px[:, 2, 5], CONFIG.projection.sigma_px)
-    running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
+    running = RunningVisibility(4, skeleton, CONFIG)
     _, before = running.before(evidence.frames(slice(0, 1)), positions_m[0], rig)
     assert before.sigma_px[0, 2, 5] == CONFIG.projection.sigma_px
     assert sigma_px.min() > 0.1
@@ -292,7 +292,7 @@ def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, ske
     evidence = with_noise(evidence, 10.0)
     sigma_px = []
     for groups in (NEW[None], np.eye(4, dtype=bool)):
-        running = RunningVisibility(4, skeleton, CONFIG.projection, CONFIG.visibility)
+        running = RunningVisibility(4, skeleton, CONFIG)
         for frame, position_m in enumerate(truth_m):
             for is_new in groups:
                 running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, is_new)
@@ -301,7 +301,7 @@ def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, ske
 
 
 def running_after(evidence: Evidence, positions_m: np.ndarray, rig: CameraRig, skeleton: Skeleton) -> RunningVisibility:
-    running = RunningVisibility(rig.n_cameras, skeleton, CONFIG.projection, CONFIG.visibility)
+    running = RunningVisibility(rig.n_cameras, skeleton, CONFIG)
     for frame, position_m in enumerate(positions_m):
         is_new = np.ones(rig.n_cameras, dtype=bool)
         running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, is_new)
@@ -368,7 +368,7 @@ def test_online_a_wrong_pose_is_corrected_by_detections_that_it_distrusts(rig: C
 
 def test_without_the_model_nothing_changes(rig: CameraRig, skeleton: Skeleton) -> None:
     positions_m, evidence = exact(rig, skeleton)
-    running = RunningVisibility(4, skeleton, CONFIG.projection, VisibilityConfig(model="none"))
+    running = RunningVisibility(4, skeleton, Config(visibility={"model": "none"}))
     last = wrong(evidence, slice(None), 1, 3).frames(slice(-1, None))
     running.add(positions_m[-1], STILL, last, rig, NEW)
     trust, before = running.before(last, positions_m[-1], rig)
