@@ -69,8 +69,8 @@ class Fading:
         of_velocity[self.frame, self.slot] += self._precision[:, None]
         np.add.at(of_velocity, (frame, reference), precision[:, None])
         for axis in range(3):
-            information.frames[frame, 1, slot, axis, 1, reference, axis] -= precision
-            information.frames[frame, 1, reference, axis, 1, slot, axis] -= precision
+            information.frames[frame, slot, axis, 1, reference, axis, 1] -= precision
+            information.frames[frame, reference, axis, 1, slot, axis, 1] -= precision
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, " row"]:

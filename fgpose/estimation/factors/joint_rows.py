@@ -98,5 +98,5 @@ class JointRows(ABC):
         for slots, by_point in zip(self.slots, by_points, strict=True):
             product = by_point * by_length
             for row, (slot, length) in enumerate(zip(slots.tolist(), self.lengths.tolist(), strict=True)):
-                information.border[:, 0, slot, :, length] += product[:, row]
+                information.border[:, slot, :, 0, length] += product[:, row]
         np.add.at(information.corner, (self.lengths, self.lengths), np.sum(by_length[..., 0] ** 2, axis=0))

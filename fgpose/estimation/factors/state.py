@@ -19,15 +19,14 @@ class BatchState:
 
 
 class Information:
-    """Gauss-Newton's information matrix of a cost around a state. A frame's unknowns are ordered by kind, joint, axis.
+    """Gauss-Newton's information matrix of a cost around a state. A frame's unknowns are ordered by joint, axis, kind.
 
     Args:
-        frames: to be filled; it is given because it is by far the largest array of a run.
+        frames: zeros to add to; given because it is by far the largest array of a run.
         n_lengths: how many lengths there are.
     """
 
-    def __init__(self, frames: Float[np.ndarray, "frame kind joint 3 kind joint 3"], n_lengths: int) -> None:
-        frames[:] = 0.0
+    def __init__(self, frames: Float[np.ndarray, "frame joint 3 kind joint 3 kind"], n_lengths: int) -> None:
         self.frames = frames
         self.border = np.zeros((*frames.shape[:4], n_lengths))
         self.corner = np.zeros((n_lengths, n_lengths))
@@ -35,7 +34,7 @@ class Information:
     @property
     def positions(self) -> Float[np.ndarray, "frame joint 3 joint 3"]:
         """Of the positions of a frame; a view."""
-        return self.frames[:, 0, :, :, 0]
+        return self.frames[:, :, :, 0, :, :, 0]
 
     @property
     def single_positions(self) -> Float[np.ndarray, "frame joint 3 3"]:
@@ -45,7 +44,7 @@ class Information:
     @property
     def single_axes(self) -> Float[np.ndarray, "frame kind kind joint 3"]:
         """Between the kinds of one joint along one axis; a view."""
-        return np.einsum("tkjalja->tklja", self.frames)
+        return np.einsum("tjakjal->tklja", self.frames)
 
     def add_rows(
         self, joints: Sequence[Int[np.ndarray, " row"]], jacobians: Sequence[Float[np.ndarray, "frame row 3"]]

@@ -1,16 +1,15 @@
 """Linear algebra of a recording: each frame is coupled with the next one, and all with a few shared unknowns.
 
-One sweep of Cholesky factorisations forward and one back solves the normal equations in time linear in the number of
-frames, and gives the diagonal blocks of their inverse (Asif and Moura 2005, "Block matrices with L-block-banded
-inverse").
+The unknowns of a frame are ordered so that those which are coupled over time are neighbours. Then the matrix is a band
+that is hardly wider than a block, and one call of LAPACK factorises it: to eliminate frame after frame takes twice as
+long. The diagonal blocks of the inverse follow backwards from the factors (Asif and Moura 2005, "Block matrices with
+L-block-banded inverse").
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -27,53 +26,43 @@ def one_blas_thread() -> Iterator[None]:
         yield
 
 
-@dataclass(frozen=True, eq=False)
-class Coupling:
-    """Blocks U_t between each frame and the next: of each unknown alone, and the same for all of a kind."""
+class Band:
+    """Lower half of a symmetric matrix over frames, as LAPACK stores a band: below every diagonal entry the rest of its
+    column. Frames are coupled between kinds of the same unknown only.
 
-    matrices: Float[np.ndarray, "step kind kind"]
-    """By kind of unknown (position, velocity): row of the earlier frame, column of the later one."""
-    strength: Float[np.ndarray, "step unknown"]
-    """Factor on the matrix for each unknown of every kind; zero where it is not coupled."""
+    Args:
+        n_frames, n_unknowns, n_kinds: a frame has every unknown of every kind, ordered by unknown, then kind.
+    """
 
-    def to_later(self, step: int, values: np.ndarray) -> np.ndarray:
-        """U_t^T x, for x (size, columns) of the earlier frame."""
-        return self._apply(self.matrices[step].T, step, values)
+    def __init__(self, n_frames: int, n_unknowns: int, n_kinds: int) -> None:
+        self.size, self._n_kinds = n_unknowns * n_kinds, n_kinds
+        self.columns: Float[np.ndarray, "frame size row"] = np.zeros((n_frames, self.size, self.size + n_kinds))
 
-    def to_earlier(self, step: int, values: np.ndarray) -> np.ndarray:
-        """U_t x, for x (size, columns) of the later frame."""
-        return self._apply(self.matrices[step], step, values)
+    @property
+    def diagonal(self) -> Float[np.ndarray, "frame size size"]:
+        """A view of the frames' blocks. What is written above their diagonals ends in rows that couple fills anew."""
+        frame, column, row = self.columns.strides
+        shape, strides = (len(self.columns), self.size, self.size), (frame, row, column - row)
+        return np.lib.stride_tricks.as_strided(self.columns, shape, strides)
 
-    def _apply(self, matrix: np.ndarray, step: int, values: np.ndarray) -> np.ndarray:
-        kinds = len(matrix)
-        coupled = (matrix @ values.reshape(kinds, -1)).reshape(kinds, self.strength.shape[1], -1)
-        coupled *= self.strength[step][:, None]
-        return coupled.reshape(values.shape)
-
-    @cached_property
-    def _squares(self) -> Float[np.ndarray, "step kinds2 kinds2"]:
-        """kron(U_t^T, U_t^T) of the blocks by kind."""
-        products = np.einsum("tka,tlb->tabkl", self.matrices, self.matrices)
-        return products.reshape(len(products), *(self.matrices.shape[1] ** 2,) * 2)
-
-    def sandwich(self, step: int, matrix: Float[np.ndarray, "size size"]) -> Float[np.ndarray, "size size"]:
-        """U_t^T W U_t. U is so sparse that this is a sum of scaled blocks of W: one small matrix product."""
-        kinds, unknowns = self.matrices.shape[1], self.strength.shape[1]
-        blocks = matrix.reshape(kinds, unknowns, kinds, unknowns).swapaxes(1, 2).reshape(kinds**2, -1)
-        product = (self._squares[step] @ blocks).reshape(kinds, kinds, unknowns, unknowns)
-        product *= np.outer(self.strength[step], self.strength[step])
-        return product.swapaxes(1, 2).reshape(matrix.shape)
+    def couple(self, coupling: Float[np.ndarray, "step unknown kind kind"]) -> None:
+        """Set what is between each frame and the next, by kind: row of the earlier frame, column of the later one."""
+        size, kinds = self.size, self._n_kinds
+        for column in range(size):
+            self.columns[:, column, size - column :] = 0.0
+        by_kind = self.columns.reshape(len(self.columns), -1, kinds, size + kinds)
+        for kind in range(kinds):
+            by_kind[:-1, :, kind, size - kind : size - kind + kinds] = coupling[:, :, kind]
 
 
 class BlockTridiagonal:
     """The factorised symmetric positive definite matrix of a recording, bordered by the shared unknowns.
 
-    With W_t the inverse of frame t's information given all earlier frames, W_t^{-1} = D_t - U_{t-1}^T W_{t-1} U_{t-1}.
-    The shared unknowns are eliminated last: the same sweeps are run on their columns.
+    The shared unknowns are eliminated last.
 
     Args:
-        diagonal: D_t; overwritten, for it is the largest array of a run.
-        coupling: U_t.
+        band: of the frames, with the diagonal blocks only; overwritten, for it is the largest array of a run.
+        coupling: between each frame and the next (Band.couple).
         border: columns of the shared unknowns.
         corner: block of the shared unknowns.
 
@@ -83,16 +72,22 @@ class BlockTridiagonal:
 
     def __init__(
         self,
-        diagonal: Float[np.ndarray, "frame size size"],
-        coupling: Coupling,
+        band: Band,
+        coupling: Float[np.ndarray, "step unknown kind kind"],
         border: Float[np.ndarray, "frame size shared"],
         corner: Float[np.ndarray, "shared shared"],
     ) -> None:
-        self._coupling = coupling
-        self._inverses = _eliminate(diagonal, coupling)
-        self._response = self._sweep(border)
-        self._border = border
-        self._shared = np.linalg.inv(corner - np.einsum("tsl,tsm->lm", border, self._response))
+        from scipy.linalg import get_lapack_funcs  # takes half of the import time of fgpose
+
+        pbtrf, self._tbtrs, self._potri = get_lapack_funcs(("pbtrf", "tbtrs", "potri"), dtype=float)
+        band.couple(coupling)
+        self._band, self._coupling = band, coupling
+        self._factor = band.columns.reshape(-1, band.columns.shape[-1]).T
+        _, failed = pbtrf(self._factor, lower=1, overwrite_ab=1)
+        if failed:
+            raise np.linalg.LinAlgError(f"the unknowns of frame {(failed - 1) // band.size} are indeterminate")
+        self._border = self._halfway(border.reshape(self._factor.shape[1], len(corner)))
+        self._shared = np.linalg.inv(corner - self._border.T @ self._border)
         if (np.diag(self._shared) < 0).any():
             raise np.linalg.LinAlgError("the shared unknowns are indeterminate")
 
@@ -100,52 +95,42 @@ class BlockTridiagonal:
         self, frames: Float[np.ndarray, "frame size"], shared: Float[np.ndarray, " shared"]
     ) -> tuple[Float[np.ndarray, "frame size"], Float[np.ndarray, " shared"]]:
         """Solution for this right-hand side."""
-        alone = self._sweep(frames[..., None])[..., 0]
-        solved = self._shared @ (shared - np.einsum("tsl,ts->l", self._border, alone))
-        return alone - self._response @ solved, solved
+        reduced = self._halfway(frames.reshape(-1, 1))
+        solved = self._shared @ (shared - self._border.T @ reduced[:, 0])
+        return self._back(reduced - (self._border @ solved)[:, None]).reshape(frames.shape), solved
 
-    def inverse_blocks(self) -> Float[np.ndarray, "frame size size"]:
-        """Diagonal blocks of the inverse: the marginal covariance of each frame, if this is an information matrix.
+    def inverse_blocks(self) -> Iterator[Float[np.ndarray, "size size"]]:
+        """Diagonal blocks of the inverse, from the last frame to the first: the marginal covariance of each frame, if
+        this is an information matrix.
 
-        Backwards, Sigma_t = W_t + G_t Sigma_{t+1} G_t^T with G_t = W_t U_t; then what the shared unknowns add.
-        Takes the place of the factorisation, for want of memory: nothing can be solved afterwards.
+        With W_t the inverse of frame t's information given all earlier frames, Sigma_t = W_t + G_t Sigma_{t+1} G_t^T
+        with G_t = W_t U_t; then what the shared unknowns add.
         """
-        blocks = self._inverses
-        del self._inverses
-        for t in reversed(range(len(blocks) - 1)):
-            gain_transposed = self._coupling.to_later(t, blocks[t])
-            blocks[t] += gain_transposed.T @ blocks[t + 1] @ gain_transposed
-        for block, response in zip(blocks, self._response, strict=True):
-            block += response @ self._shared @ response.T
-        return blocks
+        factors, size = self._band.diagonal, self._band.size
+        below = np.tri(size, k=-1, dtype=bool)
+        responses = self._back(self._border).reshape(len(factors), size, -1)
+        later = np.zeros((size, size))
+        for t in reversed(range(len(factors))):
+            lower, _ = self._potri(np.asfortranarray(factors[t]), lower=1, overwrite_c=1)
+            block = lower.T
+            np.copyto(block, lower, where=below)
+            if t < len(self._coupling):
+                by_kind = block.reshape(*self._coupling.shape[1:3], size)
+                gain_transposed = (self._coupling[t].swapaxes(1, 2) @ by_kind).reshape(size, size)
+                block += gain_transposed.T @ later @ gain_transposed
+            later = block
+            yield block + responses[t] @ self._shared @ responses[t].T
 
-    def _sweep(self, columns: Float[np.ndarray, "frame size column"]) -> Float[np.ndarray, "frame size column"]:
-        """Solution for these columns without the shared unknowns."""
-        solved = np.empty_like(columns)
-        inverses, coupling = self._inverses, self._coupling
-        for t, column in enumerate(columns):
-            reduced = column if t == 0 else column - coupling.to_later(t - 1, solved[t - 1])
-            np.matmul(inverses[t], reduced, out=solved[t])
-        for t in reversed(range(len(columns) - 1)):
-            solved[t] -= inverses[t] @ coupling.to_earlier(t, solved[t + 1])
+    def _halfway(self, columns: Float[np.ndarray, "unknown column"]) -> Float[np.ndarray, "unknown column"]:
+        """L^{-1} x, with the matrix L L^T of the frames."""
+        return self._triangular(columns, "N")
+
+    def _back(self, columns: Float[np.ndarray, "unknown column"]) -> Float[np.ndarray, "unknown column"]:
+        """L^{-T} x."""
+        return self._triangular(columns, "T")
+
+    def _triangular(self, columns: np.ndarray, trans: str) -> np.ndarray:
+        if not columns.size:  # LAPACK does not take none
+            return columns
+        solved, _ = self._tbtrs(self._factor, columns, uplo="L", trans=trans)
         return solved
-
-
-def _eliminate(
-    diagonal: Float[np.ndarray, "frame size size"], coupling: Coupling
-) -> Float[np.ndarray, "frame size size"]:
-    """W_t of every frame, in place of D_t."""
-    from scipy.linalg import get_lapack_funcs  # takes half of the import time of fgpose
-
-    potrf, potri = get_lapack_funcs(("potrf", "potri"), dtype=float)
-    below = np.tri(diagonal.shape[1], k=-1, dtype=bool)
-    for t, block in enumerate(diagonal):
-        if t and coupling.strength[t - 1].any():
-            block -= coupling.sandwich(t - 1, diagonal[t - 1])
-        # Of a C-ordered block, LAPACK's "lower" is the upper triangle; potri needs two thirds of a general inverse.
-        _, failed = potrf(block.T, lower=1, clean=0, overwrite_a=1)
-        if failed:
-            raise np.linalg.LinAlgError(f"the unknowns of frame {t} are indeterminate")
-        potri(block.T, lower=1, overwrite_c=1)
-        np.copyto(block, block.T, where=below)
-    return diagonal

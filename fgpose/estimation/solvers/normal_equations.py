@@ -1,6 +1,6 @@
 """The numpy backend: a segment of a recording as normal equations, with the same cost as the graph of gtsam_batch.
 
-All factors of a kind are evaluated in one expression, and LAPACK eliminates one frame after the other. GTSAM treats
+All factors of a kind are evaluated in one expression, and LAPACK eliminates all frames in one call. GTSAM treats
 every factor separately, which takes several times as long for a graph as regular as this one.
 """
 
@@ -18,7 +18,7 @@ from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
-from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal, Coupling
+from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
 
 # Damping as strong as a prior of 1 m on a position is as strong as one of 10 m/s on a velocity.
 DAMPING_TIME_S = 0.1
@@ -37,11 +37,12 @@ class NormalEquations:
         self._factors: list[Factors] = factors_of(segment)
         # Only motion couples frames.
         motions = next(factors for factors in self._factors if isinstance(factors, Motions))
-        self._coupling = Coupling(motions.coupling, np.repeat(motions.strength, 3, axis=1))
+        strength = np.repeat(motions.strength, 3, axis=1)
+        self._coupling = strength[..., None, None] * motions.coupling[:, None]
         n_frames, n_kinds, n_slots = len(segment.active), 1 + segment.with_velocity, len(segment.joints)
         # One array serves all iterations: it is by far the largest, and fresh memory costs as much as filling it.
-        self._frames = np.empty((n_frames, n_kinds, n_slots, 3, n_kinds, n_slots, 3))
-        self._shape = self._frames.shape[:4]
+        self._band = Band(n_frames, 3 * n_slots, n_kinds)
+        self._shape = n_frames, n_kinds, n_slots, 3
         self.step_tolerance = segment.config.solver.step_tolerance_m
         self.damping_scale = self._damping_scale()
 
@@ -87,7 +88,7 @@ class NormalEquations:
             if isinstance(factors, SharedLengths):
                 factors.add_tension(information, state)
         joints, lengths = _split(damping * self.damping_scale, self._shape)
-        np.einsum("tkjakja->tkja", self._frames)[:] += joints
+        np.einsum("tjakjak->tkja", information.frames)[:] += joints
         np.einsum("ll->l", information.corner)[:] += lengths
         try:
             return _Factorized(self._factorize(information), self._shape)
@@ -95,17 +96,18 @@ class NormalEquations:
             return None
 
     def _information(self, state: BatchState) -> Information:
-        information = Information(self._frames, len(state.lengths_m))
+        self._band.columns[:] = 0.0
+        n_frames, n_kinds, n_slots, _ = self._shape
+        by_joint = n_slots, 3, n_kinds
+        information = Information(self._band.diagonal.reshape(n_frames, *by_joint, *by_joint), len(state.lengths_m))
         for factors in self._factors:
             factors.add_information(information, state)
         return information
 
     def _factorize(self, information: Information) -> BlockTridiagonal:
         """Raises numpy.linalg.LinAlgError: not positive definite."""
-        size = int(np.prod(self._frames.shape[1:4]))
-        diagonal = self._frames.reshape(-1, size, size)
-        border = information.border.reshape(len(diagonal), size, -1)
-        return BlockTridiagonal(diagonal, self._coupling, border, information.corner)
+        border = information.border.reshape(len(information.border), self._band.size, -1)
+        return BlockTridiagonal(self._band, self._coupling, border, information.corner)
 
     def moved(self, state: BatchState, step: Float[np.ndarray, " unknown"]) -> BatchState:
         joints, lengths_m = _split(step, self._shape)
@@ -133,11 +135,16 @@ class NormalEquations:
         """
         state = self.initial()
         state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
+        n_frames, n_kinds, n_slots, _ = self._shape
+        covariance_m2 = np.empty((n_frames, n_slots, 3, 3))
         try:
-            blocks = self._factorize(self._information(state)).inverse_blocks()
+            matrix = self._factorize(self._information(state))
         except np.linalg.LinAlgError as error:
             raise ValueError(f"a joint is not held by any factor: {error}") from None
-        return self._of_all_joints(np.einsum("tjajb->tjab", blocks.reshape(self._frames.shape)[:, 0, :, :, 0]))
+        for t, block in zip(reversed(range(n_frames)), matrix.inverse_blocks(), strict=True):
+            positions_m2 = block[::n_kinds, ::n_kinds].reshape(n_slots, 3, n_slots, 3)
+            covariance_m2[t] = np.einsum("jajb->jab", positions_m2)
+        return self._of_all_joints(covariance_m2)
 
     def frame_information(
         self, positions_m: Float[np.ndarray, "frame joint 3"]
@@ -167,7 +174,9 @@ class _Factorized:
 
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
         joints, lengths = _split(right_hand_side, self.shape)
-        return np.append(*self.matrix.solve(joints.reshape(len(joints), -1), lengths))
+        by_joint = np.moveaxis(joints, 1, -1)
+        solved, solved_lengths = self.matrix.solve(by_joint.reshape(len(joints), -1), lengths)
+        return np.append(np.moveaxis(solved.reshape(by_joint.shape), -1, 1), solved_lengths)
 
 
 def _split(vector: Float[np.ndarray, " unknown"], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:

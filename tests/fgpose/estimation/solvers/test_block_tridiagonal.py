@@ -2,15 +2,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 
-from fgpose.estimation.solvers.block_tridiagonal import BlockTridiagonal, Coupling
+from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
 
 FRAMES, KINDS, UNKNOWNS, SHARED = 5, 2, 6, 3
 SIZE = KINDS * UNKNOWNS
 
 
-def random_system(kinds: int = KINDS, all_kept: bool = False) -> tuple[np.ndarray, Coupling, np.ndarray, np.ndarray]:
-    """Blocks that are strong on the diagonal, so that the whole is positive definite."""
+def random_system(kinds: int = KINDS, all_kept: bool = False) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Diagonal, coupling, border and corner. Strong on the diagonal, so that the whole is positive definite."""
     rng = np.random.default_rng(0)
     size = kinds * UNKNOWNS
     root = rng.normal(size=(FRAMES, size, size))
@@ -19,13 +20,20 @@ def random_system(kinds: int = KINDS, all_kept: bool = False) -> tuple[np.ndarra
     if not all_kept:
         strength[rng.random(strength.shape) > 0.7] = 0.0
         strength[2] = 0.0
-    coupling = Coupling(rng.normal(size=(FRAMES - 1, kinds, kinds)), strength)
+    coupling = strength[..., None, None] * rng.normal(size=(FRAMES - 1, 1, kinds, kinds))
     corner_root = rng.normal(size=(SHARED, SHARED))
     corner = corner_root @ corner_root.T + 20 * np.eye(SHARED)
     return diagonal, coupling, rng.normal(size=(FRAMES, size, SHARED)), corner
 
 
-def dense(diagonal: np.ndarray, coupling: Coupling, border: np.ndarray, corner: np.ndarray) -> np.ndarray:
+def factorized(diagonal: np.ndarray, coupling: np.ndarray, border: np.ndarray, corner: np.ndarray) -> BlockTridiagonal:
+    kinds = coupling.shape[-1]
+    band = Band(len(diagonal), diagonal.shape[1] // kinds, kinds)
+    band.diagonal[:] = diagonal
+    return BlockTridiagonal(band, coupling, border, corner)
+
+
+def dense(diagonal: np.ndarray, coupling: np.ndarray, border: np.ndarray, corner: np.ndarray) -> np.ndarray:
     """The same matrix, written out block by block."""
     n_frames, size = diagonal.shape[:2]
     whole = np.zeros((n_frames * size + len(corner),) * 2)
@@ -36,9 +44,8 @@ def dense(diagonal: np.ndarray, coupling: Coupling, border: np.ndarray, corner: 
         whole[n_frames * size :, at] = border[t].T
         if t < n_frames - 1:
             after = slice((t + 1) * size, (t + 2) * size)
-            block = np.kron(coupling.matrices[t], np.diag(coupling.strength[t]))
-            whole[at, after] = block
-            whole[after, at] = block.T
+            whole[at, after] = block_diag(*coupling[t])
+            whole[after, at] = block_diag(*coupling[t]).T
     whole[n_frames * size :, n_frames * size :] = corner
     assert np.linalg.eigvalsh(whole).min() > 1
     return whole
@@ -52,7 +59,7 @@ def test_solves_what_the_dense_matrix_solves(kinds: int, all_kept: bool) -> None
     rng = np.random.default_rng(1)
     frames, shared = rng.normal(size=(FRAMES, kinds * UNKNOWNS)), rng.normal(size=SHARED)
     expected = np.linalg.solve(whole, np.concatenate([frames.ravel(), shared]))
-    solved, solved_shared = BlockTridiagonal(*system).solve(frames, shared)
+    solved, solved_shared = factorized(*system).solve(frames, shared)
     # rounding: the condition number is below 100
     np.testing.assert_allclose(np.concatenate([solved.ravel(), solved_shared]), expected, atol=1e-13)
 
@@ -61,15 +68,14 @@ def test_solves_what_the_dense_matrix_solves(kinds: int, all_kept: bool) -> None
 def test_diagonal_blocks_of_the_inverse_are_those_of_the_dense_inverse(all_kept: bool) -> None:
     system = random_system(all_kept=all_kept)
     inverse = np.linalg.inv(dense(*system))
-    for t, block in enumerate(BlockTridiagonal(*system).inverse_blocks()):
+    for t, block in enumerate(reversed(list(factorized(*system).inverse_blocks()))):
         at = slice(t * SIZE, (t + 1) * SIZE)
         np.testing.assert_allclose(block, inverse[at, at], atol=1e-14)
 
 
 def test_one_frame_without_anything_shared() -> None:
     diagonal, coupling, border, corner = random_system()
-    alone = Coupling(coupling.matrices[:0], coupling.strength[:0])
-    system = BlockTridiagonal(diagonal[:1].copy(), alone, border[:1, :, :0], corner[:0, :0])
+    system = factorized(diagonal[:1], coupling[:0], border[:1, :, :0], corner[:0, :0])
     solved, shared = system.solve(np.ones((1, SIZE)), np.zeros(0))
     np.testing.assert_allclose(solved[0], np.linalg.solve(diagonal[0], np.ones(SIZE)), atol=1e-14)
     assert shared.shape == (0,)
@@ -79,10 +85,10 @@ def test_what_nothing_determines_is_an_error_that_names_the_frame() -> None:
     diagonal, coupling, border, corner = random_system()
     diagonal[2] = 0.0
     with pytest.raises(np.linalg.LinAlgError, match="frame 2"):
-        BlockTridiagonal(diagonal, coupling, border, corner)
+        factorized(diagonal, coupling, border, corner)
 
 
 def test_shared_unknowns_that_nothing_determines_are_an_error() -> None:
     diagonal, coupling, border, _ = random_system()
     with pytest.raises(np.linalg.LinAlgError, match="shared"):
-        BlockTridiagonal(diagonal, coupling, border, np.zeros((SHARED, SHARED)))
+        factorized(diagonal, coupling, border, np.zeros((SHARED, SHARED)))

@@ -169,7 +169,8 @@ def shared_lengths(segment: Segment) -> SharedLengths:
 
 
 def no_information(state: BatchState) -> Information:
-    return Information(np.empty((*state.joints.shape, *state.joints.shape[1:])), len(state.lengths_m))
+    n_frames, n_kinds, n_slots, _ = state.joints.shape
+    return Information(np.zeros((n_frames, *2 * (n_slots, 3, n_kinds))), len(state.lengths_m))
 
 
 def test_tension_is_the_curvature_that_gauss_newton_leaves_out(walking_scene, rig):
