@@ -1,11 +1,11 @@
 """Levenberg-Marquardt over any least-squares problem: the graph of one frame, or a recording in either form.
 
-Where joints are barely determined, the textbook method oscillates or converges slowly. Four additions avoid this at
+Where joints are barely determined, the textbook method oscillates or converges slowly. Five additions avoid this at
 little cost: the damping follows the gain ratio (Nielsen 1999, "Damping parameter in Marquardt's method"), a step is
 corrected for residuals that bend within it (as by Transtrum and Sethna 2012, "Improvements to the Levenberg-Marquardt
 algorithm for nonlinear least-squares minimization", with the whole remainder instead of its second order), a
-factorisation serves for several iterations while they contract (the chord method), and the steps of several iterations
-are combined (fgpose.estimation.solvers.anderson).
+factorisation serves for several iterations while they contract (the chord method), the steps of several iterations
+are combined (fgpose.estimation.solvers.anderson), and steps that do not contract are prolonged.
 """
 
 from __future__ import annotations
@@ -35,9 +35,10 @@ _ROUNDING = 1e-12
 _CORRECTED_FROM_M = 0.005
 # A correction that is longer than this share of its step cannot be relied on.
 _MOST_CORRECTION = 0.5
-# A factorisation is replaced after a step that is longer than this, or hardly shorter than the step before.
+# A step that is longer than this share of the one before is hardly shorter.
+_CONTRACTION = 0.8
+# A factorisation is replaced after such a step, or one that is longer than this.
 _CHORD_REACH_M = 0.02
-_CHORD_CONTRACTION = 0.8
 
 State = TypeVar("State")
 Vector = Float[np.ndarray, " unknown"]
@@ -139,8 +140,9 @@ class _Search(Generic[State]):
                 step = -self._system.solve(gradient)
                 decrease = self._predicted_decrease(gradient, step)
                 if self._take_whole(self._corrected(self._system, step), decrease):
+                    self._prolong(step)
                     return self._settled(step, decrease if fresh else None)
-                if self._take_part(gradient, step):
+                if fresh and self._take_part(gradient, step):
                     self._damp_more()
                     return np.inf
             if fresh:
@@ -171,6 +173,20 @@ class _Search(Generic[State]):
             self._take(step, step, -_ROUNDING * self.error)
         )
 
+    def _prolong(self, step: Vector) -> None:
+        """Go on in the direction of a step that is hardly shorter than the last one, twice as far each time, while the
+        error falls: away from a saddle, where a step is too short because the curvature is really negative."""
+        if self._problem.step_size(step) < _CONTRACTION * self._last_size:
+            return
+        while True:
+            step = 2 * step
+            state = self._problem.moved(self.state, step)
+            error = self._problem.error(state)
+            if not error < self.error:
+                return
+            self.state, self.error = state, error
+            self._acceleration.forget()
+
     def _take_part(self, gradient: Vector, step: Vector) -> bool:
         """Take a part of the step; the quadratic model predicts a decrease of f (1 - f / 2) of the slope."""
         slope = -float(np.dot(gradient, step))
@@ -197,7 +213,7 @@ class _Search(Generic[State]):
             self._damping, self._growth = decreased if decreased >= _DAMPING_LEAST else 0.0, _DAMPING_GROWTH
         if self._damping != damping:
             self._forget()
-        elif size > min(_CHORD_REACH_M, _CHORD_CONTRACTION * self._last_size):
+        elif size > min(_CHORD_REACH_M, _CONTRACTION * self._last_size):
             self._system = None
         self._last_size = size
         return size if damping <= _DAMPING_START else np.inf
