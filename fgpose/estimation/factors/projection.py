@@ -74,7 +74,7 @@ class Projections:
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
         weighted, _, residual_px = self._linearized(state.joints[:, 0])
-        gradient.joints[:, 0] += (weighted @ residual_px[..., None])[..., 0]
+        gradient.joints[:, 0] += np.einsum("tjia,tji->tja", weighted, residual_px)
 
     def add_information(self, information: Information, state: BatchState) -> None:
         information.single_positions[:] += self.information(state.joints[:, 0])
@@ -82,17 +82,17 @@ class Projections:
     def information(self, positions_m: Float[np.ndarray, "frame slot 3"]) -> Float[np.ndarray, "frame slot 3 3"]:
         """On each position, 1/m^2."""
         weighted, jacobian, _ = self._linearized(positions_m)
-        return weighted @ jacobian
+        return np.einsum("tjia,tjib->tjab", weighted, jacobian)
 
     @cached_property
     def _precision(self) -> Float[np.ndarray, "frame slot"]:
         return self.sigma_px**-2
 
     def _linearized(self, positions_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Weighted transposed Jacobian, Jacobian and residual."""
+        """Weighted Jacobian, Jacobian and residual."""
         residual_px, jacobian = self._project(positions_m)
         weight = self._precision * robust_weight(self._squared(residual_px), self.kernel, self.kernel_scale)
-        return (weight[..., None, None] * jacobian).swapaxes(-1, -2), jacobian, residual_px
+        return weight[..., None, None] * jacobian, jacobian, residual_px
 
     def _squared(self, residual_px: np.ndarray) -> Float[np.ndarray, "frame slot"]:
         return self._precision * np.einsum("tji,tji->tj", residual_px, residual_px)
