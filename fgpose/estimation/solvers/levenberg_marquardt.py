@@ -36,9 +36,9 @@ _CORRECTED_FROM_M = 0.005
 # A correction that is longer than this share of its step cannot be relied on.
 _MOST_CORRECTION = 0.5
 # A step that is longer than this share of the one before is hardly shorter.
-_CONTRACTION = 0.8
+_CONTRACTION = 0.95
 # A factorisation is replaced after such a step, or one that is longer than this.
-_CHORD_REACH_M = 0.02
+_CHORD_REACH_M = 0.06
 
 State = TypeVar("State")
 Vector = Float[np.ndarray, " unknown"]
