@@ -71,13 +71,14 @@ class DetectionResiduals:
     ) -> DetectionResiduals:
         """Of the detections as they were when the pose was found: the smaller the standard deviation of a camera was
         there, the more the pose follows that camera, and the less its residuals tell."""
-        residual_px = np.empty(evidence.undistorted_px.shape)
-        jacobian = np.empty((*residual_px.shape, 3))
+        # Fortran order has the frames innermost: with the coordinates inside, numpy takes several times as long.
+        residual_px = np.empty(evidence.undistorted_px.shape, order="F")
+        jacobian = np.empty((*residual_px.shape, 3), order="F")
         for number, camera in enumerate(rig.cameras):
             measured_px = evidence.undistorted_px[:, number]
             of_camera = projection_residual(positions_m, camera.camera_T_world, camera.K, measured_px)
             residual_px[:, number], (jacobian[:, number],) = of_camera
-        seen = np.asarray(np.isfinite(residual_px).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2)))
+        seen = np.ascontiguousarray(np.isfinite(residual_px).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2)))
         residual_px[~seen], jacobian[~seen] = 0.0, 0.0
         px_per_m = np.where(seen, rig.px_per_m(positions_m), 1.0)
         length_m = np.linalg.norm(residual_px, axis=-1) / px_per_m
@@ -86,9 +87,10 @@ class DetectionResiduals:
         kernel = robust_weight(squared, projection.kernel, projection.kernel_scale)
         information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)[..., None, None]
         # As if the frames nearby had the same weights: their errors are correlated, and only the ratios count.
-        of_cameras = np.sum(jacobian.swapaxes(-1, -2) @ (information * jacobian), axis=1)
+        of_cameras = np.einsum("tcjia,tcjib->tjab", information * jacobian, jacobian)
         covariance_m2 = np.linalg.inv(of_cameras + np.eye(3) / _PREDICTED_M[config.motion.model] ** 2)
-        projected_px2 = jacobian @ covariance_m2[:, None] @ jacobian.swapaxes(-1, -2)
+        by_camera = np.einsum("tcjia,tjab->tcjib", jacobian, np.asfortranarray(covariance_m2))
+        projected_px2 = np.einsum("tcjib,tcjkb->tcjik", by_camera, jacobian)
         left = np.eye(2) - information * projected_px2
         without = _inverse(left)
         return DetectionResiduals(
@@ -98,8 +100,8 @@ class DetectionResiduals:
             px_per_m=px_per_m,
             weights=weights,
             redundancy=np.trace(left, axis1=-2, axis2=-1) / 2,
-            predictive_px=(without @ residual_px[..., None])[..., 0],
-            predictive_px2=without @ projected_px2,
+            predictive_px=np.einsum("tcjik,tcjk->tcji", without, residual_px),
+            predictive_px2=np.einsum("tcjik,tcjkl->tcjil", without, projected_px2),
             length_m=length_m,
         )
 
@@ -166,8 +168,8 @@ class DetectionResiduals:
     ) -> Float[np.ndarray, "frame camera joint"]:
         """Of the predictive residual, up to a constant: an elliptical distribution."""
         covariance_px2 = self.predictive_px2 + (scale_px**2)[..., None, None] * np.eye(2)
-        whitened = (_inverse(covariance_px2) @ self.predictive_px[..., None])[..., 0]
-        squared = np.sum(self.predictive_px * whitened, axis=-1)
+        whitened = np.einsum("tcjik,tcjk->tcji", _inverse(covariance_px2), self.predictive_px)
+        squared = np.einsum("tcji,tcji->tcj", self.predictive_px, whitened)
         return radial(squared) - 0.5 * np.log(_determinant(covariance_px2))
 
     def _log_density_at_others(
@@ -175,10 +177,11 @@ class DetectionResiduals:
     ) -> Float[np.ndarray, "frame camera joint"]:
         """As _log_density, if another joint of the person was detected."""
         projected_px = rig.project(self.positions_m)
-        distance_px2 = np.sum((self.undistorted_px[:, :, :, None] - projected_px[:, :, None]) ** 2, axis=-1)
+        by_axis = zip(np.moveaxis(self.undistorted_px, -1, 0), np.moveaxis(projected_px, -1, 0), strict=True)
+        distance_px2 = sum((detected[..., None] - others[:, :, None]) ** 2 for detected, others in by_axis)
         # Both the detection and the projection err.
-        squared = np.where(np.isfinite(distance_px2), distance_px2 / (2 * spread_px[..., None] ** 2), np.inf)
-        density = np.einsum("tcjk,jk->tcj", np.exp(-squared / 2), _share_of_others(skeleton))
+        density = np.nan_to_num(np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2)))
+        density = np.einsum("tcjk,jk->tcj", density, _share_of_others(skeleton))
         return np.log(np.maximum(density, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
 
 

@@ -23,19 +23,20 @@ class PointPriors:
     kernel_scale: float
 
     def error(self, state: BatchState) -> float:
-        residual_m = state.joints[:, 0] - self.positions_m
-        return float(robust_loss(self._squared(residual_m), self.kernel, self.kernel_scale).sum())
+        _, squared = self._residual(state)
+        return float(robust_loss(squared, self.kernel, self.kernel_scale).sum())
 
     def add_gradient(self, gradient: BatchState, state: BatchState) -> None:
-        residual_m = state.joints[:, 0] - self.positions_m
-        gradient.joints[:, 0] += (self._weighted(residual_m) @ residual_m[..., None])[..., 0]
+        pull, squared = self._residual(state)
+        gradient.joints[:, 0] += robust_weight(squared, self.kernel, self.kernel_scale)[..., None] * pull
 
     def add_information(self, information: Information, state: BatchState) -> None:
-        information.single_positions[:] += self._weighted(state.joints[:, 0] - self.positions_m)
+        _, squared = self._residual(state)
+        weight = robust_weight(squared, self.kernel, self.kernel_scale)
+        information.single_positions[:] += weight[..., None, None] * self.information
 
-    def _weighted(self, residual_m: np.ndarray) -> Float[np.ndarray, "frame slot 3 3"]:
-        weight = robust_weight(self._squared(residual_m), self.kernel, self.kernel_scale)
-        return weight[..., None, None] * self.information
-
-    def _squared(self, residual_m: np.ndarray) -> Float[np.ndarray, "frame slot"]:
-        return np.einsum("tji,tjik,tjk->tj", residual_m, self.information, residual_m)
+    def _residual(self, state: BatchState) -> tuple[Float[np.ndarray, "frame slot 3"], Float[np.ndarray, "frame slot"]]:
+        """Information times residual, and the squared whitened residual."""
+        residual_m = state.joints[:, 0] - self.positions_m
+        pull = np.einsum("tjik,tjk->tji", self.information, residual_m)
+        return pull, np.einsum("tji,tji->tj", residual_m, pull)
