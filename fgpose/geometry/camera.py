@@ -145,14 +145,6 @@ class Camera:
         )
         return normalized * np.diag(self.K)[:2] + self.K[:2, 2]
 
-    def px_per_m(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points"]:
-        """Scale of the image at world points: root mean square, over the two axes of the image, of how far the image
-        of a point moves at most for each metre that the point moves. NaN at or behind the camera."""
-        in_camera = self.to_camera_frame(points_m)
-        depth_m = np.where(in_camera[..., 2] > _MIN_DEPTH_M, in_camera[..., 2], np.nan)
-        of_axes = np.diag(self.K)[:2] * np.sqrt(1 + (in_camera[..., :2] / depth_m[..., None]) ** 2) / depth_m[..., None]
-        return np.sqrt(np.mean(of_axes**2, axis=-1))
-
     def ray(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 3"]:
         """Unit directions in the world frame of the rays through undistorted pixels; they start at position_m."""
         normalized = (undistorted_px - self.K[:2, 2]) / np.diag(self.K)[:2]
@@ -276,11 +268,37 @@ class CameraRig:
 
     def project(self, points_m: Float[np.ndarray, "*points joint 3"]) -> Float[np.ndarray, "*points camera joint 2"]:
         """Undistorted pixels of world points in every camera; NaN behind a camera."""
-        return np.stack([camera.project(points_m) for camera in self.cameras], axis=-3)
+        normalized, _ = self._normalized(points_m)
+        return normalized * self._focal_px + self._centre_px
 
     def px_per_m(self, points_m: Float[np.ndarray, "*points joint 3"]) -> Float[np.ndarray, "*points camera joint"]:
-        """Scale of each camera's image at world points; see Camera.px_per_m."""
-        return np.stack([camera.px_per_m(points_m) for camera in self.cameras], axis=-2)
+        """Scale of each camera's image at world points: root mean square, over the two axes of the image, of how far
+        the image of a point moves at most for each metre that the point moves. NaN at or behind a camera."""
+        normalized, depth_m = self._normalized(points_m)
+        return np.sqrt(np.sum(self._focal_px**2 * (1 + normalized**2), axis=-1) / 2) / depth_m[..., 0]
+
+    def _normalized(
+        self, points_m: Float[np.ndarray, "*points joint 3"]
+    ) -> tuple[Float[np.ndarray, "*points camera joint 2"], Float[np.ndarray, "*points camera joint 1"]]:
+        """Image of world points at unit focal length, and their depth; NaN at or behind a camera."""
+        camera_T_world = self._camera_T_world
+        in_camera = (
+            points_m[..., None, :, :] @ camera_T_world[:, :3, :3].swapaxes(1, 2) + camera_T_world[:, None, :3, 3]
+        )
+        depth_m = np.where(in_camera[..., 2:] > _MIN_DEPTH_M, in_camera[..., 2:], np.nan)
+        return in_camera[..., :2] / depth_m, depth_m
+
+    @cached_property
+    def _camera_T_world(self) -> Float[np.ndarray, "camera 4 4"]:
+        return np.stack([camera.camera_T_world for camera in self.cameras])
+
+    @cached_property
+    def _focal_px(self) -> Float[np.ndarray, "camera 1 2"]:
+        return np.stack([np.diag(camera.K)[None, :2] for camera in self.cameras])
+
+    @cached_property
+    def _centre_px(self) -> Float[np.ndarray, "camera 1 2"]:
+        return np.stack([camera.K[None, :2, 2] for camera in self.cameras])
 
     def undistort(
         self, points_px: Float[np.ndarray, "*frames camera joint 2"]
