@@ -98,9 +98,10 @@ def _n_factors(estimator: fgpose.Estimator) -> int:
 
 def _most_factors(soak: Soak, longest: int) -> int:
     """That a window of so many frames can have: for each joint its detections and depths, a bone, motion, fading, an
-    anchor, two priors, and what was marginalised. Unused slots are kept, so it is the longest window that counts."""
+    anchor, two priors, and what was marginalised. Unused slots are kept, so it is the longest window that counts; and
+    it counts twice, for a factor that is replaced leaves its slot after the other has come."""
     per_joint = 2 * soak.rig.n_cameras + 7
-    return per_joint * soak.skeleton.n_joints * (longest + 2)
+    return per_joint * soak.skeleton.n_joints * (2 * longest + 2)
 
 
 def _refused(estimator: fgpose.Estimator, frames: list[fgpose.Observations]) -> None:

@@ -32,7 +32,7 @@ FLOORS = (
 # The same within the largest room.
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
-    {"online_covariance", "online_factors"},
+    {"bone_lengths", "online_covariance", "online_factors"},
     {"solvers"},
     {"factors"},
     {"frame_state", "images", "visibility"},
@@ -41,7 +41,6 @@ ESTIMATION_FLOORS = (
     {"evidence"},
     {
         "arrivals",
-        "bone_lengths",
         "clock_offsets",
         "delays",
         "elimination",

@@ -111,6 +111,11 @@ class DetectionResiduals:
         return self.seen.sum(axis=1, keepdims=True) >= 2
 
     @property
+    def of_seen(self) -> tuple[Float[np.ndarray, "frame camera joint"], Float[np.ndarray, "frame camera joint"]]:
+        """length_m and px_per_m; NaN where not seen."""
+        return np.where(self.seen, self.length_m, np.nan), np.where(self.seen, self.px_per_m, np.nan)
+
+    @property
     def tells(self) -> Bool[np.ndarray, "frame camera joint"]:
         """Whose residual tells how large the errors of detections are."""
         return self.seen & self.several & (self.redundancy > _LEAST_REDUNDANCY)

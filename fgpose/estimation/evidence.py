@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -105,6 +106,13 @@ class Evidence:
         of_depths = share[:, : self.depth_sigma_m.shape[1]]  # one for every camera, or none at all
         return replace(self, weights=self.weights * share, depth_sigma_m=self.depth_sigma_m / np.sqrt(of_depths))
 
+    def _with_views(self, n_views: int) -> Evidence:
+        """With so many views without depth, instead of none."""
+        frames, _, joints = self.depth_sigma_m.shape
+        nothing = np.full((frames, n_views, joints), np.nan)
+        nowhere = nothing[..., None].repeat(3, axis=-1)
+        return replace(self, views_m=nowhere, rays=nowhere, depth_sigma_m=nothing)
+
     def frames(self, frames: slice | np.ndarray) -> Evidence:
         """Some of the frames."""
         return Evidence(**{name: array[frames] for name, array in vars(self).items()})
@@ -115,15 +123,22 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     observations.check_cameras(rig.names)
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [_gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config) for start in starts]
-    evidence = Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+    evidence = joined(parts)
     _refuse_millimetres(evidence.guess_m)
     return evidence
+
+
+def joined(parts: Sequence[Evidence]) -> Evidence:
+    """Of parts that follow each other; some may have depths and others none."""
+    most = max(part.depth_sigma_m.shape[1] for part in parts)
+    parts = [part if part.depth_sigma_m.shape[1] == most else part._with_views(most) for part in parts]
+    return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
 def _refuse_millimetres(positions_m: Float[np.ndarray, "frame joint 3"]) -> None:
     """Raise ValueError when the joints are implausibly far apart: the rig's lengths are millimetres, not metres."""
     known = positions_m[np.asarray(np.isfinite(positions_m).any(axis=(1, 2)))]
-    if not len(known):
+    if not len(known) or np.nanmax(known) - np.nanmin(known) < _MAX_BODY_M:  # medians would take ten times as long
         return
     centre_m = np.nanmedian(known, axis=1, keepdims=True)
     size_m = float(np.nanmedian(np.linalg.norm(known - centre_m, axis=-1)))

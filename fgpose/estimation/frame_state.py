@@ -25,8 +25,10 @@ class FrameState:
     """Of this frame, all cameras of the rig; an image that has not come yet shows nothing."""
     image_time_s: Float[np.ndarray, " camera"]
     """When each camera took its image; NaN if it has not come yet."""
-    evidence: Evidence
+    gathered: Evidence
     """Of this frame, its detections moved to the time of the frame."""
+    evidence: Evidence
+    """The same as it is in the graph: weighted by the probability that each detection is of its joint."""
     positions_m: Float[np.ndarray, "joint 3"]
     velocities_mps: Float[np.ndarray, "joint 3"]
     active: Bool[np.ndarray, " joint"]
@@ -36,14 +38,25 @@ class FrameState:
     status: np.ndarray
     unseen_s: Float[np.ndarray, " joint"]
     """Time since any camera saw each joint."""
-    trust: Float[np.ndarray, "camera joint"]
-    """Share of its weight that each detection has in the graph: little where the joint was probably hidden from the
-    camera in the frame before."""
 
     @property
-    def trusted(self) -> Evidence:
-        """The evidence, with the weights that the detections have in the graph."""
-        return self.evidence.trusted(self.trust[None])
+    def unjudged(self) -> Evidence:
+        """With the weights as gathered, and the standard deviations of the graph."""
+        return replace(self.gathered, sigma_px=self.evidence.sigma_px)
+
+    def would_change(self, evidence: Evidence, by_share: float) -> Bool[np.ndarray, " joint"]:
+        """Which joints have a detection whose weight would change by more than this share of its weight as gathered."""
+        share = np.abs(evidence.weights - self.evidence.weights) / self.gathered.weights
+        return np.asarray((evidence.detected & (share > by_share)).any(axis=(0, 1)))
+
+    def weighted(self, evidence: Evidence, joints: Bool[np.ndarray, " joint"]) -> FrameState:
+        """The frame with the weights and standard deviations of this evidence for some joints."""
+        changed: dict[str, np.ndarray] = {}
+        for name in ("weights", "sigma_px", "depth_sigma_m"):
+            own = getattr(self.evidence, name)
+            of_others = getattr(evidence, name)[:, : own.shape[1]]  # nothing where this frame has no depths
+            changed[name] = np.where(joints, of_others, own)
+        return replace(self, evidence=replace(self.evidence, **changed))
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The frame with the probability that each of its detections is of its joint."""
@@ -75,8 +88,8 @@ class FrameState:
         self,
         observations: Observations,
         image_time_s: Float[np.ndarray, " camera"],
+        gathered: Evidence,
         evidence: Evidence,
-        trust: Float[np.ndarray, "camera joint"],
         entering: Bool[np.ndarray, " joint"],
     ) -> FrameState:
         """The frame with another image, by which these joints are triangulated for the first time."""
@@ -85,8 +98,8 @@ class FrameState:
             self,
             observations=observations,
             image_time_s=image_time_s,
+            gathered=gathered,
             evidence=evidence,
-            trust=trust,
             positions_m=np.where(entering[:, None], evidence.guess_m[0], self.positions_m),
             velocities_mps=np.where(entering[:, None], 0.0, self.velocities_mps),
             active=active,

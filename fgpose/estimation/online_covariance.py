@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import ErrorCorrelation, with_correlated_errors
@@ -44,19 +43,19 @@ def online_covariance_m2(
         correlated_m2 = with_correlated_errors(
             linear_m2, _frame_information(state, rig, config), step_s, ErrorCorrelation()
         )
-        factor = distrust_factor_online(_probable_weight(state.evidence), state.evidence.total_weight[0])
+        factor = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
     return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
 
 
-def _probable_weight(evidence: Evidence) -> Float[np.ndarray, " joint"]:
+def _probable_weight(state: FrameState) -> Float[np.ndarray, " joint"]:
     """As Evidence.total_weight, of the detections that are of their joint."""
-    return replace(evidence, weights=evidence.weights * evidence.visibility).total_weight[0]
+    return replace(state.gathered, weights=state.gathered.weights * state.evidence.visibility).total_weight[0]
 
 
 def _frame_information(state: FrameState, rig: CameraRig, config: Config) -> Float[np.ndarray, "active_joint 3 3"]:
     """Of the detections of this frame alone."""
-    joints, evidence = state.joints, state.trusted
+    joints, evidence = state.joints, state.evidence
     detections = evidence.undistorted_px[:, :, joints], evidence.detection_sigma_px[:, :, joints]
     points_m = state.positions_m[None, joints]
     return detection_information(rig, *detections, points_m, config.projection)[0]

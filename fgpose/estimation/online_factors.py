@@ -26,10 +26,10 @@ def segment_of(
         rig=rig,
         skeleton=state.observations.skeleton,
         config=config,
-        evidence=state.trusted,
+        evidence=state.evidence,
         active=state.active[None],
-        lengths_m=lengths.median_m(),
-        length_sigma_m=lengths.sigma_m(),
+        lengths_m=lengths.lengths_m,
+        length_sigma_m=lengths.sigma_m,
         process_density=density[None],
         lengths_known=True,
         initial_m=state.positions_m[None],
@@ -39,13 +39,15 @@ def segment_of(
 
 
 def own_factors(segment: Segment, state: FrameState) -> gtsam.NonlinearFactorGraph:
-    """All factors of a frame but those to the frame before."""
-    graph, (values, _) = gtsam.NonlinearFactorGraph(), variables(state, state.active, segment.config)
+    """All factors of a segment of one frame but those to the frame before."""
+    graph, values = gtsam.NonlinearFactorGraph(), None
     for factors in factors_of(segment):
         if not isinstance(factors, Motions):
             for factor in factors.graph_factors(segment.keys):
-                # No Python callback may be left in iSAM2.
-                graph.add(freeze(factor, values) if isinstance(factor, gtsam.CustomFactor) else factor)
+                if isinstance(factor, gtsam.CustomFactor):  # no Python callback may be left in iSAM2
+                    values = variables(state, state.active, segment.config)[0] if values is None else values
+                    factor = freeze(factor, values)
+                graph.add(factor)
     return graph
 
 
@@ -60,11 +62,19 @@ def link_factors(segment: Segment) -> gtsam.NonlinearFactorGraph:
 
 def variables(state: FrameState, which: Bool[np.ndarray, " joint"], config: Config) -> tuple[gtsam.Values, list[int]]:
     """First guesses of these joints, and their keys."""
-    values, keys = gtsam.Values(), []
-    for joint in np.flatnonzero(which).tolist():
-        keys.append(position_key(joint, state.at.frame))
-        values.insert(keys[-1], state.positions_m[joint])
-        if config.motion.model == "constant_velocity":
-            keys.append(velocity_key(joint, state.at.frame))
-            values.insert(keys[-1], state.velocities_mps[joint])
+    values, keys = gtsam.Values(), keys_of(state, which, config)
+    guesses = [state.positions_m[which], *([state.velocities_mps[which]] if _has_velocity(config) else [])]
+    for key, guess in zip(keys, np.concatenate(guesses), strict=True):
+        values.insert(key, guess)
     return values, keys
+
+
+def keys_of(state: FrameState, which: Bool[np.ndarray, " joint"], config: Config) -> list[int]:
+    """Of the positions of these joints and, with constant velocity, of their velocities."""
+    joints, frame = np.flatnonzero(which).tolist(), state.at.frame
+    keys = [position_key(joint, frame) for joint in joints]
+    return keys + [velocity_key(joint, frame) for joint in joints] if _has_velocity(config) else keys
+
+
+def _has_velocity(config: Config) -> bool:
+    return config.motion.model == "constant_velocity"

@@ -9,6 +9,7 @@ expectation-maximisation, in fgpose.estimation.smoother).
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
@@ -62,22 +63,21 @@ def judged(
         config: robust kernel, motion model and the priors.
     """
     residuals, priors = DetectionResiduals.of(positions_m, evidence, rig, config), config.visibility
-    step_s = _steps_s(evidence.time_s)
+    step_s, chain = _steps_s(evidence.time_s), Chain(priors)
     spread_m = residuals.spread_m(priors.sigma_m, float(np.median(_independent(step_s, CORRELATION_S))))
-    moved_m = _moved_m(_speed_mps(positions_m, evidence.time_s))
-    log_odds = residuals.log_odds(np.hypot(spread_m[:, None], moved_m[:, None]), rig, skeleton, priors)
-    tempered = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
-    probability = Chain(priors).posterior(tempered, step_s)
-    length_m, px_per_m = (np.where(residuals.seen, each, np.nan) for each in (residuals.length_m, residuals.px_per_m))
-    hidden = hidden_information(length_m, spread_m, priors)
-    known = replace(with_spread(evidence, spread_m, px_per_m), visibility=probability)
-    return known.trusted(_share(probability, evidence.weights, hidden, step_s[:, None, None]))
+    spread_of_joint_m = np.hypot(spread_m[:, None], _moved_m(_speed_mps(positions_m, evidence.time_s))[:, None])
+    log_odds = residuals.log_odds(spread_of_joint_m, rig, skeleton, priors)
+    log_odds = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
+    probability = chain.smoothed(chain.filtered(log_odds, step_s), log_odds, step_s)
+    return _known(evidence, *residuals.of_seen, spread_m, probability, step_s[:, None, None], priors)
 
 
 class RunningVisibility:
-    """The same frame by frame: forward only, and the spread of each camera from the last seconds.
+    """The same online: forward for the newest frame, forward and backward for the window, the spread of each camera
+    from the last seconds.
 
-    The posterior of a frame is known after the solver has run. So it weights the detections of the next frame.
+    What a pose tells about its frame is known after the solver has run. So it weights the detections of the next frame,
+    and those of the window when that is judged again.
     """
 
     def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config) -> None:
@@ -88,6 +88,9 @@ class RunningVisibility:
         self._last_s = np.full((n_cameras, 1), -np.inf)
         self._spread_m = np.full(n_cameras, config.visibility.sigma_m)
         self._measurements = np.zeros(n_cameras)
+        # Time and filtered probability of every frame in the window, and of the one before it.
+        self._window: deque[tuple[float, Float[np.ndarray, "camera joint"]]] = deque()
+        self._before = -np.inf, self._probability
 
     @property
     def probability(self) -> Float[np.ndarray, "camera joint"]:
@@ -106,19 +109,55 @@ class RunningVisibility:
         rig: CameraRig,
         is_new: Bool[np.ndarray, " camera"],
     ) -> None:
-        """Take the pose of a frame and its detections; only those of new images are evidence."""
+        """Take the pose of the newest frame and its detections; only those of new images are evidence."""
         if not self._on:
             return
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
         since_s = self._since_s(evidence)
-        moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
-        spread_m = np.hypot(self._spread_m[:, None], moved_m)[None]
-        log_odds = residuals.log_odds(spread_m, rig, self._skeleton, self._config.visibility)[0]
-        tempered = np.where(residuals.several[0], log_odds, 0.0) * _independent(since_s, _CORRELATION_S)
-        updated = self._chain.updated(self._chain.predicted(self._probability, since_s), tempered)
+        log_odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * _independent(since_s, _CORRELATION_S)
+        updated = self._chain.updated(self._chain.predicted(self._probability, since_s), log_odds)
         self._probability = np.where(is_new[:, None], updated, self._probability)
         self._last_s = np.where(is_new[:, None], evidence.time_s[0], self._last_s)
+        if self._window and self._window[-1][0] == evidence.time_s[0]:
+            self._window.pop()
+        self._window.append((float(evidence.time_s[0]), self._probability))
         self._learn_spread(since_s, residuals, is_new)
+
+    def judged(
+        self,
+        evidence: Evidence,
+        positions_m: Float[np.ndarray, "frame joint 3"],
+        velocities_mps: Float[np.ndarray, "frame joint 3"],
+        rig: CameraRig,
+    ) -> Evidence:
+        """The evidence of the newest frames in the window, with what their poses tell about it; see the function of
+        this name."""
+        if not self._on:
+            return evidence
+        residuals = DetectionResiduals.of(positions_m, evidence, rig, self._config)
+        for _ in evidence.time_s:
+            self._window.pop()
+        before_s, before = self._window[-1] if self._window else self._before
+        step_s = np.diff(evidence.time_s, prepend=before_s)
+        log_odds = self._log_odds(residuals, velocities_mps, rig) * _independent(step_s, _CORRELATION_S)[:, None, None]
+        filtered = self._chain.filtered(log_odds, step_s, before)
+        self._window.extend(zip(evidence.time_s.tolist(), filtered, strict=True))
+        probability = self._chain.smoothed(filtered, log_odds, step_s)
+        seen, priors = residuals.of_seen, self._config.visibility
+        return _known(evidence, *seen, self._spread_m, probability, step_s[:, None, None], priors)
+
+    def marginalise(self) -> None:
+        """The oldest frame leaves the window."""
+        if self._window:
+            self._before = self._window.popleft()
+
+    def _log_odds(
+        self, residuals: DetectionResiduals, velocities_mps: Float[np.ndarray, "frame joint 3"], rig: CameraRig
+    ) -> Float[np.ndarray, "frame camera joint"]:
+        moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
+        spread_m = np.hypot(self._spread_m[:, None], moved_m[:, None])
+        log_odds = residuals.log_odds(spread_m, rig, self._skeleton, self._config.visibility)
+        return np.where(residuals.several, log_odds, 0.0)
 
     def _learn_spread(
         self, since_s: Float[np.ndarray, "camera 1"], residuals: DetectionResiduals, is_new: Bool[np.ndarray, " camera"]
@@ -132,29 +171,36 @@ class RunningVisibility:
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
         self._spread_m = np.maximum(self._spread_m * np.exp(logs), LEAST_SPREAD_M)
 
-    def before(
-        self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
-    ) -> tuple[Float[np.ndarray, "camera joint"], Evidence]:
-        """What is known of the detections of the next frame, before it is solved.
+    def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:
+        """The evidence of the next frame with what is known of it before it is solved.
 
         Args:
             evidence: of the next frame.
             positions_m: the predicted pose.
             rig: the cameras.
-
-        Returns:
-            Share of its weight, in [0, 1], that each detection should have, and the evidence with the standard
-            deviations learned so far.
         """
         if not self._on:
-            return np.ones(self._probability.shape), evidence
+            return evidence
         since_s = self._since_s(evidence)
-        predicted = self._chain.predicted(self._probability, since_s)
+        probability = self._chain.predicted(self._probability, since_s)[None]
         px_per_m = rig.px_per_m(positions_m)[None]
         length_m = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / px_per_m
-        hidden = hidden_information(length_m, self._spread_m, self._config.visibility)
-        known = with_spread(evidence, self._spread_m, px_per_m)
-        return _share(predicted[None], evidence.weights, hidden, since_s)[0], known
+        return _known(evidence, length_m, px_per_m, self._spread_m, probability, since_s, self._config.visibility)
+
+
+def _known(
+    evidence: Evidence,
+    length_m: Float[np.ndarray, "frame camera joint"],
+    px_per_m: Float[np.ndarray, "frame camera joint"],
+    spread_m: Float[np.ndarray, " camera"],
+    probability: Float[np.ndarray, "frame camera joint"],
+    step_s: Float[np.ndarray, "*steps"],
+    config: VisibilityConfig,
+) -> Evidence:
+    """The evidence with this probability of visible, and the standard deviations and weights that follow from it."""
+    hidden = hidden_information(length_m, spread_m, config)
+    known = replace(with_spread(evidence, spread_m, px_per_m), visibility=probability)
+    return known.trusted(_share(probability, evidence.weights, hidden, step_s))
 
 
 def _share(
@@ -186,24 +232,42 @@ class Chain:
         likelihood = _odds(log_odds)
         return probability * likelihood / (probability * likelihood + 1 - probability)
 
-    def posterior(
-        self, log_odds: Float[np.ndarray, "frame camera joint"], step_s: Float[np.ndarray, " frame"]
+    def filtered(
+        self,
+        log_odds: Float[np.ndarray, "frame camera joint"],
+        step_s: Float[np.ndarray, " frame"],
+        before: Float[np.ndarray, "camera joint"] | None = None,
     ) -> Float[np.ndarray, "frame camera joint"]:
-        """Of visible, given the odds of all frames."""
+        """Probability of visible, given the odds of each frame and of those before it.
+
+        Args:
+            log_odds: what each frame alone says.
+            step_s: time since the frame before.
+            before: the same of the frame before the first.
+        """
         filtered = np.empty_like(log_odds)
-        probability = np.full(log_odds.shape[1:], self.usual)
+        probability = np.full(log_odds.shape[1:], self.usual) if before is None else before
         for t, (odds, step) in enumerate(zip(log_odds, step_s.tolist(), strict=True)):
             filtered[t] = probability = self.updated(self.predicted(probability, step), odds)
+        return filtered
+
+    def smoothed(
+        self,
+        filtered: Float[np.ndarray, "frame camera joint"],
+        log_odds: Float[np.ndarray, "frame camera joint"],
+        step_s: Float[np.ndarray, " frame"],
+    ) -> Float[np.ndarray, "frame camera joint"]:
+        """Probability of visible, given the odds of all frames."""
+        smoothed = np.empty_like(filtered)
         # What later frames say for visible against hidden, as the odds of a detection.
         later = np.zeros(log_odds.shape[1:])
         for t in reversed(range(len(log_odds))):
-            odds = log_odds[t]
-            filtered[t] = self.updated(filtered[t], later)
-            likelihood = _odds(odds + later)
+            smoothed[t] = self.updated(filtered[t], later)
+            likelihood = _odds(log_odds[t] + later)
             from_visible, from_hidden = self.predicted(np.array([1.0, 0.0]), step_s[t])
             later = np.log(from_visible * likelihood + 1 - from_visible)
             later -= np.log(from_hidden * likelihood + 1 - from_hidden)
-        return filtered
+        return smoothed
 
 
 def _odds(log_odds: np.ndarray) -> np.ndarray:

@@ -10,20 +10,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Blocks of 100 x 100 are too small to share between cores: threads that wait for each other take 100 times as
     long."""
-    import scipy.linalg  # noqa: F401  brings a BLAS of its own, which must be there to be limited
-
-    with threadpool_limits(limits=1, user_api="blas"):
+    with blas_libraries().limit(limits=1, user_api="blas"):
         yield
+
+
+@cache
+def blas_libraries() -> ThreadpoolController:
+    """Those of numpy and scipy. To import scipy takes 0.2 s, and to look for them as long as some factorisations."""
+    import scipy.linalg  # noqa: F401
+
+    return ThreadpoolController()
 
 
 class Band:
@@ -87,8 +94,8 @@ class BlockTridiagonal:
         if failed:
             raise np.linalg.LinAlgError(f"the unknowns of frame {(failed - 1) // band.size} are indeterminate")
         self._border = self._halfway(border.reshape(self._factor.shape[1], len(corner)))
-        self._shared = np.linalg.inv(corner - self._border.T @ self._border)
-        if (np.diag(self._shared) < 0).any():
+        self.shared_covariance = np.linalg.inv(corner - self._border.T @ self._border)
+        if (np.diag(self.shared_covariance) < 0).any():
             raise np.linalg.LinAlgError("the shared unknowns are indeterminate")
 
     def solve(
@@ -96,7 +103,7 @@ class BlockTridiagonal:
     ) -> tuple[Float[np.ndarray, "frame size"], Float[np.ndarray, " shared"]]:
         """Solution for this right-hand side."""
         reduced = self._halfway(frames.reshape(-1, 1))
-        solved = self._shared @ (shared - self._border.T @ reduced[:, 0])
+        solved = self.shared_covariance @ (shared - self._border.T @ reduced[:, 0])
         return self._back(reduced - (self._border @ solved)[:, None]).reshape(frames.shape), solved
 
     def inverse_blocks(self) -> Iterator[Float[np.ndarray, "size size"]]:
@@ -119,7 +126,7 @@ class BlockTridiagonal:
                 gain_transposed = (self._coupling[t].swapaxes(1, 2) @ by_kind).reshape(size, size)
                 block += gain_transposed.T @ later @ gain_transposed
             later = block
-            yield block + responses[t] @ self._shared @ responses[t].T
+            yield block + responses[t] @ self.shared_covariance @ responses[t].T
 
     def _halfway(self, columns: Float[np.ndarray, "unknown column"]) -> Float[np.ndarray, "unknown column"]:
         """L^{-1} x, with the matrix L L^T of the frames."""

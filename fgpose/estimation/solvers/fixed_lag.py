@@ -22,16 +22,18 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, TypeVar
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
-from threadpoolctl import ThreadpoolController
+
+from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 
 Result = TypeVar("Result")
+_Slots = dict[int, list[int]]
+"""Where factors are in iSAM2, and the keys that each joins."""
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
 # Of the priors after a start from the estimates alone, metres and m/s. So loose that new detections (about 1 cm)
@@ -66,7 +68,7 @@ class FixedLagSmoother:
         self._params.setRelinearizeThreshold(thresholds)
         self._isam = gtsam.ISAM2(self._params)
         self._frames: deque[list[int]] = deque()
-        self._slots: deque[list[int]] = deque()  # of the factors of each frame alone
+        self._slots: deque[_Slots] = deque()  # of the factors of each frame alone
         self._estimates: dict[int, np.ndarray] = {}
         self._qr_frames = 0
         self._labels = _Labels()
@@ -87,53 +89,61 @@ class FixedLagSmoother:
             links: those of the factors that must not join only this frame if others may be replaced later.
         """
         self._frames.append(list(keys))
-        self._slots.append([])
+        self._slots.append({})
         if not keys:
             return
         self._estimates.update((key, values.atPoint3(key)) for key in keys)
-        n_own = factors.size()
         everything = gtsam.NonlinearFactorGraph(factors)
         if links is not None:
             everything.push_back(links)
         try:
             params = self._in_order(gtsam.ISAM2UpdateParams(), everything, values, len(keys))
-            self._slots[-1] = self._isam.update(everything, values, params).getNewFactorsIndices()[:n_own]
+            slots = self._isam.update(everything, values, params).getNewFactorsIndices()
+            self._slots[-1] = _slots(factors, slots[: factors.size()])
             self._back_to_cholesky()
         except _FAILURES:
             self._recover()
 
-    def relinearize(self) -> None:
-        """Linearise again what has moved by more than relinearize_m; iSAM2 itself does so with the next frame only."""
-        if not any(self._frames):
-            return
-        nothing = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        try:
-            self._isam.update(*nothing, self._in_order(gtsam.ISAM2UpdateParams(), *nothing, 0))
-        except _FAILURES:
-            self._recover()
-
-    def replace(self, at: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> None:
-        """Put other factors in the place of those that a frame came with, but for its links to the frame before.
+    def replace(
+        self,
+        changes: Mapping[int, tuple[Sequence[int], gtsam.NonlinearFactorGraph]],
+        values: gtsam.Values | None = None,
+        keys: Sequence[int] = (),
+    ) -> None:
+        """Replace factors of frames, but not their links to the frame before.
 
         Args:
-            at: number of the frame in the window; the oldest is 0.
-            factors: they join variables of this frame only.
+            changes: by number of the frame in the window (the oldest is 0), some of its variables and all factors that
+                shall join these variables alone.
             values: finite first guesses of exactly these keys.
-            keys: variables that the frame did not have.
+            keys: variables that the last of these frames did not have.
         """
-        if not self._frames[at] and not keys:
+        params, everything, values = gtsam.ISAM2UpdateParams(), gtsam.NonlinearFactorGraph(), values or gtsam.Values()
+        changed = {at: (set(among), factors) for at, (among, factors) in changes.items() if among}
+        if not changed:
             return
-        self._frames[at] = [*self._frames[at], *keys]
-        self._labels = _Labels()
-        self._estimates.update((key, values.atPoint3(key)) for key in keys)
-        params = gtsam.ISAM2UpdateParams()
-        params.removeFactorIndices = self._slots[at]
-        params.extraReelimKeys = _key_list(self._frames[at][: len(self._frames[at]) - len(keys)])
+        removed = {at: self._slots_among(at, among) for at, (among, _) in changed.items()}
+        params.removeFactorIndices = [slot for slots in removed.values() for slot in slots]
+        params.extraReelimKeys = _key_list(key for among, _ in changed.values() for key in among.difference(keys))
+        if keys:
+            last = max(changed)
+            self._frames[last] = [*self._frames[last], *keys]
+            self._labels = _Labels()
+            self._estimates.update((key, values.atPoint3(key)) for key in keys)
+        for _, factors in changed.values():
+            everything.push_back(factors)
         try:
-            params = self._in_order(params, factors, values, 0)
-            self._slots[at] = self._isam.update(factors, values, params).getNewFactorsIndices()
+            params = self._in_order(params, everything, values, 0)
+            new_slots = iter(self._isam.update(everything, values, params).getNewFactorsIndices())
+            for at, (_, factors) in changed.items():
+                for slot in removed[at]:
+                    del self._slots[at][slot]
+                self._slots[at].update(_slots(factors, itertools.islice(new_slots, factors.size())))
         except _FAILURES:
             self._recover()
+
+    def _slots_among(self, at: int, keys: set[int]) -> list[int]:
+        return [slot for slot, joined in self._slots[at].items() if keys.issuperset(joined)]
 
     def drop_oldest(self) -> None:
         """Marginalise the oldest frame: its information stays as a prior on the next one."""
@@ -153,6 +163,12 @@ class FixedLagSmoother:
         points = self._tried(lambda: self._solution(keys))
         self._estimates.update(zip(keys, points, strict=True))
         return points
+
+    def linearization_points(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3"]:
+        """Where the factors of these positions are linearised; NaN for those that are not there yet."""
+        values, nowhere = self._isam.getLinearizationPoint(), np.full(3, np.nan)
+        points = [values.atPoint3(key) if values.exists(key) else nowhere for key in keys]
+        return np.array(points).reshape(-1, 3)
 
     def covariances(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3 3"]:
         """Marginal covariance of each of these positions."""
@@ -184,7 +200,7 @@ class FixedLagSmoother:
         try:
             oldest = window.eliminatePartialMultifrontal(newest_first)[1] if len(frames) > 1 else window
             information, _ = oldest.hessian(_ordering(frames[0]))
-            with _blas().limit(limits=1, user_api="blas"):
+            with one_blas_thread():
                 covariance = np.linalg.inv(information)
         except _FAILURES:  # indeterminate in double precision
             return np.full((len(keys), 3, 3), np.nan)
@@ -258,19 +274,23 @@ class FixedLagSmoother:
             values.insert(key, estimate)
         self._isam = gtsam.ISAM2(self._params)
         self._isam.update(factors, values)
-        self._slots = deque([] for _ in self._frames)
+        self._slots = deque({} for _ in self._frames)
 
-    def _own_slots(self) -> deque[list[int]]:
+    def _own_slots(self) -> deque[_Slots]:
         """Where the factors of each frame alone are, but for what was marginalised."""
         frame_of = {key: number for number, frame in enumerate(self._frames) for key in frame}
-        slots: deque[list[int]] = deque([] for _ in self._frames)
+        slots: deque[_Slots] = deque({} for _ in self._frames)
         factors = self._isam.getFactorsUnsafe()
         for slot, factor in enumerate(map(factors.at, range(factors.size()))):
             if factor and not isinstance(factor, gtsam.LinearContainerFactor):
                 frames = set(map(frame_of.__getitem__, factor.keys()))
                 if len(frames) == 1:
-                    slots[frames.pop()].append(slot)
+                    slots[frames.pop()][slot] = factor.keys()
         return slots
+
+
+def _slots(factors: gtsam.NonlinearFactorGraph, slots: Iterable[int]) -> _Slots:
+    return {slot: factors.at(number).keys() for number, slot in enumerate(slots)}
 
 
 class _Labels:
@@ -326,14 +346,3 @@ def _ordering(keys: Iterable[int]) -> gtsam.Ordering:
     for key in keys:
         ordering.push_back(key)
     return ordering
-
-
-@cache
-def _blas() -> ThreadpoolController:
-    """Matrices of 100 x 100 are too small to share between cores: threads that wait for each other take longer.
-
-    Kept, unlike in block_tridiagonal.one_blas_thread: to look for the libraries in every update would take four times
-    as long as the inverse. Only numpy's BLAS matters here; to import scipy for its own would hold up an update by
-    0.2 s.
-    """
-    return ThreadpoolController()

@@ -105,7 +105,7 @@ class Solution(Generic[State]):
 
 def levenberg_marquardt(problem: Problem[State], initial: State, max_iterations: int) -> Solution[State]:
     """Descend until a step with little or no damping is smaller than the problem's tolerance."""
-    search = _Search(problem, initial)
+    search = Search(problem, initial)
     initial_error = search.error
     for iteration in range(1, max_iterations + 1):
         size = search.descend()
@@ -114,8 +114,8 @@ def levenberg_marquardt(problem: Problem[State], initial: State, max_iterations:
     return Solution(search.state, Convergence(False, max_iterations, initial_error, search.error))
 
 
-class _Search(Generic[State]):
-    """The state of the iteration."""
+class Search(Generic[State]):
+    """The iteration, step by step."""
 
     def __init__(self, problem: Problem[State], initial: State) -> None:
         self._problem = problem

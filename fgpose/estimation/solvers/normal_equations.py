@@ -127,6 +127,15 @@ class NormalEquations:
         lengths_m[self._segment.estimated_lengths] = state.lengths_m[self._segment.estimated_lengths]
         return lengths_m
 
+    def length_sigma_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
+        """Standard deviation of every shared bone length, errors of frames taken for independent; NaN if it is not
+        determined."""
+        try:
+            variance_m2 = np.diag(self._factorize(self._information(state)).shared_covariance)
+        except np.linalg.LinAlgError:
+            return np.full(state.lengths_m.shape, np.nan)
+        return np.sqrt(variance_m2)
+
     def covariance_m2(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3 3"]:
         """Marginal covariance of every active joint's position around these; NaN elsewhere.
 

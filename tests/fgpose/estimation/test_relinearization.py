@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 
 import fgpose
 from fgpose.config import config_from_dict
-from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
 from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
-from fgpose_factors import noise_model, projection_factor
 
 N_FRAMES, FPS = 11, 50.0
 
@@ -57,21 +54,3 @@ def test_a_small_threshold_removes_the_linearization_errors_of_a_bad_start(
     assert default_m < 0.2e-3
     assert 2 * default_m < medium_m < 0.5 * never_m
     assert never_m > 2e-3
-
-
-def test_a_second_step_comes_much_nearer(rig: fgpose.CameraRig) -> None:
-    """A joint is predicted 0.3 m from where four cameras see it. At the first step the kernels know the prediction
-    only, and give little weight to all detections."""
-    centre_m = np.array([0.0, 0.0, 1.0])
-    graph, values, key = gtsam.NonlinearFactorGraph(), gtsam.Values(), gtsam.symbol("x", 0)
-    for camera, detected_px in zip(rig.cameras, rig.project(centre_m[None])[:, 0], strict=True):
-        graph.add(projection_factor(key, detected_px, noise_model(2, 6.0, "cauchy", 2.2), camera.gtsam))
-    predicted_m = centre_m + np.array([0.3, 0.0, 0.0])
-    graph.add(gtsam.PriorFactorPoint3(key, predicted_m, noise_model(3, 0.2)))
-    values.insert(key, predicted_m)
-    smoother = FixedLagSmoother(relinearize_m=0.03)
-    smoother.add(graph, values, [key])
-    first_m = np.linalg.norm(smoother.points([key])[0] - centre_m)
-    smoother.relinearize()
-    second_m = np.linalg.norm(smoother.points([key])[0] - centre_m)
-    assert second_m < 0.2 * first_m, "34 and 2.5 mm"

@@ -62,6 +62,11 @@ def test_what_is_updated_is_the_theorem_of_bayes() -> None:
     np.testing.assert_allclose(updated, joint[0] / (joint[0] + joint[1]), rtol=1e-12)
 
 
+def posterior(odds: np.ndarray) -> np.ndarray:
+    chain = Chain(CHAIN)
+    return chain.smoothed(chain.filtered(odds, STEPS_S), odds, STEPS_S)
+
+
 def test_the_posterior_is_that_of_all_sequences_of_states() -> None:
     odds = log_odds()
     by_state = np.exp(np.stack([odds, np.zeros_like(odds)]))
@@ -74,7 +79,7 @@ def test_the_posterior_is_that_of_all_sequences_of_states() -> None:
             probability = probability * move * by_state[states[t], t]
         of_all += probability
         of_visible[np.array(states) == 0] += probability
-    np.testing.assert_allclose(Chain(CHAIN).posterior(odds, STEPS_S), of_visible / of_all, rtol=1e-10)
+    np.testing.assert_allclose(posterior(odds), of_visible / of_all, rtol=1e-10)
 
 
 def test_the_last_frame_of_the_posterior_is_what_the_filter_knows() -> None:
@@ -82,14 +87,14 @@ def test_the_last_frame_of_the_posterior_is_what_the_filter_knows() -> None:
     probability = np.full(odds.shape[1:], chain.usual)
     for of_frame, step_s in zip(odds, STEPS_S.tolist(), strict=True):
         probability = chain.updated(chain.predicted(probability, step_s), of_frame)
-    np.testing.assert_allclose(chain.posterior(odds, STEPS_S)[-1], probability, rtol=1e-12)
+    np.testing.assert_allclose(posterior(odds)[-1], probability, rtol=1e-12)
 
 
 def test_odds_without_bound_stay_probabilities() -> None:
     odds = 1e4 * np.sign(log_odds())
-    posterior = Chain(CHAIN).posterior(odds, STEPS_S)
-    np.testing.assert_array_equal(posterior > 0.5, odds > 0)
-    assert ((posterior >= 0) & (posterior <= 1)).all()
+    probability = posterior(odds)
+    np.testing.assert_array_equal(probability > 0.5, odds > 0)
+    assert ((probability >= 0) & (probability <= 1)).all()
 
 
 def exact(
@@ -215,7 +220,7 @@ def test_behind_a_camera_the_spread_stays_what_it_was(rig: CameraRig, skeleton: 
     sigma_px = judged_by(positions_m, evidence, rig, skeleton).sigma_px
     np.testing.assert_array_equal(sigma_px[:, 2, 5], CONFIG.projection.sigma_px)
     running = RunningVisibility(4, skeleton, CONFIG)
-    _, before = running.before(evidence.frames(slice(0, 1)), positions_m[0], rig)
+    before = running.predicted(evidence.frames(slice(0, 1)), positions_m[0], rig)
     assert before.sigma_px[0, 2, 5] == CONFIG.projection.sigma_px
     assert sigma_px.min() > 0.1
 
@@ -280,7 +285,7 @@ def test_running_spread_becomes_that_of_the_recording(rig: CameraRig, skeleton: 
     truth_m, evidence = exact(rig, skeleton, STEP_S * np.arange(1000))
     evidence = with_noise(evidence, np.array([3.0, 3.0, 10.0, 3.0])[:, None, None])
     running = running_after(evidence, truth_m, rig, skeleton)
-    _, last = running.before(evidence.frames(slice(-1, None)), truth_m[-1], rig)
+    last = running.predicted(evidence.frames(slice(-1, None)), truth_m[-1], rig)
     batch_px = judged_by(truth_m, evidence, rig, skeleton).sigma_px[-1]
     # It began with 18 mm, 4.6 px, and forgets that as exp(-t / 10 s); 1 to 5 % of 50 to 100 % are left.
     np.testing.assert_allclose(last.sigma_px[0] / batch_px, 1.0, atol=0.08)
@@ -296,7 +301,7 @@ def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, ske
         for frame, position_m in enumerate(truth_m):
             for is_new in groups:
                 running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, is_new)
-        sigma_px.append(running.before(evidence.frames(slice(-1, None)), truth_m[-1], rig)[1].sigma_px)
+        sigma_px.append(running.predicted(evidence.frames(slice(-1, None)), truth_m[-1], rig).sigma_px)
     np.testing.assert_allclose(sigma_px[0], sigma_px[1], rtol=2e-3)  # one detection may change sides of the median
 
 
@@ -330,20 +335,19 @@ def test_a_hidden_detection_tells_less_but_not_nothing(rig: CameraRig, skeleton:
     by_px = 300.0
     evidence = wrong(evidence, slice(None), 1, 3, by_px)
     running, last = running_after(evidence, positions_m[:-1], rig, skeleton), evidence.frames(slice(-1, None))
-    trust, known = running.before(last, positions_m[-1], rig)
+    known = running.predicted(last, positions_m[-1], rig)
     batch = judged_by(positions_m, evidence, rig, skeleton)
     scale_px = CONFIG.visibility.hallucinated_m * rig.px_per_m(positions_m[-1])[1, 3]
     predicted = Chain(CONFIG.visibility).predicted(running.probability, STEP_S)[1, 3]
     for found, sigma_px, probability in (
-        (known.trusted(trust[None]).weights[0, 1, 3], known.sigma_px[0, 1, 3], predicted),
+        (known.weights[0, 1, 3], known.sigma_px[0, 1, 3], predicted),
         (batch.weights[20, 1, 3], batch.sigma_px[20, 1, 3], batch.visibility[20, 1, 3]),
     ):
         information = 3 / (1 + (by_px / scale_px) ** 2) * (sigma_px / scale_px) ** 2
         # Seven of ten hidden joints are detected near the joint; errors count as one measurement within 0.3 s.
         hidden = 0.7 * information * STEP_S / 0.3
         assert found == pytest.approx(0.5 * probability + (1 - probability) * hidden, rel=1e-6)
-    seen = np.delete(trust, 3, axis=1)
-    assert seen.min() > 0.9
+    assert np.delete(known.weights / last.weights, 3, axis=2).min() > 0.9
 
 
 def test_one_camera_is_not_judged(rig: CameraRig, skeleton: Skeleton) -> None:
@@ -366,13 +370,31 @@ def test_online_a_wrong_pose_is_corrected_by_detections_that_it_distrusts(rig: C
     assert all((estimate.status == Status.OBSERVED).all() for estimate in estimates[60:])
 
 
+def test_what_an_update_accepted_is_taken_back_within_the_lag(rig: CameraRig, skeleton: Skeleton) -> None:
+    """A hallucination enters the graph with the weight of a visible detection: only its residual tells, afterwards."""
+    wrist, onset = skeleton.index("right_wrist"), 30
+    truth_m = np.repeat(walking(1, FPS, skeleton), 60, axis=0)
+    scene = simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=0)
+    points_px = scene.observations.points2d_px.copy()
+    points_px[onset:, 1, wrist] += [60.0, 40.0]
+    live = fgpose.Estimator(rig, skeleton, Config(online={"covariance": False}))
+    shares = []
+    for frame in list(replace(scene.observations, points2d_px=points_px))[: onset + 12]:
+        live.update(frame)
+        state = next((state for state in live._window if state.at.frame == onset), None)
+        if state is not None:
+            shares.append((state.evidence.weights / state.gathered.weights)[0, :, wrist])
+    assert shares[0].min() > 0.8, "as predicted from the frames before"
+    assert shares[-1][1] < 0.1
+    assert np.delete(shares[-1], 1).min() > 0.8
+
+
 def test_without_the_model_nothing_changes(rig: CameraRig, skeleton: Skeleton) -> None:
     positions_m, evidence = exact(rig, skeleton)
     running = RunningVisibility(4, skeleton, Config(visibility={"model": "none"}))
     last = wrong(evidence, slice(None), 1, 3).frames(slice(-1, None))
     running.add(positions_m[-1], STILL, last, rig, NEW)
-    trust, before = running.before(last, positions_m[-1], rig)
-    np.testing.assert_array_equal(trust, 1.0)
+    before = running.predicted(last, positions_m[-1], rig)
     np.testing.assert_array_equal(running.probability, 1.0)
     assert before is last
 
