@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
+TIME_ROUNDING_S = 1e-6
+"""Times that differ by less are the same."""
+
 
 def usual_step_s(time_s: Float[np.ndarray, " frame"]) -> float:
     """Median time from frame to frame, seconds; inf with one frame."""

@@ -5,18 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from fgpose.config import Config
-from fgpose.estimation.evidence import Evidence, joined
+from fgpose.estimation.evidence import Evidence, concatenated
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import blas_libraries, one_blas_thread
 from fgpose.estimation.solvers.levenberg_marquardt import Search
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
 from fgpose.skeleton import Skeleton
 
 _FIRST_STEP_S = 0.05  # from one frame of the sample to the next, until it is full
 _MOST_FRAMES = 32  # twice as many change the errors on the tuning clips of the benchmark by less than 1 %
-_GROWTH = 1.25  # of the sample, until its lengths are estimated again
+_GROWTH = 1.25  # the lengths are estimated again when the sample has grown by this factor
 _STEPS = 5
 
 
@@ -39,7 +40,7 @@ class RunningLengths:
         self.lengths_m = np.full(skeleton.n_lengths, np.nan)
         """NaN where a bone has not been complete yet."""
         self.sigma_m = np.full(skeleton.n_lengths, config.prior.length_sigma_m)
-        """Their standard deviation."""
+        """Their standard deviation; that of the prior where a length is not known."""
         blas_libraries()  # so that no update stops to load them
 
     def add(self, evidence: Evidence, rig: CameraRig) -> bool:
@@ -54,7 +55,7 @@ class RunningLengths:
         """
         if self._config.symmetry.form != "shared_length":
             return False
-        if evidence.seen.any() and self._is_due(float(evidence.time_s[0])):
+        if self._is_due(float(evidence.time_s[0])) and self._knows_a_bone(evidence):
             self._take(evidence)
         if self._estimation is None:
             self._estimation = self._begun(rig)
@@ -69,7 +70,10 @@ class RunningLengths:
         return not (same | np.isnan(self.lengths_m)).all()
 
     def _is_due(self, time_s: float) -> bool:
-        return not self._sample or time_s >= float(self._sample[-1].time_s[0]) + self._step_s
+        return not self._sample or time_s >= float(self._sample[-1].time_s[0]) + self._step_s - TIME_ROUNDING_S
+
+    def _knows_a_bone(self, evidence: Evidence) -> bool:
+        return bool(np.isfinite(self._skeleton.bone_lengths(evidence.guess_m[0])).any())
 
     def _take(self, evidence: Evidence) -> None:
         if len(self._sample) == _MOST_FRAMES:
@@ -82,10 +86,10 @@ class RunningLengths:
         if not self._sample or len(self._sample) < _GROWTH * self._n_estimated:
             return None
         self._n_estimated = len(self._sample)
-        sample = Segment.of_recording(joined(self._sample), rig, self._skeleton, self._config)
+        sample = Segment.of_recording(concatenated(self._sample), rig, self._skeleton, self._config)
         if not sample.bones.size:
             return None
-        return _Estimation(NormalEquations(sample), self._step_s)
+        return _Estimation(NormalEquations(sample), usual_step_s(sample.evidence.time_s))
 
     def _take_lengths(self, estimation: _Estimation) -> None:
         problem, state = estimation.problem, estimation.search.state
@@ -96,7 +100,7 @@ class RunningLengths:
 
 
 class _Estimation:
-    """The optimisation of a sample of frames, so far apart."""
+    """The optimisation of a sample of frames, step_s apart."""
 
     def __init__(self, problem: NormalEquations, step_s: float) -> None:
         self.problem, self.step_s = problem, step_s

@@ -15,7 +15,7 @@ from fgpose.config import Config
 from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose.estimation.evidence import Evidence, gather, joined
+from fgpose.estimation.evidence import Evidence, concatenated, gather
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.images import fits_better, on_time
 from fgpose.estimation.keys import position_key
@@ -27,7 +27,7 @@ from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
 from fgpose.estimation.visibility import RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, joint_status
 from fgpose_factors import noise_model
@@ -41,7 +41,6 @@ _REVISED_S, _REVISE_EVERY_S = 0.25, 0.1
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # 0.1 or 0.3 the errors differ by less than 1 %.
 _CHANGED_SHARE = 0.2
-_TIME_ROUNDING_S = 1e-6  # a frame that is exactly one lag old is old enough
 
 
 class Estimator:
@@ -178,16 +177,19 @@ class Estimator:
         gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
         gathered = on_time(gathered, state.positions_m, state.velocities_mps, self._rig)
         entering = self._note(gathered, state.active | is_newest) & ~state.active
-        evidence = self._visibility.predicted(gathered, state.positions_m, self._rig)
-        joined = state.joined(observations, image_time_s, gathered, evidence, entering)
-        joined = joined.judged(self._visibility.probability)
-        self._smoother.replace({at: self._replacement(joined)}, *variables(joined, entering, self.config))
-        self._move(at, joined)
-        self._window[at] = self._read(joined)
-        if not is_newest:
-            self._window[-1] = self._read(self._window[-1])
+        pose = state.positions_m, self._rig
+        if is_newest:
+            evidence = self._visibility.predicted(gathered, *pose)
+        else:
+            evidence = self._visibility.with_image(at, is_own, state.evidence, gathered, *pose)
+        state = state.joined(observations, image_time_s, gathered, evidence, entering)
+        self._smoother.replace({at: self._replacement(state)}, *variables(state, entering, self.config))
+        self._move(at, state)
+        self._window[at] = self._read(state)
         if is_newest:
             self._judge(is_own)
+        else:
+            self._window[-1] = self._read(self._window[-1])
         self._revise()
         return self._estimate()
 
@@ -218,14 +220,15 @@ class Estimator:
     def _revise(self, *, new_lengths: bool = False) -> None:
         """Weight the detections of the last frames by what their present poses tell, as the batch does: an update that
         accepted a hallucination takes it back. And give new lengths to their bones."""
-        now_s = self._window[-1].at.time_s
-        if not new_lengths and now_s < self._revised_s + min(_REVISE_EVERY_S, self.config.online.lag_s / 2):
+        now_s, every_s = self._window[-1].at.time_s, min(_REVISE_EVERY_S, self.config.online.lag_s / 2)
+        is_due = self.config.visibility.model != "none" and now_s >= self._revised_s + every_s - TIME_ROUNDING_S
+        if not is_due and not new_lengths:
             return
         self._revised_s = now_s
         first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
         frames = [self._read(state) for state in itertools.islice(self._window, first, None)]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
-        known = self._visibility.judged(joined([state.unjudged for state in frames]), *poses, self._rig)
+        known = self._visibility.judged(concatenated([state.unjudged for state in frames]), *poses, self._rig)
         changes: dict[int, tuple[list[int], gtsam.NonlinearFactorGraph]] = {}
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
@@ -311,7 +314,7 @@ class Estimator:
                 self._density.add(oldest.at.time_s, velocities_mps, information)
 
     def _is_lagged(self, state: FrameState, time_s: float) -> bool:
-        return state.at.time_s <= time_s - self.config.online.lag_s + _TIME_ROUNDING_S
+        return state.at.time_s <= time_s - self.config.online.lag_s + TIME_ROUNDING_S
 
     def _add(self, state: FrameState) -> None:
         segment = self._segment(state)

@@ -123,12 +123,12 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     observations.check_cameras(rig.names)
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [_gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config) for start in starts]
-    evidence = joined(parts)
+    evidence = concatenated(parts)
     _refuse_millimetres(evidence.guess_m)
     return evidence
 
 
-def joined(parts: Sequence[Evidence]) -> Evidence:
+def concatenated(parts: Sequence[Evidence]) -> Evidence:
     """Of parts that follow each other; some may have depths and others none."""
     most = max(part.depth_sigma_m.shape[1] for part in parts)
     parts = [part if part.depth_sigma_m.shape[1] == most else part._with_views(most) for part in parts]

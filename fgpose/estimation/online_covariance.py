@@ -26,8 +26,7 @@ def online_covariance_m2(
 ) -> Float[np.ndarray, "joint 3 3"]:
     """Covariance of every joint of a frame; NaN where it is not estimated.
 
-    The lagged pose is treated like the newest one. As in batch, the frames after it are known; but hallucinated
-    detections keep the weight that they had in the newest pose, while the batch would lower it.
+    The lagged pose is treated like the newest one, though the frames after it are known, as in batch.
 
     Args:
         state: the frame.

@@ -171,6 +171,30 @@ class RunningVisibility:
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
         self._spread_m = np.maximum(self._spread_m * np.exp(logs), LEAST_SPREAD_M)
 
+    def with_image(
+        self,
+        at: int,
+        is_own: Bool[np.ndarray, " camera"],
+        judged: Evidence,
+        evidence: Evidence,
+        positions_m: Float[np.ndarray, "joint 3"],
+        rig: CameraRig,
+    ) -> Evidence:
+        """The evidence of an older frame that another image joins; what was known of its other detections stays.
+
+        Args:
+            at: number of the frame in the window.
+            is_own: whose image it is.
+            judged: without the image, as it is in the graph.
+            evidence: with the image, as gathered.
+            positions_m: the pose.
+            rig: the cameras.
+        """
+        if not self._on:
+            return evidence
+        probability = np.where(is_own[:, None], self._window[at][1], judged.visibility[0])
+        return self._with_probability(probability[None], evidence, positions_m, rig)
+
     def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:
         """The evidence of the next frame with what is known of it before it is solved.
 
@@ -181,11 +205,20 @@ class RunningVisibility:
         """
         if not self._on:
             return evidence
-        since_s = self._since_s(evidence)
-        probability = self._chain.predicted(self._probability, since_s)[None]
+        probability = self._chain.predicted(self._probability, self._since_s(evidence))
+        return self._with_probability(probability[None], evidence, positions_m, rig)
+
+    def _with_probability(
+        self,
+        probability: Float[np.ndarray, "1 camera joint"],
+        evidence: Evidence,
+        positions_m: Float[np.ndarray, "joint 3"],
+        rig: CameraRig,
+    ) -> Evidence:
         px_per_m = rig.px_per_m(positions_m)[None]
         length_m = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / px_per_m
-        return _known(evidence, length_m, px_per_m, self._spread_m, probability, since_s, self._config.visibility)
+        since_s, priors = self._since_s(evidence), self._config.visibility
+        return _known(evidence, length_m, px_per_m, self._spread_m, probability, since_s, priors)
 
 
 def _known(

@@ -86,7 +86,7 @@ class FixedLagSmoother:
         Args:
             factors: they join variables of this frame and of the one before only.
             values: finite first guesses of exactly these keys.
-            links: those of the factors that must not join only this frame if others may be replaced later.
+            links: factors to the frame before; replace never removes them.
         """
         self._frames.append(list(keys))
         self._slots.append({})
@@ -102,6 +102,7 @@ class FixedLagSmoother:
             self._slots[-1] = _slots(factors, slots[: factors.size()])
             self._back_to_cholesky()
         except _FAILURES:
+            self._slots[-1] = self._found_slots(keys)
             self._recover()
 
     def replace(
@@ -140,6 +141,8 @@ class FixedLagSmoother:
                     del self._slots[at][slot]
                 self._slots[at].update(_slots(factors, itertools.islice(new_slots, factors.size())))
         except _FAILURES:
+            for at in changed:
+                self._slots[at] = self._found_slots(self._frames[at])
             self._recover()
 
     def _slots_among(self, at: int, keys: set[int]) -> list[int]:
@@ -252,7 +255,8 @@ class FixedLagSmoother:
         """The same factors, linearised at the same values, in another tree."""
         values, all_factors = self._isam.getLinearizationPoint(), self._isam.getFactorsUnsafe()
         factors = gtsam.NonlinearFactorGraph()
-        for factor in filter(None, map(all_factors.at, range(all_factors.size()))):
+        used = [slot for slot in range(all_factors.size()) if all_factors.at(slot)]
+        for factor in map(all_factors.at, used):
             if isinstance(factor, gtsam.LinearContainerFactor):
                 # What was marginalised does not say where: its variables were not to be linearised again.
                 factor = gtsam.LinearContainerFactor(factor.linearize(values), values)
@@ -262,8 +266,10 @@ class FixedLagSmoother:
         params.constrainedKeys = _Labels().of(frames, len(frames))
         self._params.setFactorization(by)
         self._isam = gtsam.ISAM2(self._params)
-        self._isam.update(factors, values, params)
-        self._slots = self._own_slots()
+        moved_to = dict(zip(used, self._isam.update(factors, values, params).getNewFactorsIndices(), strict=True))
+        self._slots = deque(
+            {moved_to[slot]: joined for slot, joined in slots.items() if slot in moved_to} for slots in self._slots
+        )
 
     def _start_again(self) -> None:
         """Start again with a prior on every variable of the window, around its last estimate: that cannot fail."""
@@ -276,17 +282,16 @@ class FixedLagSmoother:
         self._isam.update(factors, values)
         self._slots = deque({} for _ in self._frames)
 
-    def _own_slots(self) -> deque[_Slots]:
-        """Where the factors of each frame alone are, but for what was marginalised."""
-        frame_of = {key: number for number, frame in enumerate(self._frames) for key in frame}
-        slots: deque[_Slots] = deque({} for _ in self._frames)
-        factors = self._isam.getFactorsUnsafe()
-        for slot, factor in enumerate(map(factors.at, range(factors.size()))):
-            if factor and not isinstance(factor, gtsam.LinearContainerFactor):
-                frames = set(map(frame_of.__getitem__, factor.keys()))
-                if len(frames) == 1:
-                    slots[frames.pop()][slot] = factor.keys()
-        return slots
+    def _found_slots(self, keys: Sequence[int]) -> _Slots:
+        """Where the factors of a frame with these keys alone are, if the update that brought them failed. Those that
+        were frozen look like what was marginalised, and are left out."""
+        factors, among = self._isam.getFactorsUnsafe(), set(keys)
+        found = {
+            slot: factor.keys()
+            for slot, factor in enumerate(map(factors.at, range(factors.size())))
+            if factor and not isinstance(factor, gtsam.LinearContainerFactor)
+        }
+        return {slot: joined for slot, joined in found.items() if among.issuperset(joined)}
 
 
 def _slots(factors: gtsam.NonlinearFactorGraph, slots: Iterable[int]) -> _Slots:

@@ -117,6 +117,20 @@ def test_the_sample_is_bounded_and_spread_over_everything(rig: CameraRig, skelet
     assert gaps_s.max() < 3 * gaps_s.min(), "evenly"
 
 
+def test_frames_that_know_no_bone_are_no_sample(rig: CameraRig, skeleton: Skeleton) -> None:
+    """More than one camera in every third frame only: samples at fixed steps might miss all of these."""
+    noisy = scene(rig, skeleton, DetectionNoise(), n_frames=60)
+    lengths = RunningLengths(skeleton, CONFIG)
+    for frame in range(60):
+        observations = replace(noisy.observations.frames(slice(frame, frame + 1)), points3d_m=None)
+        if frame % 3 != 1:
+            points_px = observations.points2d_px.copy()
+            points_px[:, 1:] = np.nan
+            observations = replace(observations, points2d_px=points_px)
+        lengths.add(gather(observations, rig, CONFIG), rig)
+    assert np.isfinite(lengths.lengths_m).all()
+
+
 @pytest.mark.parametrize("form", ["none", "frame"])
 def test_nothing_is_learned_where_no_length_is_shared(rig: CameraRig, skeleton: Skeleton, form: str) -> None:
     config = Config(symmetry={"form": form})
@@ -126,7 +140,8 @@ def test_nothing_is_learned_where_no_length_is_shared(rig: CameraRig, skeleton: 
 
 def test_images_of_nobody_are_no_sample(rig: CameraRig, skeleton: Skeleton) -> None:
     noisy = scene(rig, skeleton, DetectionNoise(), n_frames=10)
-    nobody = replace(noisy.observations, points2d_px=np.full_like(noisy.observations.points2d_px, np.nan))
+    nothing_px = np.full_like(noisy.observations.points2d_px, np.nan)
+    nobody = replace(noisy.observations, points2d_px=nothing_px, points3d_m=None)
     for lengths in learned(replace(noisy, observations=nobody)):
         assert np.isnan(lengths.lengths_m).all()
         assert not lengths._sample

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import config_from_dict
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
+from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, simulate, walking
 from tests.conftest import MOCAP
 
 N_FRAMES, SETTLED = 40, 10
@@ -174,6 +174,28 @@ def test_other_motion_models(model: Literal["none", "random_walk"], scene: Scene
         observed = estimate.status == fgpose.Status.OBSERVED
         np.testing.assert_array_equal(observed, seen_twice[estimate.frame] & np.isfinite(estimate.positions_m).all(-1))
         assert observed.mean() > 0.8
+
+
+def test_a_late_image_leaves_what_is_known_of_the_others(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    """One camera hallucinates a joint for 0.4 s; another is 0.36 s late, older than what is revised."""
+    n_frames, late, joint = 60, 18, 5
+    truth_m = np.repeat(walking(1, 50.0, skeleton), n_frames, axis=0)
+    points_px = simulate(truth_m, skeleton, rig, 50.0, DetectionNoise(), NO_OCCLUSION, seed=0).observations.points2d_px
+    points_px = points_px.copy()
+    points_px[20:40, 1, joint] += 60.0
+    estimator = fgpose.Estimator(rig, skeleton)
+    changes = []
+    for number in range(n_frames):
+        for camera in range(3):
+            estimator.update_camera(rig.names[camera], number / 50, points_px[number, camera])
+        joined = number - late
+        state = next((state for state in estimator._window if state.at.time_s == joined / 50), None)
+        if state is not None:
+            estimator.update_camera(rig.names[3], joined / 50, points_px[joined, 3])
+            now = next(now for now in estimator._window if now.at.frame == state.at.frame)
+            changes.append(np.abs(now.evidence.visibility - state.evidence.visibility)[0, :3].max())
+    assert len(changes) > 30
+    assert max(changes) == 0.0
 
 
 def test_a_bad_image_changes_nothing(scene: Scene) -> None:

@@ -220,6 +220,24 @@ def test_replacing_works_on_after_a_failure() -> None:
     assert mended.repairs == 1
 
 
+def test_after_a_recovery_a_frozen_factor_is_replaced_too() -> None:
+    """It looks like what was marginalised."""
+    start_m, key, smoother = np.zeros(3), position_key(0, 0), FixedLagSmoother(relinearize_m=1e-3)
+    values = gtsam.Values()
+    values.insert(key, start_m)
+
+    def frozen(position_m: np.ndarray) -> gtsam.NonlinearFactorGraph:
+        graph, prior = gtsam.NonlinearFactorGraph(), gtsam.PriorFactorPoint3(key, position_m, noise_model(3, 0.01))
+        graph.add(gtsam.LinearContainerFactor(prior.linearize(values), values))
+        return graph
+
+    smoother.add(frozen(start_m), values, [key])
+    smoother._recover()
+    smoother.replace({0: ([key], frozen(np.array([0.1, 0.0, 0.0])))})
+    np.testing.assert_allclose(smoother.points([key])[0], [0.1, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(smoother.covariances([key])[0], 1e-4 * np.eye(3), rtol=1e-6, atol=1e-12)
+
+
 @pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 40), marks=pytest.mark.slow)])
 def test_the_order_survives_replacements(seeds: range) -> None:
     """In random streams, frames get other measurements, and the newest further joints as well."""
