@@ -82,13 +82,11 @@ class RunningLengths:
         self._sample.append(evidence)
 
     def _begun(self, rig: CameraRig) -> _Estimation | None:
-        """Of the sample, if it has grown enough and knows a bone."""
+        """Of the sample, if it has grown enough."""
         if not self._sample or len(self._sample) < _GROWTH * self._n_estimated:
             return None
         self._n_estimated = len(self._sample)
         sample = Segment.of_recording(concatenated(self._sample), rig, self._skeleton, self._config)
-        if not sample.bones.size:
-            return None
         return _Estimation(NormalEquations(sample), usual_step_s(sample.evidence.time_s))
 
     def _take_lengths(self, estimation: _Estimation) -> None:

@@ -183,7 +183,8 @@ class Estimator:
         else:
             evidence = self._visibility.with_image(at, is_own, state.evidence, gathered, *pose)
         state = state.joined(observations, image_time_s, gathered, evidence, entering)
-        self._smoother.replace({at: self._replacement(state)}, *variables(state, entering, self.config))
+        new = variables(replace(state, active=entering), self.config)
+        self._smoother.replace({at: self._replacement(state)}, *new)
         self._move(at, state)
         self._window[at] = self._read(state)
         if is_newest:
@@ -319,7 +320,7 @@ class Estimator:
     def _add(self, state: FrameState) -> None:
         segment = self._segment(state)
         own, links = own_factors(segment, state), link_factors(segment)
-        self._smoother.add(own, *variables(state, state.active, self.config), links)
+        self._smoother.add(own, *variables(state, self.config), links)
 
     def _segment(self, state: FrameState) -> Segment:
         return segment_of(state, self._rig, self._lengths, self._density.density(), self.config)
@@ -329,7 +330,7 @@ class Estimator:
         start_m, linearized_m = state.positions_m.copy(), self._smoother.linearization_points(state.position_keys)
         start_m[state.active] = np.where(np.isnan(linearized_m), start_m[state.active], linearized_m)
         state = replace(state, positions_m=start_m)
-        return keys_of(state, state.active, self.config), own_factors(self._segment(state), state)
+        return keys_of(state, self.config), own_factors(self._segment(state), state)
 
     def _read(self, state: FrameState) -> FrameState:
         """The state with the estimated values in place of the guesses."""

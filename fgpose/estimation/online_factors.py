@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.factors.kinds import factors_of
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.frame_state import FrameState
-from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import Predecessor, Segment
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors import freeze
@@ -45,7 +44,7 @@ def own_factors(segment: Segment, state: FrameState) -> gtsam.NonlinearFactorGra
         if not isinstance(factors, Motions):
             for factor in factors.graph_factors(segment.keys):
                 if isinstance(factor, gtsam.CustomFactor):  # no Python callback may be left in iSAM2
-                    values = variables(state, state.active, segment.config)[0] if values is None else values
+                    values = variables(state, segment.config)[0] if values is None else values
                     factor = freeze(factor, values)
                 graph.add(factor)
     return graph
@@ -60,21 +59,15 @@ def link_factors(segment: Segment) -> gtsam.NonlinearFactorGraph:
     return graph
 
 
-def variables(state: FrameState, which: Bool[np.ndarray, " joint"], config: Config) -> tuple[gtsam.Values, list[int]]:
-    """First guesses of these joints, and their keys."""
-    values, keys = gtsam.Values(), keys_of(state, which, config)
-    guesses = [state.positions_m[which], *([state.velocities_mps[which]] if _has_velocity(config) else [])]
-    for key, guess in zip(keys, np.concatenate(guesses), strict=True):
+def variables(state: FrameState, config: Config) -> tuple[gtsam.Values, list[int]]:
+    """First guesses of the active joints, and their keys."""
+    values, keys = gtsam.Values(), keys_of(state, config)
+    guesses = np.concatenate([state.positions_m[state.active], state.velocities_mps[state.active]])
+    for key, guess in zip(keys, guesses, strict=False):  # without velocities in the graph, those are left over
         values.insert(key, guess)
     return values, keys
 
 
-def keys_of(state: FrameState, which: Bool[np.ndarray, " joint"], config: Config) -> list[int]:
-    """Of the positions of these joints and, with constant velocity, of their velocities."""
-    joints, frame = np.flatnonzero(which).tolist(), state.at.frame
-    keys = [position_key(joint, frame) for joint in joints]
-    return keys + [velocity_key(joint, frame) for joint in joints] if _has_velocity(config) else keys
-
-
-def _has_velocity(config: Config) -> bool:
-    return config.motion.model == "constant_velocity"
+def keys_of(state: FrameState, config: Config) -> list[int]:
+    """Of the positions of the active joints and, with constant velocity, of their velocities."""
+    return state.position_keys + (state.velocity_keys if config.motion.model == "constant_velocity" else [])

@@ -137,12 +137,7 @@ class Camera:
 
     def project(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 2"]:
         """Undistorted pixels of world points: the pinhole image with the same K. NaN at or behind the camera."""
-        in_camera = self.to_camera_frame(points_m)
-        depth_m = in_camera[..., 2:]
-        visible = depth_m > _MIN_DEPTH_M
-        normalized = np.divide(
-            in_camera[..., :2], depth_m, out=np.full((*in_camera.shape[:-1], 2), np.nan), where=visible
-        )
+        normalized, _ = _normalized(self.to_camera_frame(points_m))
         return normalized * np.diag(self.K)[:2] + self.K[:2, 2]
 
     def ray(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 3"]:
@@ -210,6 +205,14 @@ class Camera:
         return gtsam.PinholeCameraCal3_S2(gtsam.Pose3(self.world_T_camera), self.gtsam_intrinsics)
 
 
+def _normalized(
+    in_camera_m: Float[np.ndarray, "*points 3"],
+) -> tuple[Float[np.ndarray, "*points 2"], Float[np.ndarray, "*points 1"]]:
+    """Image of points in the camera frame at unit focal length, and their depth; NaN at or behind the camera."""
+    depth_m = np.where(in_camera_m[..., 2:] > _MIN_DEPTH_M, in_camera_m[..., 2:], np.nan)
+    return in_camera_m[..., :2] / depth_m, depth_m
+
+
 @dataclass(frozen=True, eq=False)
 class CameraRig:
     """Several calibrated cameras in one world frame, in the order of every array's camera axis.
@@ -268,25 +271,21 @@ class CameraRig:
 
     def project(self, points_m: Float[np.ndarray, "*points joint 3"]) -> Float[np.ndarray, "*points camera joint 2"]:
         """Undistorted pixels of world points in every camera; NaN behind a camera."""
-        normalized, _ = self._normalized(points_m)
+        normalized, _ = _normalized(self._in_cameras(points_m))
         return normalized * self._focal_px + self._centre_px
 
     def px_per_m(self, points_m: Float[np.ndarray, "*points joint 3"]) -> Float[np.ndarray, "*points camera joint"]:
         """Scale of each camera's image at world points: root mean square, over the two axes of the image, of how far
         the image of a point moves at most for each metre that the point moves. NaN at or behind a camera."""
-        normalized, depth_m = self._normalized(points_m)
+        normalized, depth_m = _normalized(self._in_cameras(points_m))
         return np.sqrt(np.sum(self._focal_px**2 * (1 + normalized**2), axis=-1) / 2) / depth_m[..., 0]
 
-    def _normalized(
+    def _in_cameras(
         self, points_m: Float[np.ndarray, "*points joint 3"]
-    ) -> tuple[Float[np.ndarray, "*points camera joint 2"], Float[np.ndarray, "*points camera joint 1"]]:
-        """Image of world points at unit focal length, and their depth; NaN at or behind a camera."""
-        camera_T_world = self._camera_T_world
-        in_camera = (
-            points_m[..., None, :, :] @ camera_T_world[:, :3, :3].swapaxes(1, 2) + camera_T_world[:, None, :3, 3]
-        )
-        depth_m = np.where(in_camera[..., 2:] > _MIN_DEPTH_M, in_camera[..., 2:], np.nan)
-        return in_camera[..., :2] / depth_m, depth_m
+    ) -> Float[np.ndarray, "*points camera joint 3"]:
+        """World points in the frame of every camera."""
+        R, t_m = self._camera_T_world[:, :3, :3], self._camera_T_world[:, None, :3, 3]
+        return points_m[..., None, :, :] @ R.swapaxes(1, 2) + t_m
 
     @cached_property
     def _camera_T_world(self) -> Float[np.ndarray, "camera 4 4"]:

@@ -123,7 +123,7 @@ class FixedLagSmoother:
         changed = {at: (set(among), factors) for at, (among, factors) in changes.items() if among}
         if not changed:
             return
-        removed = {at: self._slots_among(at, among) for at, (among, _) in changed.items()}
+        removed = {at: _among(self._slots[at], among) for at, (among, _) in changed.items()}
         params.removeFactorIndices = [slot for slots in removed.values() for slot in slots]
         params.extraReelimKeys = _key_list(key for among, _ in changed.values() for key in among.difference(keys))
         if keys:
@@ -144,9 +144,6 @@ class FixedLagSmoother:
             for at in changed:
                 self._slots[at] = self._found_slots(self._frames[at])
             self._recover()
-
-    def _slots_among(self, at: int, keys: set[int]) -> list[int]:
-        return [slot for slot, joined in self._slots[at].items() if keys.issuperset(joined)]
 
     def drop_oldest(self) -> None:
         """Marginalise the oldest frame: its information stays as a prior on the next one."""
@@ -285,17 +282,19 @@ class FixedLagSmoother:
     def _found_slots(self, keys: Sequence[int]) -> _Slots:
         """Where the factors of a frame with these keys alone are, if the update that brought them failed. Those that
         were frozen look like what was marginalised, and are left out."""
-        factors, among = self._isam.getFactorsUnsafe(), set(keys)
-        found = {
-            slot: factor.keys()
-            for slot, factor in enumerate(map(factors.at, range(factors.size())))
-            if factor and not isinstance(factor, gtsam.LinearContainerFactor)
-        }
-        return {slot: joined for slot, joined in found.items() if among.issuperset(joined)}
+        factors = self._isam.getFactorsUnsafe()
+        found = enumerate(map(factors.at, range(factors.size())))
+        native = {at: each.keys() for at, each in found if each and not isinstance(each, gtsam.LinearContainerFactor)}
+        return _among(native, set(keys))
 
 
 def _slots(factors: gtsam.NonlinearFactorGraph, slots: Iterable[int]) -> _Slots:
     return {slot: factors.at(number).keys() for number, slot in enumerate(slots)}
+
+
+def _among(slots: _Slots, keys: set[int]) -> _Slots:
+    """Those of the factors that join no other variables than these."""
+    return {slot: joined for slot, joined in slots.items() if keys.issuperset(joined)}
 
 
 class _Labels:
