@@ -23,7 +23,7 @@ from fgpose.estimation.online_covariance import online_covariance_m2
 from fgpose.estimation.online_factors import keys_of, link_factors, own_factors, segment_of, variables
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime, Segment
-from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
+from fgpose.estimation.solvers.fixed_lag import Changes, FixedLagSmoother
 from fgpose.estimation.visibility import RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -94,9 +94,7 @@ class Estimator:
         """
         check_frame(frame, self.skeleton, self._window[-1].at.time_s if self._window else -np.inf)
         frame = frame.with_cameras(self.rig.names)
-        estimate = self._begin(frame, np.broadcast_to(frame.time_s, (1, self.rig.n_cameras))[0], is_whole=True)
-        self._learn_offsets()
-        return estimate
+        return self._begin(frame, np.broadcast_to(frame.time_s, (1, self.rig.n_cameras))[0])
 
     def update_arrays(
         self,
@@ -152,18 +150,15 @@ class Estimator:
         is_own = np.arange(self.rig.n_cameras) == number
         if at is not None:
             return self._join(at, image, is_own)
-        if self._window:  # images that come later are too late for the newest pose
-            self._revise(new_lengths=self._learn_lengths())
-            self._learn_offsets()
-        return self._begin(image, np.where(is_own, time_s, np.nan), is_whole=False)
+        return self._begin(image, np.where(is_own, time_s, np.nan))
 
-    def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"], *, is_whole: bool) -> Estimate:
-        """A new frame, later than all others."""
+    def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
+        """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
         state = self._predicted(frame, image_time_s)
-        self._add(state)
+        changes = self._revised(new_lengths=self._learned()) if self._window else {}
+        self._add(state, changes)
         self._window.append(self._read(state))
         self._judge(np.isfinite(image_time_s))
-        self._revise(new_lengths=is_whole and self._learn_lengths())
         self._marginalise_old(state.at.time_s)
         return self._estimate()
 
@@ -191,7 +186,6 @@ class Estimator:
             self._judge(is_own)
         else:
             self._window[-1] = self._read(self._window[-1])
-        self._revise()
         return self._estimate()
 
     def _move(self, at: int, state: FrameState) -> None:
@@ -218,19 +212,23 @@ class Estimator:
         self._visibility.add(newest.positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
         self._window[-1] = newest.judged(self._visibility.probability)
 
-    def _revise(self, *, new_lengths: bool = False) -> None:
+    def _revised(self, *, new_lengths: bool) -> Changes:
         """Weight the detections of the last frames by what their present poses tell, as the batch does: an update that
-        accepted a hallucination takes it back. And give new lengths to their bones."""
+        accepted a hallucination takes it back. And give new lengths to their bones.
+
+        Returns:
+            What to replace in the graph; see FixedLagSmoother.
+        """
         now_s, every_s = self._window[-1].at.time_s, min(_REVISE_EVERY_S, self.config.online.lag_s / 2)
         is_due = self.config.visibility.model != "none" and now_s >= self._revised_s + every_s - TIME_ROUNDING_S
         if not is_due and not new_lengths:
-            return
+            return {}
         self._revised_s = now_s
         first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
         frames = [self._read(state) for state in itertools.islice(self._window, first, None)]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
         known = self._visibility.judged(concatenated([state.unjudged for state in frames]), *poses, self._rig)
-        changes: dict[int, tuple[list[int], gtsam.NonlinearFactorGraph]] = {}
+        changes: Changes = {}
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
             changed = state.active & (new_lengths | state.would_change(evidence, _CHANGED_SHARE))
@@ -238,16 +236,14 @@ class Estimator:
                 state = state.weighted(evidence, changed)
                 changes[at] = self._replacement(replace(state, active=changed))
             self._window[at] = state.judged(evidence.visibility[0])
-        if changes:
-            self._smoother.replace(changes)
-            self._window[-1] = self._read(self._window[-1])
+        return changes
 
-    def _learn_lengths(self) -> bool:
-        """From the newest frame; whether there are new ones."""
+    def _learned(self) -> bool:
+        """Learn from the newest frame; whether there are new bone lengths."""
+        self._learn_offsets()
         return self._lengths.add(self._window[-1].evidence, self._rig)
 
     def _learn_offsets(self) -> None:
-        """From the newest frame, where that is wanted."""
         if not self.config.online.estimate_time_offsets or len(self._window) < 2:
             return
         state = self._window[-1]
@@ -317,10 +313,10 @@ class Estimator:
     def _is_lagged(self, state: FrameState, time_s: float) -> bool:
         return state.at.time_s <= time_s - self.config.online.lag_s + TIME_ROUNDING_S
 
-    def _add(self, state: FrameState) -> None:
+    def _add(self, state: FrameState, changes: Changes) -> None:
         segment = self._segment(state)
         own, links = own_factors(segment, state), link_factors(segment)
-        self._smoother.add(own, *variables(state, self.config), links)
+        self._smoother.add(own, *variables(state, self.config), links, changes)
 
     def _segment(self, state: FrameState) -> Segment:
         return segment_of(state, self._rig, self._lengths, self._density.density(), self.config)

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, TypeVar
 
 import gtsam
@@ -34,6 +34,8 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 Result = TypeVar("Result")
 _Slots = dict[int, list[int]]
 """Where factors are in iSAM2, and the keys that each joins."""
+Changes = dict[int, tuple[Sequence[int], gtsam.NonlinearFactorGraph]]
+"""By number of the frame in the window, some of its variables and all factors that shall join these alone."""
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
 # Of the priors after a start from the estimates alone, metres and m/s. So loose that new detections (about 1 cm)
@@ -80,37 +82,22 @@ class FixedLagSmoother:
         values: gtsam.Values,
         keys: Sequence[int],
         links: gtsam.NonlinearFactorGraph | None = None,
+        changes: Changes | None = None,
     ) -> None:
         """Take a new frame with its variables; a frame without any is fine.
 
         Args:
-            factors: they join variables of this frame and of the one before only.
+            factors: they join variables of this frame only.
             values: finite first guesses of exactly these keys.
             links: factors to the frame before; replace never removes them.
+            changes: as replace takes them. Together they cost much less than one after the other.
         """
-        self._frames.append(list(keys))
+        self._frames.append([])
         self._slots.append({})
-        if not keys:
-            return
-        self._estimates.update((key, values.atPoint3(key)) for key in keys)
-        everything = gtsam.NonlinearFactorGraph(factors)
-        if links is not None:
-            everything.push_back(links)
-        try:
-            params = self._in_order(gtsam.ISAM2UpdateParams(), everything, values, len(keys))
-            slots = self._isam.update(everything, values, params).getNewFactorsIndices()
-            self._slots[-1] = _slots(factors, slots[: factors.size()])
-            self._back_to_cholesky()
-        except _FAILURES:
-            self._slots[-1] = self._found_slots(keys)
-            self._recover()
+        self._update({**(changes or {}), len(self._frames) - 1: (keys, factors)}, values, keys, links)
+        self._back_to_cholesky()
 
-    def replace(
-        self,
-        changes: Mapping[int, tuple[Sequence[int], gtsam.NonlinearFactorGraph]],
-        values: gtsam.Values | None = None,
-        keys: Sequence[int] = (),
-    ) -> None:
+    def replace(self, changes: Changes, values: gtsam.Values | None = None, keys: Sequence[int] = ()) -> None:
         """Replace factors of frames, but not their links to the frame before.
 
         Args:
@@ -119,22 +106,33 @@ class FixedLagSmoother:
             values: finite first guesses of exactly these keys.
             keys: variables that the last of these frames did not have.
         """
-        params, everything, values = gtsam.ISAM2UpdateParams(), gtsam.NonlinearFactorGraph(), values or gtsam.Values()
+        if keys:
+            self._labels = _Labels()
+        self._update(changes, values or gtsam.Values(), keys)
+
+    def _update(
+        self,
+        changes: Changes,
+        values: gtsam.Values,
+        keys: Sequence[int],
+        links: gtsam.NonlinearFactorGraph | None = None,
+    ) -> None:
         changed = {at: (set(among), factors) for at, (among, factors) in changes.items() if among}
         if not changed:
             return
         removed = {at: _among(self._slots[at], among) for at, (among, _) in changed.items()}
+        params, everything = gtsam.ISAM2UpdateParams(), gtsam.NonlinearFactorGraph()
         params.removeFactorIndices = [slot for slots in removed.values() for slot in slots]
         params.extraReelimKeys = _key_list(key for among, _ in changed.values() for key in among.difference(keys))
         if keys:
-            last = max(changed)
-            self._frames[last] = [*self._frames[last], *keys]
-            self._labels = _Labels()
+            self._frames[max(changed)] += keys
             self._estimates.update((key, values.atPoint3(key)) for key in keys)
         for _, factors in changed.values():
             everything.push_back(factors)
+        if links is not None:
+            everything.push_back(links)
         try:
-            params = self._in_order(params, everything, values, 0)
+            params = self._in_order(params, everything, values, len(keys))
             new_slots = iter(self._isam.update(everything, values, params).getNewFactorsIndices())
             for at, (_, factors) in changed.items():
                 for slot in removed[at]:
@@ -246,7 +244,10 @@ class FixedLagSmoother:
         if self._qr_frames:
             self._qr_frames -= 1
             if not self._qr_frames:
-                self._eliminate_anew(by="CHOLESKY")
+                try:
+                    self._eliminate_anew(by="CHOLESKY")
+                except _FAILURES:
+                    self._recover()
 
     def _eliminate_anew(self, by: Literal["CHOLESKY", "QR"]) -> None:
         """The same factors, linearised at the same values, in another tree."""
