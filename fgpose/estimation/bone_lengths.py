@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence, concatenated
@@ -43,31 +44,29 @@ class RunningLengths:
         """Their standard deviation; that of the prior where a length is not known."""
         blas_libraries()  # so that no update stops to load them
 
-    def add(self, evidence: Evidence, rig: CameraRig) -> bool:
+    def add(self, evidence: Evidence, rig: CameraRig) -> None:
         """Take a frame, if it is time for one, and make the next step of an estimation that has begun.
 
         Args:
             evidence: of this frame, with what is known of its detections.
             rig: cameras of the evidence.
-
-        Returns:
-            Whether a length is new, or has changed by more than a bone varies.
         """
         if self._config.symmetry.form != "shared_length":
-            return False
+            return
         if self._is_due(float(evidence.time_s[0])) and self._knows_a_bone(evidence):
             self._take(evidence)
         if self._estimation is None:
             self._estimation = self._begun(rig)
-            return False
+            return
         with one_blas_thread():
-            if not self._estimation.has_settled():
-                return False
-            before_m = self.lengths_m.copy()
-            self._take_lengths(self._estimation)
-        self._estimation = None
-        same = np.abs(self.lengths_m - before_m) <= self._config.symmetry.sigma_m
-        return not (same | np.isnan(self.lengths_m)).all()
+            if self._estimation.has_settled():
+                self._take_lengths(self._estimation)
+                self._estimation = None
+
+    def changed(self, lengths_m: Float[np.ndarray, " length"]) -> Bool[np.ndarray, " length"]:
+        """Which lengths are new since these, or differ by more than a bone varies."""
+        same = np.abs(self.lengths_m - lengths_m) <= self._config.symmetry.sigma_m
+        return np.isfinite(self.lengths_m) & ~same
 
     def _is_due(self, time_s: float) -> bool:
         return not self._sample or time_s >= float(self._sample[-1].time_s[0]) + self._step_s - TIME_ROUNDING_S

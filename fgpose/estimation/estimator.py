@@ -154,9 +154,11 @@ class Estimator:
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
-        state = self._predicted(frame, image_time_s)
-        changes = self._revised(new_lengths=self._learned()) if self._window else {}
-        self._add(state, changes)
+        gathered = gather(frame, self._rig, self.config)
+        if self._window:
+            self._learn()
+        state = self._predicted(frame, gathered, image_time_s)
+        self._add(state, self._revised() if self._window else {})
         self._window.append(self._read(state))
         self._judge(np.isfinite(image_time_s))
         self._marginalise_old(state.at.time_s)
@@ -212,7 +214,7 @@ class Estimator:
         self._visibility.add(newest.positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
         self._window[-1] = newest.judged(self._visibility.probability)
 
-    def _revised(self, *, new_lengths: bool) -> Changes:
+    def _revised(self) -> Changes:
         """Weight the detections of the last frames by what their present poses tell, as the batch does: an update that
         accepted a hallucination takes it back. And give new lengths to their bones.
 
@@ -220,8 +222,8 @@ class Estimator:
             What to replace in the graph; see FixedLagSmoother.
         """
         now_s, every_s = self._window[-1].at.time_s, min(_REVISE_EVERY_S, self.config.online.lag_s / 2)
-        is_due = self.config.visibility.model != "none" and now_s >= self._revised_s + every_s - TIME_ROUNDING_S
-        if not is_due and not new_lengths:
+        is_due = now_s >= self._revised_s + every_s - TIME_ROUNDING_S
+        if not is_due and not self._lengths.changed(self._window[-1].lengths_m).any():
             return {}
         self._revised_s = now_s
         first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
@@ -231,17 +233,20 @@ class Estimator:
         changes: Changes = {}
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
-            changed = state.active & (new_lengths | state.would_change(evidence, _CHANGED_SHARE))
+            of_lengths = self._lengths.changed(state.lengths_m)
+            of_joints = self.skeleton.ends_of(of_lengths) | state.would_change(evidence, _CHANGED_SHARE)
+            changed = state.active & of_joints
             if changed.any():
-                state = state.weighted(evidence, changed)
+                lengths_m = np.where(of_lengths, self._lengths.lengths_m, state.lengths_m)
+                state = replace(state.weighted(evidence, changed), lengths_m=lengths_m)
                 changes[at] = self._replacement(replace(state, active=changed))
             self._window[at] = state.judged(evidence.visibility[0])
         return changes
 
-    def _learned(self) -> bool:
-        """Learn from the newest frame; whether there are new bone lengths."""
+    def _learn(self) -> None:
+        """From the newest frame, all images of which are there that will be used."""
+        self._lengths.add(self._window[-1].evidence, self._rig)
         self._learn_offsets()
-        return self._lengths.add(self._window[-1].evidence, self._rig)
 
     def _learn_offsets(self) -> None:
         if not self.config.online.estimate_time_offsets or len(self._window) < 2:
@@ -259,12 +264,13 @@ class Estimator:
             last_s[which] = np.maximum(last_s[which], evidence.time_s[0])
         return known
 
-    def _predicted(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> FrameState:
+    def _predicted(
+        self, frame: Observations, gathered: Evidence, image_time_s: Float[np.ndarray, " camera"]
+    ) -> FrameState:
         """First guess of the newest frame: the predicted position or, if its reprojection error is smaller, the
         triangulated point. The joints that are estimated are triangulated now or, with a motion model, not too long
         ago."""
         before = self._window[-1] if self._window else None
-        gathered = gather(frame, self._rig, self.config)
         time_s, guess_m = float(gathered.time_s[0]), gathered.guess_m[0]
         active = self._note(gathered, np.ones(self.skeleton.n_joints, dtype=bool))
         linked, step_s = np.zeros_like(active), np.inf
@@ -292,6 +298,7 @@ class Estimator:
             evidence=evidence,
             positions_m=positions_m,
             velocities_mps=velocities_mps,
+            lengths_m=self._lengths.lengths_m.copy(),
             active=active,
             linked=linked,
             status=joint_status(active, evidence.observed[0]),

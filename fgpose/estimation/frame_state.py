@@ -31,6 +31,8 @@ class FrameState:
     """The same as it is in the graph: weighted by the probability that each detection is of its joint."""
     positions_m: Float[np.ndarray, "joint 3"]
     velocities_mps: Float[np.ndarray, "joint 3"]
+    lengths_m: Float[np.ndarray, " length"]
+    """Of its bones in the graph."""
     active: Bool[np.ndarray, " joint"]
     """Which joints are estimated."""
     linked: Bool[np.ndarray, " joint"]
