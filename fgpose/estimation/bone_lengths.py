@@ -29,7 +29,7 @@ class RunningLengths:
     Medians of triangulated bones would not do. Errors of the joints make short bones longer, and hallucinated joints
     are at the end of bones of any length: with two occluded cameras they are wrong by 10 cm after four seconds.
 
-    So that no update waits for all of it, each makes one step of the optimiser.
+    So that no update waits for all of it, each makes at most one step of the optimiser.
     """
 
     def __init__(self, skeleton: Skeleton, config: Config) -> None:
@@ -38,23 +38,29 @@ class RunningLengths:
         self._step_s = _FIRST_STEP_S
         self._n_estimated = 0
         self._estimation: _Estimation | None = None  # while it goes on
+        self._waits = False
         self.lengths_m = np.full(skeleton.n_lengths, np.nan)
         """NaN where a bone has not been complete yet."""
         self.sigma_m = np.full(skeleton.n_lengths, config.prior.length_sigma_m)
         """Their standard deviation; that of the prior where a length is not known."""
         blas_libraries()  # so that no update stops to load them
 
-    def add(self, evidence: Evidence, rig: CameraRig) -> None:
-        """Take a frame, if it is time for one, and make the next step of an estimation that has begun.
+    def add(self, evidence: Evidence) -> None:
+        """Take a frame, with what is known of its detections, if it is time for one."""
+        is_wanted = self._config.symmetry.form == "shared_length"
+        if is_wanted and self._is_due(float(evidence.time_s[0])) and self._knows_a_bone(evidence):
+            self._take(evidence)
+
+    def improve(self, rig: CameraRig, *, may_wait: bool) -> None:
+        """The next step of an estimation that has begun; otherwise begin one if there is reason to.
 
         Args:
-            evidence: of this frame, with what is known of its detections.
             rig: cameras of the evidence.
+            may_wait: whether the step may be the next update's, if this one has enough to do. It does not wait twice.
         """
-        if self._config.symmetry.form != "shared_length":
+        self._waits = may_wait and not self._waits
+        if self._waits:
             return
-        if self._is_due(float(evidence.time_s[0])) and self._knows_a_bone(evidence):
-            self._take(evidence)
         if self._estimation is None:
             self._estimation = self._begun(rig)
             return

@@ -158,7 +158,9 @@ class Estimator:
         if self._window:
             self._learn()
         state = self._predicted(frame, gathered, image_time_s)
-        self._add(state, self._revised() if self._window else {})
+        changes = self._revised() if self._window else {}
+        self._add(state, changes)
+        self._lengths.improve(self._rig, may_wait=bool(changes))
         self._window.append(self._read(state))
         self._judge(np.isfinite(image_time_s))
         self._marginalise_old(state.at.time_s)
@@ -245,7 +247,7 @@ class Estimator:
 
     def _learn(self) -> None:
         """From the newest frame, all images of which are there that will be used."""
-        self._lengths.add(self._window[-1].evidence, self._rig)
+        self._lengths.add(self._window[-1].evidence)
         self._learn_offsets()
 
     def _learn_offsets(self) -> None:

@@ -33,7 +33,8 @@ def learned(scene: Scene, every: int = 1, config: Config = CONFIG) -> Iterator[R
     """The lengths after each frame."""
     lengths = RunningLengths(scene.observations.skeleton, config)
     for frame in range(0, scene.observations.n_frames, every):
-        lengths.add(gather(scene.observations.frames(slice(frame, frame + 1)), scene.rig, config), scene.rig)
+        lengths.add(gather(scene.observations.frames(slice(frame, frame + 1)), scene.rig, config))
+        lengths.improve(scene.rig, may_wait=False)
         yield lengths
 
 
@@ -108,7 +109,7 @@ def test_the_sample_is_bounded_and_spread_over_everything(rig: CameraRig, skelet
     still = scene(rig, skeleton, DetectionNoise(), n_frames=2)
     lengths, evidence = RunningLengths(skeleton, CONFIG), gather(still.observations, rig, CONFIG).frames(slice(0, 1))
     for number in range(400):
-        lengths.add(replace(evidence, time_s=np.array([0.1 * number])), rig)
+        lengths.add(replace(evidence, time_s=np.array([0.1 * number])))
     times_s = np.array([float(each.time_s[0]) for each in lengths._sample])
     assert 16 <= len(times_s) <= 32
     assert times_s[0] == 0.0
@@ -127,7 +128,8 @@ def test_frames_that_know_no_bone_are_no_sample(rig: CameraRig, skeleton: Skelet
             points_px = observations.points2d_px.copy()
             points_px[:, 1:] = np.nan
             observations = replace(observations, points2d_px=points_px)
-        lengths.add(gather(observations, rig, CONFIG), rig)
+        lengths.add(gather(observations, rig, CONFIG))
+        lengths.improve(rig, may_wait=False)
     assert np.isfinite(lengths.lengths_m).all()
 
 
@@ -145,3 +147,17 @@ def test_images_of_nobody_are_no_sample(rig: CameraRig, skeleton: Skeleton) -> N
     for lengths in learned(replace(noisy, observations=nobody)):
         assert np.isnan(lengths.lengths_m).all()
         assert not lengths._sample
+
+
+def test_a_step_waits_once_and_no_longer(rig: CameraRig, skeleton: Skeleton) -> None:
+    noisy = scene(rig, skeleton, DetectionNoise(), n_frames=1)
+    known_after = []
+    for may_wait in (False, True):
+        lengths = RunningLengths(skeleton, CONFIG)
+        lengths.add(gather(noisy.observations.frames(slice(0, 1)), rig, CONFIG))
+        improved = 0
+        while np.isnan(lengths.lengths_m).any():
+            lengths.improve(rig, may_wait=may_wait)
+            improved += 1
+        known_after.append(improved)
+    assert known_after[1] == 2 * known_after[0]
