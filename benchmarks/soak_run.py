@@ -41,6 +41,8 @@ class Result:
     repairs: int = 0
     memory_growth_mb: float = 0.0
     """Median resident memory in the last quarter of the run, over the quarters before."""
+    window_mb: float = 0.0
+    """What the longest window can take."""
     slots: float = 0.0
     """Most slots for factors that iSAM2 held, over what the frames of the window can need."""
     failures: list[str] = field(default_factory=list)
@@ -76,7 +78,7 @@ def _online(soak: Soak, n_frames: int, result: Result) -> None:
         # QR takes several times the memory, but for a while only.
         if number % _FRAMES_PER_LOOK == 0 and not estimator._smoother._qr_frames:
             held_mb[quarter].append(_held_mb())
-    result.repairs = estimator.repairs
+    result.repairs, result.window_mb = estimator.repairs, _most_mb(soak, longest)
     usual_mb = [float(np.median(quarter)) for quarter in held_mb if quarter]
     if len(usual_mb) == len(held_mb):
         result.memory_growth_mb = usual_mb[-1] - max(usual_mb[:-1])
@@ -102,6 +104,14 @@ def _most_factors(soak: Soak, longest: int) -> int:
     it counts twice, for a factor that is replaced leaves its slot after the other has come."""
     per_joint = 2 * soak.rig.n_cameras + 7
     return per_joint * soak.skeleton.n_joints * (2 * longest + 2)
+
+
+def _most_mb(soak: Soak, longest: int) -> float:
+    """That the Bayes tree of a window of so many frames can take: when nobody sees the person, all joints of a frame
+    are correlated, and every variable is conditioned on as many others as a frame has."""
+    n_variables = 2 * soak.skeleton.n_joints
+    side = 3 * (n_variables + 2)
+    return longest * n_variables * side**2 * np.dtype(float).itemsize / 1e6
 
 
 def _refused(estimator: fgpose.Estimator, frames: list[fgpose.Observations]) -> None:

@@ -32,10 +32,10 @@ def projection_residual(
     in_camera = R @ point_m.reshape(-1, 3).T + camera_T_world[:3, 3:]
     depth_m = np.where(in_camera[2] > NEAREST_M, in_camera[2], np.nan)
     normalized = in_camera[:2] / depth_m
-    projected_px = (focal_px * normalized + centre_px).reshape(2, *shape)
+    projected_px = focal_px * normalized + centre_px
     across = R[:2, :, None] - normalized[:, None] * R[2, :, None]
-    jacobian = ((focal_px / depth_m)[:, None] * across).reshape(2, 3, *shape)
-    return np.moveaxis(projected_px, 0, -1) - measured_px, (np.moveaxis(jacobian, (0, 1), (-2, -1)),)
+    jacobian = (focal_px / depth_m)[:, None] * across
+    return projected_px.T.reshape(*shape, 2) - measured_px, (jacobian.transpose(2, 0, 1).reshape(*shape, 2, 3),)
 
 
 def projection_factor(

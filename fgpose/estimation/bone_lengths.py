@@ -34,7 +34,7 @@ class RunningLengths:
 
     def __init__(self, skeleton: Skeleton, config: Config) -> None:
         self._skeleton, self._config = skeleton, config
-        self._sample: list[Evidence] = []
+        self._sample: dict[float, Evidence] = {}  # by time, in the order of time
         self._step_s = _FIRST_STEP_S
         self._n_estimated = 0
         self._estimation: _Estimation | None = None  # while it goes on
@@ -47,9 +47,19 @@ class RunningLengths:
 
     def add(self, evidence: Evidence) -> None:
         """Take a frame, with what is known of its detections, if it is time for one."""
-        is_wanted = self._config.symmetry.form == "shared_length"
-        if is_wanted and self._is_due(float(evidence.time_s[0])) and self._knows_a_bone(evidence):
-            self._take(evidence)
+        is_wanted, time_s = self._config.symmetry.form == "shared_length", float(evidence.time_s[0])
+        if not is_wanted or not self._is_due(time_s) or not self._knows_a_bone(evidence):
+            return
+        if len(self._sample) == _MOST_FRAMES:
+            self._sample, self._step_s = dict([*self._sample.items()][::2]), 2 * self._step_s
+            self._n_estimated = len(self._sample)
+        self._sample[time_s] = evidence
+
+    def revise(self, evidence: Evidence) -> None:
+        """Take what is known of the detections of a frame by now, if it is one of the sample."""
+        time_s = float(evidence.time_s[0])
+        if time_s in self._sample:
+            self._sample[time_s] = evidence
 
     def improve(self, rig: CameraRig, *, may_wait: bool) -> None:
         """The next step of an estimation that has begun; otherwise begin one if there is reason to.
@@ -75,23 +85,17 @@ class RunningLengths:
         return np.isfinite(self.lengths_m) & ~same
 
     def _is_due(self, time_s: float) -> bool:
-        return not self._sample or time_s >= float(self._sample[-1].time_s[0]) + self._step_s - TIME_ROUNDING_S
+        return not self._sample or time_s >= next(reversed(self._sample)) + self._step_s - TIME_ROUNDING_S
 
     def _knows_a_bone(self, evidence: Evidence) -> bool:
         return bool(np.isfinite(self._skeleton.bone_lengths(evidence.guess_m[0])).any())
-
-    def _take(self, evidence: Evidence) -> None:
-        if len(self._sample) == _MOST_FRAMES:
-            self._sample, self._step_s = self._sample[::2], 2 * self._step_s
-            self._n_estimated = len(self._sample)
-        self._sample.append(evidence)
 
     def _begun(self, rig: CameraRig) -> _Estimation | None:
         """Of the sample, if it has grown enough."""
         if not self._sample or len(self._sample) < _GROWTH * self._n_estimated:
             return None
         self._n_estimated = len(self._sample)
-        sample = Segment.of_recording(concatenated(self._sample), rig, self._skeleton, self._config)
+        sample = Segment.of_recording(concatenated([*self._sample.values()]), rig, self._skeleton, self._config)
         return _Estimation(NormalEquations(sample), usual_step_s(sample.evidence.time_s))
 
     def _take_lengths(self, estimation: _Estimation) -> None:

@@ -40,7 +40,7 @@ _PULL_SIGMA_M = 1e-3  # for as long as it takes to linearise anew: much less tha
 _REVISED_S, _REVISE_EVERY_S = 0.25, 0.2
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # 0.1 or 0.2 the errors differ by less than 1 %.
-_CHANGED_SHARE = 0.3
+_CHANGED_SHARE = 0.15
 
 
 class Estimator:
@@ -235,6 +235,7 @@ class Estimator:
         changes: Changes = {}
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
+            self._lengths.revise(evidence)
             of_lengths = self._lengths.changed(state.lengths_m)
             of_joints = self.skeleton.ends_of(of_lengths) | state.would_change(evidence, _CHANGED_SHARE)
             changed = state.active & of_joints

@@ -130,6 +130,8 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
 
 def concatenated(parts: Sequence[Evidence]) -> Evidence:
     """Of parts that follow each other; some may have depths and others none."""
+    if len(parts) == 1:
+        return parts[0]
     most = max(part.depth_sigma_m.shape[1] for part in parts)
     parts = [part if part.depth_sigma_m.shape[1] == most else part._with_views(most) for part in parts]
     return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})

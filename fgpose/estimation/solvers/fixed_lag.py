@@ -87,7 +87,7 @@ class FixedLagSmoother:
         """Take a new frame with its variables; a frame without any is fine.
 
         Args:
-            factors: they join variables of this frame only.
+            factors: they join variables of this frame and of the one before only.
             values: finite first guesses of exactly these keys.
             links: factors to the frame before; replace never removes them.
             changes: as replace takes them. Together they cost much less than one after the other.

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation import bone_lengths
 from fgpose.estimation.bone_lengths import RunningLengths
-from fgpose.estimation.evidence import gather
+from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -110,7 +110,7 @@ def test_the_sample_is_bounded_and_spread_over_everything(rig: CameraRig, skelet
     lengths, evidence = RunningLengths(skeleton, CONFIG), gather(still.observations, rig, CONFIG).frames(slice(0, 1))
     for number in range(400):
         lengths.add(replace(evidence, time_s=np.array([0.1 * number])))
-    times_s = np.array([float(each.time_s[0]) for each in lengths._sample])
+    times_s = np.array([*lengths._sample])
     assert 16 <= len(times_s) <= 32
     assert times_s[0] == 0.0
     assert times_s[-1] > 36.0
@@ -161,3 +161,29 @@ def test_a_step_waits_once_and_no_longer(rig: CameraRig, skeleton: Skeleton) -> 
             improved += 1
         known_after.append(improved)
     assert known_after[1] == 2 * known_after[0]
+
+
+def test_a_hallucination_that_was_taken_back_counts_no_more(rig: CameraRig, skeleton: Skeleton) -> None:
+    """In one of two frames, all cameras see the wrists 0.2 m too low."""
+    exact = scene(rig, skeleton, NO_NOISE, n_frames=11)
+    right, other = (gather(exact.observations.frames(slice(at, at + 1)), rig, CONFIG) for at in (0, 10))
+    is_wrist = np.isin(np.arange(skeleton.n_joints), [skeleton.index("left_wrist"), skeleton.index("right_wrist")])
+    low_m = exact.truth_m[10:] - 0.2 * is_wrist[:, None] * [0.0, 0.0, 1.0]
+    hallucinated = replace(other, undistorted_px=rig.project(low_m), guess_m=low_m)
+    forearm = skeleton.length_names.index("left_elbow-left_wrist")
+
+    def forearm_m(*revisions: Evidence) -> float:
+        lengths = RunningLengths(skeleton, CONFIG)
+        lengths.add(right)
+        lengths.add(hallucinated)
+        for revision in revisions:
+            lengths.revise(revision)
+        while np.isnan(lengths.lengths_m).any():
+            lengths.improve(rig, may_wait=False)
+        return float(lengths.lengths_m[forearm])
+
+    truth_m = true_lengths_m(exact)[forearm]
+    taken_back = hallucinated.trusted(np.where(is_wrist, 1e-6, 1.0)[None, None])
+    assert abs(forearm_m() - truth_m) > 0.02
+    # The bone varies by millimetres from frame to frame.
+    assert abs(forearm_m(taken_back) - truth_m) < 0.005

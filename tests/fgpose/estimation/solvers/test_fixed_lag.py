@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import gtsam
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from fgpose.estimation.keys import position_key, velocity_key
-from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
+from fgpose.estimation.solvers.fixed_lag import Changes, FixedLagSmoother
 from fgpose.skeleton import MAX_JOINTS
 from fgpose_factors import State, constant_velocity_factor, noise_model, random_walk_factor
 
@@ -181,6 +181,34 @@ def test_replaced_factors_count_no_more(at: int) -> None:
     np.testing.assert_allclose(mended.points(keys[-1:]), right.points(keys[-1:]), atol=1e-6)
 
 
+def test_a_new_frame_and_changes_together_are_as_one_after_the_other() -> None:
+    """The frame before last is measured anew each time; once nothing else happens, as when a person is away."""
+    rng = np.random.default_rng(0)
+    apart, together = smoothers = [FixedLagSmoother(relinearize_m=1e-3) for _ in range(2)]
+    for number, measurement in enumerate(np.cumsum(rng.normal(0, 0.02, (20, 3)), axis=0)):
+        graph, values, keys = frame_of(number, measurement)
+        own, links = without_links(graph, keys)
+        at = min(number, 6) - 2
+        changes: Changes = {}
+        if at >= 0:
+            again, _, before = frame_of(number - 2, measurement + rng.normal(0, 0.02, 3))
+            changes = {at: (before, without_links(again, before)[0])}
+        if number == 19:
+            own, values, keys, links = gtsam.NonlinearFactorGraph(), gtsam.Values(), [], None
+        apart.replace(changes)
+        apart.add(own, values, keys, links)
+        together.add(own, values, keys, links, changes)
+        check_order(together)
+        newest = [position_key(0, min(number, 18))]
+        np.testing.assert_allclose(together.points(newest), apart.points(newest), atol=1e-9)
+        if number >= 6:
+            for smoother in smoothers:
+                smoother.drop_oldest()
+    keys = [position_key(0, number) for number in range(14, 19)]
+    np.testing.assert_allclose(together.points(keys), apart.points(keys), atol=1e-9)
+    np.testing.assert_allclose(together.covariances(keys), apart.covariances(keys), rtol=1e-6, atol=1e-12)
+
+
 def test_what_joins_other_variables_stays() -> None:
     """The measurement of one of two joints is replaced; that of the other and the bone between them are not."""
     graph, values, keys = gtsam.NonlinearFactorGraph(), gtsam.Values(), [position_key(joint, 0) for joint in range(2)]
@@ -238,6 +266,18 @@ def test_after_a_recovery_a_frozen_factor_is_replaced_too() -> None:
     np.testing.assert_allclose(smoother.covariances([key])[0], 1e-4 * np.eye(3), rtol=1e-6, atol=1e-12)
 
 
+def measured_again(rng: np.random.Generator, window: Sequence[list[int]]) -> Changes:
+    """Other measurements of some of the variables of some frames."""
+    changes: Changes = {}
+    for at, keys in enumerate(window):
+        if rng.random() < 0.3:
+            among, factors = [key for key in keys if rng.random() < 0.7], gtsam.NonlinearFactorGraph()
+            for key in among:
+                factors.add(gtsam.PriorFactorPoint3(key, rng.normal(0, 0.5, 3), noise_model(3, 0.1)))
+            changes[at] = among, factors
+    return changes
+
+
 @pytest.mark.parametrize("seeds", [range(15), pytest.param(range(15, 40), marks=pytest.mark.slow)])
 def test_the_order_survives_replacements(seeds: range) -> None:
     """In random streams, frames get other measurements, and the newest further joints as well."""
@@ -247,7 +287,8 @@ def test_the_order_survives_replacements(seeds: range) -> None:
         window: deque[list[int]] = deque()
         for number, (graph, values, keys) in enumerate(random_stream(seed)):
             own, links = without_links(graph, keys)
-            smoother.add(own, values, keys, links)
+            smoother.add(own, values, keys, links, measured_again(rng, window) if rng.random() < 0.5 else None)
+            check_order(smoother)
             window.append(keys)
             if number >= lag:
                 smoother.drop_oldest()
