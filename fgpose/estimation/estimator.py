@@ -7,7 +7,6 @@ from collections import deque
 from dataclasses import replace
 from typing import NoReturn
 
-import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -18,22 +17,18 @@ from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.estimation.evidence import Evidence, concatenated, gather
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.images import fits_better, on_time
-from fgpose.estimation.keys import position_key
 from fgpose.estimation.online_covariance import online_covariance_m2
-from fgpose.estimation.online_factors import keys_of, link_factors, own_factors, segment_of, variables
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
-from fgpose.estimation.segment import FrameTime, Segment
-from fgpose.estimation.solvers.fixed_lag import Changes, FixedLagSmoother
+from fgpose.estimation.segment import FrameTime
 from fgpose.estimation.visibility import RunningVisibility
+from fgpose.estimation.window_graph import WindowGraph
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, joint_status
-from fgpose_factors import noise_model
 
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
-_PULL_SIGMA_M = 1e-3  # for as long as it takes to linearise anew: much less than online.relinearize_m
 # So many of the last seconds are revised, after so much time or half the lag. Joints stay hidden for about as long
 # (visibility.hidden_s), so later images hardly tell more. Half of the time between changes the errors on the tuning
 # clips of the benchmark by less than 1 %; half of what is revised makes them 3 % larger with two occluded cameras.
@@ -58,11 +53,11 @@ class Estimator:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._rig = rig
         self._lengths = RunningLengths(skeleton, self.config)
-        self._smoother = FixedLagSmoother(self.config.online.relinearize_m)
         self._window: deque[FrameState] = deque()
         self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
         self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
+        self._graph = WindowGraph(self._lengths, self._density, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._offsets = RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
@@ -83,7 +78,7 @@ class Estimator:
     @property
     def repairs(self) -> int:
         """How often GTSAM failed and the window was eliminated anew; updates are slower for a while after that."""
-        return self._smoother.repairs
+        return self._graph.repairs
 
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
@@ -159,16 +154,16 @@ class Estimator:
             self._learn()
         state = self._predicted(frame, gathered, image_time_s)
         changes = self._revised() if self._window else {}
-        self._add(state, changes)
+        self._graph.add(state, self._rig, changes)
         self._lengths.improve(self._rig, may_wait=bool(changes))
-        self._window.append(self._read(state))
+        self._window.append(self._graph.read(state))
         self._judge(np.isfinite(image_time_s))
         self._marginalise_old(state.at.time_s)
         return self._estimate()
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
-        state, is_newest = self._read(self._window[at]), at == len(self._window) - 1
+        state, is_newest = self._graph.read(self._window[at]), at == len(self._window) - 1
         observations = with_image(state.observations, image, is_own)
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
         gathered = gather(observations, self._rig, self.config)
@@ -182,33 +177,26 @@ class Estimator:
         else:
             evidence = self._visibility.with_image(at, is_own, state.evidence, gathered, *pose)
         state = state.joined(observations, image_time_s, gathered, evidence, entering)
-        new = variables(replace(state, active=entering), self.config)
-        self._smoother.replace({at: self._replacement(state)}, *new)
+        self._graph.replace({at: state}, self._rig, entering)
         self._move(at, state)
-        self._window[at] = self._read(state)
+        self._window[at] = self._graph.read(state)
         if is_newest:
             self._judge(is_own)
         else:
-            self._window[-1] = self._read(self._window[-1])
+            self._window[-1] = self._graph.read(self._window[-1])
         return self._estimate()
 
     def _move(self, at: int, state: FrameState) -> None:
         """Move joints to their present triangulation, if that fits the images better. The robust kernels would keep
         them at the position that the first images gave."""
-        current, guess_m = self._read(state), state.evidence.guess_m[0]
+        current, guess_m = self._graph.read(state), state.evidence.guess_m[0]
         better = fits_better(guess_m, current.positions_m, state.evidence, self._rig, self.config.projection)
         # Two views that agree by chance are contradicted by the next image.
         is_sure = (state.evidence.n_views[0] >= 3) | np.isfinite(state.image_time_s).all()
         is_far = np.linalg.norm(guess_m - current.positions_m, axis=-1) > self.config.online.relinearize_m
         moved = np.flatnonzero(state.active & is_sure & better & is_far).tolist()
-        if not moved:
-            return
-        keys, pulled = self._replacement(current)
-        for joint in moved:
-            key = position_key(joint, state.at.frame)
-            pulled.add(gtsam.PriorFactorPoint3(key, guess_m[joint], noise_model(3, _PULL_SIGMA_M)))
-        self._smoother.replace({at: (keys, pulled)})
-        self._smoother.replace({at: self._replacement(current)})
+        if moved:
+            self._graph.move(at, current, moved, guess_m, self._rig)
 
     def _judge(self, is_new: Bool[np.ndarray, " camera"]) -> None:
         """Judge the detections of the newest frame, some of whose images are new."""
@@ -216,12 +204,12 @@ class Estimator:
         self._visibility.add(newest.positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
         self._window[-1] = newest.judged(self._visibility.probability)
 
-    def _revised(self) -> Changes:
+    def _revised(self) -> dict[int, FrameState]:
         """Weight the detections of the last frames by what their present poses tell, as the batch does: an update that
         accepted a hallucination takes it back. And give new lengths to their bones.
 
         Returns:
-            What to replace in the graph; see FixedLagSmoother.
+            The frames that change; see WindowGraph.
         """
         now_s, every_s = self._window[-1].at.time_s, min(_REVISE_EVERY_S, self.config.online.lag_s / 2)
         is_due = now_s >= self._revised_s + every_s - TIME_ROUNDING_S
@@ -229,10 +217,10 @@ class Estimator:
             return {}
         self._revised_s = now_s
         first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
-        frames = [self._read(state) for state in itertools.islice(self._window, first, None)]
+        frames = [self._graph.read(state) for state in itertools.islice(self._window, first, None)]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
         known = self._visibility.judged(concatenated([state.unjudged for state in frames]), *poses, self._rig)
-        changes: Changes = {}
+        changes: dict[int, FrameState] = {}
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
             self._lengths.revise(evidence)
@@ -242,7 +230,7 @@ class Estimator:
             if changed.any():
                 lengths_m = np.where(of_lengths, self._lengths.lengths_m, state.lengths_m)
                 state = replace(state.weighted(evidence, changed), lengths_m=lengths_m)
-                changes[at] = self._replacement(replace(state, active=changed))
+                changes[at] = replace(state, active=changed)
             self._window[at] = state.judged(evidence.visibility[0])
         return changes
 
@@ -313,44 +301,15 @@ class Estimator:
         while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
             self._window.popleft()
             self._visibility.marginalise()
-            self._smoother.drop_oldest()
+            self._graph.drop_oldest()
             if is_adaptive(self.config.motion):
                 oldest = self._window[0]
-                velocities_mps = self._points(oldest.velocity_keys, oldest.active)
+                velocities_mps = np.where(oldest.active[:, None], self._graph.read(oldest).velocities_mps, np.nan)
                 information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
                 self._density.add(oldest.at.time_s, velocities_mps, information)
 
     def _is_lagged(self, state: FrameState, time_s: float) -> bool:
         return state.at.time_s <= time_s - self.config.online.lag_s + TIME_ROUNDING_S
-
-    def _add(self, state: FrameState, changes: Changes) -> None:
-        segment = self._segment(state)
-        own, links = own_factors(segment, state), link_factors(segment)
-        self._smoother.add(own, *variables(state, self.config), links, changes)
-
-    def _segment(self, state: FrameState) -> Segment:
-        return segment_of(state, self._rig, self._lengths, self._density.density(), self.config)
-
-    def _replacement(self, state: FrameState) -> tuple[list[int], gtsam.NonlinearFactorGraph]:
-        """The variables of a frame in the graph, and factors that join these alone."""
-        start_m, linearized_m = state.positions_m.copy(), self._smoother.linearization_points(state.position_keys)
-        start_m[state.active] = np.where(np.isnan(linearized_m), start_m[state.active], linearized_m)
-        state = replace(state, positions_m=start_m)
-        return keys_of(state, self.config), own_factors(self._segment(state), state)
-
-    def _read(self, state: FrameState) -> FrameState:
-        """The state with the estimated values in place of the guesses."""
-        velocities_mps = np.zeros((self.skeleton.n_joints, 3))
-        if self.config.motion.model == "constant_velocity":
-            velocities_mps[state.active] = self._smoother.points(state.velocity_keys)
-        positions_m = self._points(state.position_keys, state.active)
-        return replace(state, positions_m=positions_m, velocities_mps=velocities_mps)
-
-    def _points(self, keys: list[int], active: Bool[np.ndarray, " joint"]) -> Float[np.ndarray, "joint 3"]:
-        """Current positions or velocities of the active joints of a frame; NaN for the others."""
-        points = np.full((len(active), 3), np.nan)
-        points[active] = self._smoother.points(keys)
-        return points
 
     def _estimate(self) -> Estimate:
         """Of the newest frame."""
@@ -358,7 +317,7 @@ class Estimator:
         residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
         covariance_m2 = None
         if self.config.online.covariance:
-            linear_m2 = self._smoother.covariances(state.position_keys)
+            linear_m2 = self._graph.covariances_m2(state)
             covariance_m2 = self._covariance_m2(state, linear_m2, state.unseen_s)
         return Estimate(
             skeleton=self.skeleton,
@@ -377,14 +336,14 @@ class Estimator:
         oldest = self._window[0]
         if not self._is_lagged(oldest, time_s):
             return None
-        oldest = replace(oldest, positions_m=self._points(oldest.position_keys, oldest.active))
+        oldest = self._graph.read(oldest)
         covariance_m2 = self._lagged_covariance_m2(oldest) if self.config.online.smoothed_covariance else None
         frame, time_s = oldest.at.frame, oldest.at.time_s
         return Estimate(self.skeleton, frame, time_s, oldest.positions_m, oldest.status, covariance_m2)
 
     def _lagged_covariance_m2(self, oldest: FrameState) -> np.ndarray:
         later_s = [state.since_seen_s(oldest.at.time_s) for state in self._window]
-        linear_m2 = self._smoother.oldest_covariances(oldest.position_keys)
+        linear_m2 = self._graph.lagged_covariances_m2(oldest)
         return self._covariance_m2(oldest, linear_m2, np.min([oldest.unseen_s, *later_s], axis=0))
 
     def _covariance_m2(self, state: FrameState, linear_m2: np.ndarray, unseen_s: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Literal, TypeVar
 
 import gtsam
@@ -34,7 +34,7 @@ from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 Result = TypeVar("Result")
 _Slots = dict[int, list[int]]
 """Where factors are in iSAM2, and the keys that each joins."""
-Changes = dict[int, tuple[Sequence[int], gtsam.NonlinearFactorGraph]]
+Changes = Mapping[int, tuple[Sequence[int], gtsam.NonlinearFactorGraph]]
 """By number of the frame in the window, some of its variables and all factors that shall join these alone."""
 
 _NEVER_RELINEARIZE = 1e6  # velocities enter linearly

@@ -189,7 +189,7 @@ def test_a_new_frame_and_changes_together_are_as_one_after_the_other() -> None:
         graph, values, keys = frame_of(number, measurement)
         own, links = without_links(graph, keys)
         at = min(number, 6) - 2
-        changes: Changes = {}
+        changes: dict[int, tuple[list[int], gtsam.NonlinearFactorGraph]] = {}
         if at >= 0:
             again, _, before = frame_of(number - 2, measurement + rng.normal(0, 0.02, 3))
             changes = {at: (before, without_links(again, before)[0])}
@@ -268,7 +268,7 @@ def test_after_a_recovery_a_frozen_factor_is_replaced_too() -> None:
 
 def measured_again(rng: np.random.Generator, window: Sequence[list[int]]) -> Changes:
     """Other measurements of some of the variables of some frames."""
-    changes: Changes = {}
+    changes: dict[int, tuple[list[int], gtsam.NonlinearFactorGraph]] = {}
     for at, keys in enumerate(window):
         if rng.random() < 0.3:
             among, factors = [key for key in keys if rng.random() < 0.7], gtsam.NonlinearFactorGraph()
