@@ -32,7 +32,7 @@ FLOORS = (
 # The same within the largest room.
 ESTIMATION_FLOORS = (
     {"smoother", "estimator", "refinement", "residuals"},
-    {"bone_lengths", "online_covariance", "window_graph"},
+    {"bone_lengths", "error_components", "online_covariance", "window_graph"},
     {"solvers"},
     {"factors"},
     {"frame_state", "images", "visibility"},

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.parameters import CalibrationConfig
 
@@ -27,12 +27,6 @@ _MAX_STEP_S = 1e3
 # the third; rounding errors would make the least variance negative.
 _ROUNDING = 1e-12
 _SHORT = 1e-4  # there both forms of the mean correlation are good to 1e-7
-# The autocorrelation is taken up to this lag, at so many of them. What is left there counts as constant.
-_LONGEST_LAG_S, _MOST_LAGS = 1.0, 16
-_TIMES_S = np.geomspace(0.02, 0.5, 12)  # of a first-order process that are told apart from white and constant errors
-_GOOD_WEIGHT = 0.3  # detections with less are left out: hallucinations have correlations of their own
-# So many pairs of detections, counted as independent, outweigh what is usual. One camera and one joint give 7 a second.
-_PRIOR_PAIRS = 100.0
 
 
 @dataclass(frozen=True)
@@ -54,51 +48,6 @@ def correlated_frames(
     return np.maximum(1.0, 2 * correlation_s / step_s)
 
 
-def error_correlation(
-    residual: Float[np.ndarray, "frame camera joint 2"],
-    weights: Float[np.ndarray, "frame camera joint"],
-    step_s: float,
-) -> ErrorCorrelation:
-    """How the errors of a recording are correlated, fitted to the autocorrelation of the residuals.
-
-    Args:
-        residual: against the smoothed motion, in any unit that makes them comparable; NaN without a detection.
-        weights: of the detections.
-        step_s: time from frame to frame.
-    """
-    usual = ErrorCorrelation()
-    known = np.isfinite(residual).all(axis=-1) & (weights > _GOOD_WEIGHT)
-    errors = np.where(known[..., None], residual, 0.0)
-    longest = min(int(_LONGEST_LAG_S / step_s), len(errors) - 1)
-    if longest < 2:
-        return usual
-    lags = np.unique(np.geomspace(1, longest, _MOST_LAGS).astype(int))
-    correlation, pairs = np.array([_autocorrelation(errors, known, lag) for lag in lags.tolist()]).T
-    lags_s, pairs = lags * step_s, pairs / correlated_frames(step_s, CORRELATION_S)
-    # The usual model stands for pairs of its own.
-    expected = usual.share * np.exp(-lags_s / usual.time_s) + usual.constant_share
-    correlation = (pairs * correlation + _PRIOR_PAIRS * expected) / (pairs + _PRIOR_PAIRS)
-    return min((_fitted(correlation, lags_s, time_s) for time_s in _TIMES_S.tolist()), key=lambda fit: fit[0])[1]
-
-
-def _autocorrelation(
-    errors: Float[np.ndarray, "frame camera joint 2"], known: Bool[np.ndarray, "frame camera joint"], lag: int
-) -> tuple[float, float]:
-    """At a lag in frames, and how many pairs of detections it is from."""
-    early, late, both = errors[:-lag], errors[lag:], known[:-lag] & known[lag:]
-    variance = float(np.sum(both[..., None] * (early**2 + late**2))) / 2
-    return (float(np.sum(early * late)) / variance if variance > 0 else 0.0), float(both.sum())
-
-
-def _fitted(correlation: np.ndarray, lags_s: np.ndarray, time_s: float) -> tuple[float, ErrorCorrelation]:
-    """Misfit and fit of the shares, with this time."""
-    from scipy.optimize import nnls
-
-    shares, misfit = nnls(np.stack([np.exp(-lags_s / time_s), np.ones_like(lags_s)], axis=1), correlation)
-    share, constant_share = (shares / max(1.0, shares.sum())).tolist()
-    return misfit, ErrorCorrelation(share, time_s, constant_share)
-
-
 def with_correlated_errors(
     covariance_m2: Float[np.ndarray, "*joints 3 3"],
     frame_information: Float[np.ndarray, "*joints 3 3"],
@@ -117,8 +66,7 @@ def with_correlated_errors(
         step_s: time from frame to frame.
         errors: how they are correlated.
     """
-    trace_m2 = np.trace(covariance_m2, axis1=-2, axis2=-1)
-    covariance_m2 = covariance_m2 + _ROUNDING * trace_m2[..., None, None] * np.eye(3)
+    covariance_m2 = surely_positive(covariance_m2)
     information = np.trace(np.linalg.inv(covariance_m2), axis1=-2, axis2=-1)
     alone = np.trace(frame_information, axis1=-2, axis2=-1)
     n_frames = _SHARE_OF_DETECTIONS * information / np.maximum(alone, information / _MAX_FRAMES)
@@ -126,6 +74,12 @@ def with_correlated_errors(
     correlated = errors.share * _mean_correlation(n_frames * step_s / errors.time_s) + errors.constant_share
     factor = 1 - errors.share - errors.constant_share + n_frames * correlated
     return covariance_m2 * np.maximum(factor, 1.0)[..., None, None]  # less than one frame cannot be averaged
+
+
+def surely_positive(covariance_m2: Float[np.ndarray, "*joints 3 3"]) -> Float[np.ndarray, "*joints 3 3"]:
+    """The same but for rounding errors, which may have made it singular."""
+    trace_m2 = np.trace(covariance_m2, axis1=-2, axis2=-1)
+    return covariance_m2 + _ROUNDING * trace_m2[..., None, None] * np.eye(3)
 
 
 def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:

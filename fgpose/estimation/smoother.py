@@ -12,9 +12,9 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.delays import image_motion_px
+from fgpose.estimation.error_components import covariance_of_errors_m2
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
-from fgpose.estimation.noise import error_correlation, with_correlated_errors
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
@@ -26,7 +26,7 @@ from fgpose.estimation.visibility import judged
 from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import spread_evenly, usual_step_s
+from fgpose.sampling import spread_evenly
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Trajectory, joint_status
 
@@ -253,17 +253,9 @@ def _minimized(problem: _SegmentProblem[State], segment: Segment) -> Solution:
 def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     if not segment.active.any():
         return solution
-    problem, active = NormalEquations(segment), segment.active
-    covariance_m2 = problem.covariance_m2(solution.positions_m)
-    information = problem.frame_information(solution.positions_m)
-    factor = distrust_factor(segment.evidence.total_weight[active])
-    step_s = usual_step_s(segment.evidence.time_s)
-    evidence = segment.evidence
-    residual = (segment.rig.project(solution.positions_m) - evidence.undistorted_px) / evidence.sigma_px[..., None]
-    errors = error_correlation(residual, evidence.weights, step_s)
-    correlated_m2 = with_correlated_errors(covariance_m2[active], information[active], step_s, errors)
-    covariance_m2[active] = factor[:, None, None] * correlated_m2
-    return replace(solution, covariance_m2=covariance_m2)
+    covariance_m2 = covariance_of_errors_m2(segment, solution.positions_m)
+    factor = distrust_factor(segment.evidence.total_weight)
+    return replace(solution, covariance_m2=factor[..., None, None] * covariance_m2)
 
 
 def _trajectory(recording: Segment, solution: Solution) -> Trajectory:

@@ -84,6 +84,14 @@ class Projections:
         weighted, jacobian, _ = self._linearized(positions_m)
         return np.einsum("tjia,tjib->tjab", weighted, jacobian)
 
+    def whitened(
+        self, positions_m: Float[np.ndarray, "frame slot 3"]
+    ) -> tuple[Float[np.ndarray, "frame slot 2"], Float[np.ndarray, "frame slot 2 3"], Float[np.ndarray, "frame slot"]]:
+        """Residuals and Jacobians in standard deviations of their detections, and weights of the kernel."""
+        residual_px, jacobian = self._project(positions_m)
+        weight = robust_weight(self._squared(residual_px), self.kernel, self.kernel_scale)
+        return residual_px / self.sigma_px[..., None], jacobian / self.sigma_px[..., None, None], weight
+
     @cached_property
     def _precision(self) -> Float[np.ndarray, "frame slot"]:
         return self.sigma_px**-2

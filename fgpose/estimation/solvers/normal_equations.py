@@ -15,7 +15,7 @@ from fgpose.estimation.factors.bone_length import SharedLengths
 from fgpose.estimation.factors.joint_rows import JointRows
 from fgpose.estimation.factors.kinds import Factors, factors_of
 from fgpose.estimation.factors.motion import Motions
-from fgpose.estimation.factors.projection import detection_information
+from fgpose.estimation.factors.projection import Projections
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
@@ -119,7 +119,7 @@ class NormalEquations:
 
     def positions_m(self, state: BatchState) -> Float[np.ndarray, "frame joint 3"]:
         """Positions of the active joints; NaN elsewhere."""
-        return self._of_all_joints(state.joints[:, 0])
+        return _of_all_joints(state.joints[:, 0], self._segment)
 
     def lengths_m(self, state: BatchState) -> Float[np.ndarray, " length"]:
         """Shared bone lengths; NaN where none is estimated."""
@@ -136,41 +136,22 @@ class NormalEquations:
             return np.full(state.lengths_m.shape, np.nan)
         return np.sqrt(variance_m2)
 
-    def covariance_m2(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3 3"]:
-        """Marginal covariance of every active joint's position around these; NaN elsewhere.
+    def linearized(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Linearized:
+        """The problem around these positions of the active joints. Overwrites the factorisation of the state before.
 
         Raises:
             ValueError: a joint is not held by any factor.
         """
         state = self.initial()
         state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
-        n_frames, n_kinds, n_slots, _ = self._shape
-        covariance_m2 = np.empty((n_frames, n_slots, 3, 3))
         try:
             matrix = self._factorize(self._information(state))
         except np.linalg.LinAlgError as error:
             raise ValueError(f"a joint is not held by any factor: {error}") from None
-        for t, block in zip(reversed(range(n_frames)), matrix.inverse_blocks(), strict=True):
-            positions_m2 = block[::n_kinds, ::n_kinds].reshape(n_slots, 3, n_slots, 3)
-            covariance_m2[t] = np.einsum("jajb->jab", positions_m2)
-        return self._of_all_joints(covariance_m2)
-
-    def frame_information(
-        self, positions_m: Float[np.ndarray, "frame joint 3"]
-    ) -> Float[np.ndarray, "frame joint 3 3"]:
-        """Information of the detections of each frame alone on every active joint, 1/m^2; NaN elsewhere."""
-        segment, evidence = self._segment, self._segment.evidence
-        points_m = np.where(segment.active[..., None], positions_m, np.nan)
-        return detection_information(
-            segment.rig, evidence.undistorted_px, evidence.detection_sigma_px, points_m, segment.config.projection
-        )
-
-    def _of_all_joints(self, of_slots: np.ndarray) -> np.ndarray:
-        segment = self._segment
-        of_joints = np.full((*segment.active.shape, *of_slots.shape[2:]), np.nan)
-        of_joints[:, segment.joints] = of_slots
-        of_joints[~segment.active] = np.nan
-        return of_joints
+        projections = [factors for factors in self._factors if isinstance(factors, Projections)]
+        residuals, jacobians, weights = zip(*(each.whitened(state.joints[:, 0]) for each in projections), strict=True)
+        detections = (np.stack(arrays, axis=1) for arrays in (residuals, jacobians, weights))
+        return Linearized(_Factorized(matrix, self._shape), self._segment, *detections)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +167,47 @@ class _Factorized:
         by_joint = np.moveaxis(joints, 1, -1)
         solved, solved_lengths = self.matrix.solve(by_joint.reshape(len(joints), -1), lengths)
         return np.append(np.moveaxis(solved.reshape(by_joint.shape), -1, 1), solved_lengths)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearized:
+    """A problem around a solution, from which joints deviate as the errors of detections want it. All detections are in
+    their standard deviations; without one, everything is zero."""
+
+    _factorized: _Factorized
+    _segment: Segment
+    residual: Float[np.ndarray, "frame camera slot 2"]
+    jacobian: Float[np.ndarray, "frame camera slot 2 3"]
+    """By the position of the joint, 1/m."""
+    weight: Float[np.ndarray, "frame camera slot"]
+    """Of the robust kernel."""
+
+    def covariance_m2(self) -> Float[np.ndarray, "frame joint 3 3"]:
+        """Marginal covariance of every active joint's position, all errors taken for independent; NaN elsewhere."""
+        n_frames, n_kinds, n_slots, _ = self._factorized.shape
+        covariance_m2 = np.empty((n_frames, n_slots, 3, 3))
+        blocks = self._factorized.matrix.inverse_blocks()
+        for t, block in zip(reversed(range(n_frames)), blocks, strict=True):
+            positions_m2 = block[::n_kinds, ::n_kinds].reshape(n_slots, 3, n_slots, 3)
+            covariance_m2[t] = np.einsum("jajb->jab", positions_m2)
+        return _of_all_joints(covariance_m2, self._segment)
+
+    def deviation_m(self, errors: Float[np.ndarray, "frame camera slot 2"]) -> Float[np.ndarray, "frame slot 3"]:
+        """Of the joints' positions, if these are the errors of the detections."""
+        gradient = np.zeros(self._factorized.shape)
+        weighted = self.weight[..., None] * errors
+        gradient[:, 0] = np.einsum("tcjia,tcji->tja", self.jacobian, weighted)
+        no_lengths = np.zeros(self._segment.skeleton.n_lengths)
+        solved = self._factorized.solve(np.append(gradient, no_lengths))
+        return _split(solved, self._factorized.shape)[0][:, 0]
+
+
+def _of_all_joints(of_slots: np.ndarray, segment: Segment) -> np.ndarray:
+    """NaN where a joint is not estimated."""
+    of_joints = np.full((*segment.active.shape, *of_slots.shape[2:]), np.nan)
+    of_joints[:, segment.joints] = of_slots
+    of_joints[~segment.active] = np.nan
+    return of_joints
 
 
 def _split(vector: Float[np.ndarray, " unknown"], shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
