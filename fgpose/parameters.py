@@ -228,7 +228,7 @@ class OnlineConfig:
     lag_s: float = 0.5
     """How far back a new image still changes the past, seconds. Raising it makes the smoothed result better and each
     update slower; inf keeps the whole history (short recordings only: time and memory grow without end)."""
-    relinearize_m: float = 0.05
+    relinearize_m: float = 0.03
     """A joint is linearised again when it moves by more than this, metres. Raising it is faster and less exact."""
     covariance: bool = True
     """Also give the covariance of the newest joints."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
@@ -128,19 +128,6 @@ class Skeleton:
         towards_root = [tuple(a for a, b in self.bones if b == joint) for joint in range(self.n_joints)]
         away = [tuple(b for a, b in self.bones if a == joint) for joint in range(self.n_joints)]
         return tuple(a + b for a, b in zip(towards_root, away, strict=True))
-
-    def ends_of(self, lengths: Bool[np.ndarray, " length"]) -> Bool[np.ndarray, " joint"]:
-        """The joints at the ends of the bones that have these lengths."""
-        ends = np.zeros(self.n_joints, dtype=bool)
-        ends[
-            [
-                joint
-                for bone, length in zip(self.bones, self.length_of_bone, strict=True)
-                if lengths[length]
-                for joint in bone
-            ]
-        ] = True
-        return ends
 
     def bone_lengths(self, positions_m: Float[np.ndarray, "*frames joint 3"]) -> Float[np.ndarray, "*frames bone"]:
         """Length in metres of every bone, NaN where one of its joints is NaN."""

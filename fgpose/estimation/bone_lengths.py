@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence, concatenated
@@ -29,7 +29,7 @@ class RunningLengths:
     Medians of triangulated bones would not do. Errors of the joints make short bones longer, and hallucinated joints
     are at the end of bones of any length: with two occluded cameras they are wrong by 10 cm after four seconds.
 
-    So that no update waits for all of it, each makes at most one step of the optimiser.
+    So that no update waits for all of it, each makes one step of the optimiser.
     """
 
     def __init__(self, skeleton: Skeleton, config: Config) -> None:
@@ -38,7 +38,6 @@ class RunningLengths:
         self._step_s = _FIRST_STEP_S
         self._n_estimated = 0
         self._estimation: _Estimation | None = None  # while it goes on
-        self._waits = False
         self.lengths_m = np.full(skeleton.n_lengths, np.nan)
         """NaN where a bone has not been complete yet."""
         self.sigma_m = np.full(skeleton.n_lengths, config.prior.length_sigma_m)
@@ -61,16 +60,9 @@ class RunningLengths:
         if time_s in self._sample:
             self._sample[time_s] = evidence
 
-    def improve(self, rig: CameraRig, *, may_wait: bool) -> None:
-        """The next step of an estimation that has begun; otherwise begin one if there is reason to.
-
-        Args:
-            rig: cameras of the evidence.
-            may_wait: whether the step may be the next update's, if this one has enough to do. It does not wait twice.
-        """
-        self._waits = may_wait and not self._waits
-        if self._waits:
-            return
+    def improve(self, rig: CameraRig) -> None:
+        """The next step of an estimation that has begun; otherwise begin one if there is reason to. The rig is that of
+        the evidence."""
         if self._estimation is None:
             self._estimation = self._begun(rig)
             return
@@ -79,10 +71,10 @@ class RunningLengths:
                 self._take_lengths(self._estimation)
                 self._estimation = None
 
-    def changed(self, lengths_m: Float[np.ndarray, " length"]) -> Bool[np.ndarray, " length"]:
-        """Which lengths are new since these, or differ by more than a bone varies."""
+    def have_changed(self, lengths_m: Float[np.ndarray, " length"]) -> bool:
+        """Whether a length is new since these, or differs by more than a bone varies."""
         same = np.abs(self.lengths_m - lengths_m) <= self._config.symmetry.sigma_m
-        return np.isfinite(self.lengths_m) & ~same
+        return bool((np.isfinite(self.lengths_m) & ~same).any())
 
     def _is_due(self, time_s: float) -> bool:
         return not self._sample or time_s >= next(reversed(self._sample)) + self._step_s - TIME_ROUNDING_S

@@ -34,7 +34,7 @@ def learned(scene: Scene, every: int = 1, config: Config = CONFIG) -> Iterator[R
     lengths = RunningLengths(scene.observations.skeleton, config)
     for frame in range(0, scene.observations.n_frames, every):
         lengths.add(gather(scene.observations.frames(slice(frame, frame + 1)), scene.rig, config))
-        lengths.improve(scene.rig, may_wait=False)
+        lengths.improve(scene.rig)
         yield lengths
 
 
@@ -129,7 +129,7 @@ def test_frames_that_know_no_bone_are_no_sample(rig: CameraRig, skeleton: Skelet
             points_px[:, 1:] = np.nan
             observations = replace(observations, points2d_px=points_px)
         lengths.add(gather(observations, rig, CONFIG))
-        lengths.improve(rig, may_wait=False)
+        lengths.improve(rig)
     assert np.isfinite(lengths.lengths_m).all()
 
 
@@ -149,20 +149,6 @@ def test_images_of_nobody_are_no_sample(rig: CameraRig, skeleton: Skeleton) -> N
         assert not lengths._sample
 
 
-def test_a_step_waits_once_and_no_longer(rig: CameraRig, skeleton: Skeleton) -> None:
-    noisy = scene(rig, skeleton, DetectionNoise(), n_frames=1)
-    known_after = []
-    for may_wait in (False, True):
-        lengths = RunningLengths(skeleton, CONFIG)
-        lengths.add(gather(noisy.observations.frames(slice(0, 1)), rig, CONFIG))
-        improved = 0
-        while np.isnan(lengths.lengths_m).any():
-            lengths.improve(rig, may_wait=may_wait)
-            improved += 1
-        known_after.append(improved)
-    assert known_after[1] == 2 * known_after[0]
-
-
 def test_a_hallucination_that_was_taken_back_counts_no_more(rig: CameraRig, skeleton: Skeleton) -> None:
     """In one of two frames, all cameras see the wrists 0.2 m too low."""
     exact = scene(rig, skeleton, NO_NOISE, n_frames=11)
@@ -179,7 +165,7 @@ def test_a_hallucination_that_was_taken_back_counts_no_more(rig: CameraRig, skel
         for revision in revisions:
             lengths.revise(revision)
         while np.isnan(lengths.lengths_m).any():
-            lengths.improve(rig, may_wait=False)
+            lengths.improve(rig)
         return float(lengths.lengths_m[forearm])
 
     truth_m = true_lengths_m(exact)[forearm]
