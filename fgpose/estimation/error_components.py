@@ -32,7 +32,7 @@ from fgpose.sampling import usual_step_s
 _TIMES_S = (0.0, 0.05, CORRELATION_S, 0.5, np.inf)
 # Deviations are averaged over the axes of a joint and over so much time as well. Then so few samples give standard
 # deviations to some 5 %.
-_LEAST_SAMPLES, _AVERAGED_S = 8, 1.0
+_SAMPLES, _AVERAGED_S = 8, 1.0
 # The autocovariance is taken up to this lag, at so many of them.
 _LONGEST_LAG_S, _MOST_LAGS = 1.0, 12
 _GOOD_WEIGHT = 0.3  # detections with less are left out: hallucinations have correlations of their own
@@ -110,20 +110,19 @@ def _samples(
 ) -> Float[np.ndarray, "sample frame camera slot 2"]:
     """Of a first-order Gauss-Markov process of variance 1.
 
-    What is new in each frame is orthogonal for each joint, between its detections and over the samples: then a few of
-    them have exactly the covariance that many would have.
+    What is new in each frame is orthogonal for each joint over the samples, between the detections of four cameras: so
+    few samples have exactly the covariance there that many would have.
     """
     n_frames, n_cameras, n_slots = shape
-    n_detected = 2 * n_cameras
-    n_samples = -(-_LEAST_SAMPLES // n_detected) * n_detected
-    n_new = n_frames if correlation < 1 else 1
-    new, _ = np.linalg.qr(rng.standard_normal((n_new, n_slots, n_samples, n_detected)))
-    new *= rng.choice([-1.0, 1.0], (n_new, n_slots, 1, n_detected))  # LAPACK chooses the signs, not at random
-    errors = np.sqrt(n_samples) * new.reshape(n_new, n_slots, n_samples, n_cameras, 2)
+    n_new, n_groups = n_frames if correlation < 1 else 1, -(-2 * n_cameras // _SAMPLES)
+    new, _ = np.linalg.qr(rng.standard_normal((n_new, n_slots, n_groups, _SAMPLES, _SAMPLES)))
+    new *= rng.choice([-1.0, 1.0], (n_new, n_slots, n_groups, 1, _SAMPLES))  # LAPACK chooses the signs, not at random
+    by_detection = np.sqrt(_SAMPLES) * new.swapaxes(2, 3).reshape(n_new, n_slots, _SAMPLES, -1)
+    errors = by_detection[..., : 2 * n_cameras].reshape(n_new, n_slots, _SAMPLES, n_cameras, 2)
     errors[1:] *= np.sqrt(1 - correlation**2)
     for earlier, later in itertools.pairwise(errors):
         later += correlation * earlier
-    return np.broadcast_to(errors.transpose(2, 0, 3, 1, 4), (n_samples, *shape, 2))
+    return np.broadcast_to(errors.transpose(2, 0, 3, 1, 4), (_SAMPLES, *shape, 2))
 
 
 def _autocovariance(
