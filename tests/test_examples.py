@@ -105,8 +105,8 @@ def test_uncertainty(camera: str):
     for joint in ("left_elbow", "left_wrist"):
         assert sigmas_mm[joint][2] > 3 * sigmas_mm[joint][0]
     assert sigmas_mm["left_wrist"][2] > sigmas_mm["left_elbow"][2]
-    # what is seen hardly notices; the table rounds to 0.1 mm
-    assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], abs=0.2)
+    # what is seen hardly notices: the components of the errors are estimated from other detections
+    assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], rel=0.1)
     # 2 of 25 joints
     assert numbers(r"arm hidden: # %", printed)[0] == pytest.approx(8, abs=1)
 

@@ -118,7 +118,7 @@ class BlockTridiagonal:
         responses = self._back(self._border).reshape(len(factors), size, -1)
         later = np.zeros((size, size))
         for t in reversed(range(len(factors))):
-            lower, _ = self._potri(np.asfortranarray(factors[t]), lower=1, overwrite_c=1)
+            lower, _ = self._potri(factors[t].copy(order="F"), lower=1, overwrite_c=1)
             block = lower.T
             np.copyto(block, lower, where=below)
             if t < len(self._coupling):

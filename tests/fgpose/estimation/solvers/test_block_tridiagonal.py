@@ -73,6 +73,15 @@ def test_diagonal_blocks_of_the_inverse_are_those_of_the_dense_inverse(all_kept:
         np.testing.assert_allclose(block, inverse[at, at], atol=1e-14)
 
 
+@pytest.mark.parametrize("kinds", [1, 2])
+def test_the_inverse_leaves_the_factors_as_they_are(kinds: int) -> None:
+    matrix, rng = factorized(*random_system(kinds)), np.random.default_rng(1)
+    right_hand_side = rng.normal(size=(FRAMES, kinds * UNKNOWNS)), rng.normal(size=SHARED)
+    before, _ = matrix.solve(*right_hand_side)
+    assert len(list(matrix.inverse_blocks())) == FRAMES
+    np.testing.assert_array_equal(matrix.solve(*right_hand_side)[0], before)
+
+
 def test_one_frame_without_anything_shared() -> None:
     diagonal, coupling, border, corner = random_system()
     system = factorized(diagonal[:1], coupling[:0], border[:1, :, :0], corner[:0, :0])
