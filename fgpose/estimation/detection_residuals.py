@@ -36,6 +36,7 @@ _PREDICTED_M = {"constant_velocity": 0.01, "random_walk": 0.02, "none": 0.04}
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
+_ROUNDING = 1e-12  # of an information matrix
 # Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
 _LEAST_REDUNDANCY = 0.2
 # Median length of a two-dimensional normal error of standard deviation 1 per axis.
@@ -88,7 +89,10 @@ class DetectionResiduals:
         information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)[..., None, None]
         # As if the frames nearby had the same weights: their errors are correlated, and only the ratios count.
         of_cameras = np.einsum("tcjia,tcjib->tjab", information * jacobian, jacobian)
-        covariance_m2 = np.linalg.inv(of_cameras + np.eye(3) / _PREDICTED_M[config.motion.model] ** 2)
+        # Next to a camera a joint is known to micrometres across and hardly at all along: singular but for rounding.
+        rounding = _ROUNDING * np.trace(of_cameras, axis1=-2, axis2=-1)[..., None, None]
+        predicted = 1 / _PREDICTED_M[config.motion.model] ** 2
+        covariance_m2 = np.linalg.inv(of_cameras + (predicted + rounding) * np.eye(3))
         by_camera = np.einsum("tcjia,tjab->tcjib", jacobian, np.asfortranarray(covariance_m2))
         projected_px2 = np.einsum("tcjib,tcjkb->tcjik", by_camera, jacobian)
         left = np.eye(2) - information * projected_px2
@@ -174,8 +178,9 @@ class DetectionResiduals:
         """Of the predictive residual, up to a constant: an elliptical distribution."""
         covariance_px2 = self.predictive_px2 + (scale_px**2)[..., None, None] * np.eye(2)
         whitened = np.einsum("tcjik,tcjk->tcji", _inverse(covariance_px2), self.predictive_px)
-        squared = np.einsum("tcji,tcji->tcj", self.predictive_px, whitened)
-        return radial(squared) - 0.5 * np.log(_determinant(covariance_px2))
+        # Rounding errors next to a camera may give less than is possible.
+        squared = np.maximum(np.einsum("tcji,tcji->tcj", self.predictive_px, whitened), 0.0)
+        return radial(squared) - 0.5 * np.log(np.maximum(_determinant(covariance_px2), scale_px**4))
 
     def _log_density_at_others(
         self, spread_px: Float[np.ndarray, "frame camera joint"], rig: CameraRig, skeleton: Skeleton

@@ -90,11 +90,18 @@ class FixedLagSmoother:
             factors: they join variables of this frame and of the one before only.
             values: finite first guesses of exactly these keys.
             links: factors to the frame before; replace never removes them.
-            changes: as replace takes them. Together they cost much less than one after the other.
+            changes: as replace takes them. Together they cost much less than one after the other, if the window has
+                fewer frames than this one has variables.
         """
+        changes = changes or {}
+        if changes and len(self._frames) >= len(keys):
+            # Not all frames can be labelled. And where factors were replaced and a frame added at once, GTSAM
+            # eliminated more than it had predicted, so that the order was lost (seen in a soak).
+            self.replace(changes)
+            changes = {}
         self._frames.append([])
         self._slots.append({})
-        self._update({**(changes or {}), len(self._frames) - 1: (keys, factors)}, values, keys, links)
+        self._update({**changes, len(self._frames) - 1: (keys, factors)}, values, keys, links)
         self._back_to_cholesky()
 
     def replace(self, changes: Changes, values: gtsam.Values | None = None, keys: Sequence[int] = ()) -> None:
