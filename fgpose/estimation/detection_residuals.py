@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence import Evidence
-from fgpose.estimation.noise import CORRELATED_FACTOR
+from fgpose.estimation.noise import CORRELATED_FACTOR, surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_factors import projection_residual, robust_weight
@@ -36,7 +36,6 @@ _PREDICTED_M = {"constant_velocity": 0.01, "random_walk": 0.02, "none": 0.04}
 # How much the prior weight tells, relative to as much as if it were a probability.
 _WEIGHT_EXPONENT = 0.3
 _MOST_CERTAIN = 0.99
-_ROUNDING = 1e-12  # of an information matrix
 # Where less of the variance of a detection is left in its residual, that is of the pose rather than of the detection.
 _LEAST_REDUNDANCY = 0.2
 # Median length of a two-dimensional normal error of standard deviation 1 per axis.
@@ -90,9 +89,8 @@ class DetectionResiduals:
         # As if the frames nearby had the same weights: their errors are correlated, and only the ratios count.
         of_cameras = np.einsum("tcjia,tcjib->tjab", information * jacobian, jacobian)
         # Next to a camera a joint is known to micrometres across and hardly at all along: singular but for rounding.
-        rounding = _ROUNDING * np.trace(of_cameras, axis1=-2, axis2=-1)[..., None, None]
-        predicted = 1 / _PREDICTED_M[config.motion.model] ** 2
-        covariance_m2 = np.linalg.inv(of_cameras + (predicted + rounding) * np.eye(3))
+        of_joint = surely_positive(of_cameras + np.eye(3) / _PREDICTED_M[config.motion.model] ** 2)
+        covariance_m2 = np.linalg.inv(of_joint)
         by_camera = np.einsum("tcjia,tjab->tcjib", jacobian, np.asfortranarray(covariance_m2))
         projected_px2 = np.einsum("tcjib,tcjkb->tcjik", by_camera, jacobian)
         left = np.eye(2) - information * projected_px2

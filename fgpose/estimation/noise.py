@@ -76,10 +76,10 @@ def with_correlated_errors(
     return covariance_m2 * np.maximum(factor, 1.0)[..., None, None]  # less than one frame cannot be averaged
 
 
-def surely_positive(covariance_m2: Float[np.ndarray, "*joints 3 3"]) -> Float[np.ndarray, "*joints 3 3"]:
-    """The same but for rounding errors, which may have made it singular."""
-    trace_m2 = np.trace(covariance_m2, axis1=-2, axis2=-1)
-    return covariance_m2 + _ROUNDING * trace_m2[..., None, None] * np.eye(3)
+def surely_positive(matrices: Float[np.ndarray, "*joints 3 3"]) -> Float[np.ndarray, "*joints 3 3"]:
+    """Covariances or information matrices, the same but for rounding errors, which may have made them singular."""
+    trace = np.trace(matrices, axis1=-2, axis2=-1)
+    return matrices + _ROUNDING * trace[..., None, None] * np.eye(3)
 
 
 def _mean_correlation(duration: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
