@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
+from fgpose.estimation.solvers.elimination_labels import Labels, frames_of
 
 Result = TypeVar("Result")
 _Slots = dict[int, list[int]]
@@ -73,7 +74,7 @@ class FixedLagSmoother:
         self._slots: deque[_Slots] = deque()  # of the factors of each frame alone
         self._estimates: dict[int, np.ndarray] = {}
         self._qr_frames = 0
-        self._labels = _Labels()
+        self._labels = Labels()
         self.repairs = 0
 
     def add(
@@ -114,7 +115,7 @@ class FixedLagSmoother:
             keys: variables that the last of these frames did not have.
         """
         if keys:
-            self._labels = _Labels()
+            self._labels = Labels()
         self._update(changes, values or gtsam.Values(), keys)
 
     def _update(
@@ -224,9 +225,9 @@ class FixedLagSmoother:
         if may_be_all:
             params.extraReelimKeys = _key_list(itertools.chain.from_iterable(frames))
         else:
-            frames = _frames_of(eliminated, frames)
+            frames = frames_of(eliminated, frames)
         if frames:
-            params.constrainedKeys = _Labels().of(frames, len(frames))
+            params.constrainedKeys = Labels().of(frames, len(frames))
         return params
 
     def _tried(self, act: Callable[[], Result]) -> Result:
@@ -268,7 +269,7 @@ class FixedLagSmoother:
             factors.add(factor)
         frames = [frame for frame in self._frames if frame]
         params = gtsam.ISAM2UpdateParams()
-        params.constrainedKeys = _Labels().of(frames, len(frames))
+        params.constrainedKeys = Labels().of(frames, len(frames))
         self._params.setFactorization(by)
         self._isam = gtsam.ISAM2(self._params)
         moved_to = dict(zip(used, self._isam.update(factors, values, params).getNewFactorsIndices(), strict=True))
@@ -303,47 +304,6 @@ def _slots(factors: gtsam.NonlinearFactorGraph, slots: Iterable[int]) -> _Slots:
 def _among(slots: _Slots, keys: set[int]) -> _Slots:
     """Those of the factors that join no other variables than these."""
     return {slot: joined for slot, joined in slots.items() if keys.issuperset(joined)}
-
-
-class _Labels:
-    """Numbers of frames, increasing with time, by key. Kept from update to update: to make them anew takes as long as
-    marginalising."""
-
-    def __init__(self) -> None:
-        self._map = gtsam.KeyGroupMap()
-        self._newest: list[int] = []
-        self._n_used = 0
-
-    def of(self, frames: list[list[int]], limit: int) -> gtsam.KeyGroupMap:
-        """Labels below the limit, which is no less than the number of frames."""
-        grown_by_one = len(frames) > 1 and frames[-2] is self._newest
-        if not grown_by_one or self._n_used >= limit:
-            self._map.clear()
-            self._n_used = 0
-        for frame in frames[-1:] if self._n_used else frames:
-            for key in frame:
-                self._map.insert2(key, self._n_used)
-            self._n_used += 1
-        self._newest = frames[-1]
-        return self._map
-
-    def remove(self, keys: list[int]) -> None:
-        for key in keys:
-            self._map.erase(key)
-
-
-def _frames_of(keys: gtsam.KeySet, frames: list[list[int]]) -> list[list[int]]:
-    """These keys by their frames, oldest first; hardly ever are they of other frames than the newest."""
-    found: deque[list[int]] = deque()
-    missing = len(keys)
-    for frame in reversed(frames):
-        if not missing:
-            break
-        own = [key for key in frame if key in keys]
-        missing -= len(own)
-        if own:
-            found.appendleft(own)
-    return list(found)
 
 
 def _key_list(keys: Iterable[int]) -> gtsam.KeyList:
