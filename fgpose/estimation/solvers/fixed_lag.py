@@ -42,6 +42,7 @@ _NEVER_RELINEARIZE = 1e6  # velocities enter linearly
 # Of the priors after a start from the estimates alone, metres and m/s. So loose that new detections (about 1 cm)
 # dominate.
 _RESTART_SIGMA = 0.1
+_FARTHEST = 1e9  # metres and m/s; what hardly anything determines may go farther, and products of it overflow
 # What GTSAM's exceptions become in Python; LinAlgError of numpy is a ValueError.
 _FAILURES = (RuntimeError, IndexError, ValueError)
 
@@ -182,7 +183,7 @@ class FixedLagSmoother:
 
     def _solution(self, keys: Sequence[int]) -> Float[np.ndarray, "key 3"]:
         points = np.array([self._isam.calculateEstimatePoint3(key) for key in keys])
-        if not np.isfinite(points).all():
+        if not (np.abs(points) < _FARTHEST).all():
             raise RuntimeError("a system without a solution")
         return points
 
@@ -271,8 +272,10 @@ class FixedLagSmoother:
         params = gtsam.ISAM2UpdateParams()
         params.constrainedKeys = Labels().of(frames, len(frames))
         self._params.setFactorization(by)
-        self._isam = gtsam.ISAM2(self._params)
-        moved_to = dict(zip(used, self._isam.update(factors, values, params).getNewFactorsIndices(), strict=True))
+        isam = gtsam.ISAM2(self._params)
+        # If this fails, the tree there was and the slots that belong to it stay.
+        moved_to = dict(zip(used, isam.update(factors, values, params).getNewFactorsIndices(), strict=True))
+        self._isam = isam
         self._slots = deque(
             {moved_to[slot]: joined for slot, joined in slots.items() if slot in moved_to} for slots in self._slots
         )

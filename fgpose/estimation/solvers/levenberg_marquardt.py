@@ -31,6 +31,7 @@ _FRACTIONS = (0.5, 0.25)
 # Except for the plain step, a step is taken only if the error falls by this share of the predicted decrease.
 _SUFFICIENT = 0.25
 _ROUNDING = 1e-12
+_NOTHING = 1e-6  # of the tolerance: the length of a step below which rounding decides whether the error falls
 # Within a shorter step, a limb of 25 cm bends by less than a hundredth of its standard deviation.
 _CORRECTED_FROM_M = 0.005
 # A correction that is longer than this share of its step cannot be relied on.
@@ -142,6 +143,8 @@ class Search(Generic[State]):
                 if self._take_whole(self._corrected(self._system, step), decrease):
                     self._prolong(step)
                     return self._settled(step, decrease if fresh else None)
+                if self._is_nothing(step):
+                    return self._problem.step_size(step)
                 if fresh and self._take_part(gradient, step):
                     self._damp_more()
                     return np.inf
@@ -150,6 +153,10 @@ class Search(Generic[State]):
             else:
                 self._forget()
         return None
+
+    def _is_nothing(self, step: Vector) -> bool:
+        """Whether the plain step is so short that rounding decides whether it lowers the error."""
+        return not self._damping and self._problem.step_size(step) < _NOTHING * self._problem.step_tolerance
 
     def _corrected(self, system: System, step: Vector) -> Vector:
         """The step and what makes up for the remainder of the residuals, (H + damping D) c = -J^T remainder: a joint

@@ -364,6 +364,17 @@ def test_it_goes_on_after_factors_without_a_solution() -> None:
     np.testing.assert_allclose(newest_m, [[0, 0, 1], [0.5, 0, 1]], atol=0.02)
 
 
+@pytest.mark.parametrize("far", [1e12, 1e141, np.inf])
+def test_a_point_beyond_the_earth_is_no_solution(far: float) -> None:
+    key, smoother = position_key(0, 0), FixedLagSmoother(relinearize_m=1e-3)
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    values.insert(key, np.ones(3))
+    graph.add(gtsam.PriorFactorPoint3(key, np.array([far, 0.0, 0.0]), noise_model(3, SIGMA_M)))
+    smoother.add(graph, values, [key])
+    np.testing.assert_array_equal(smoother.points([key]), [[1.0, 1.0, 1.0]])  # starts again from the first guess
+    assert smoother.repairs > 0
+
+
 def test_what_cholesky_refuses_is_solved_by_qr() -> None:
     """500 Hz, and detections good to 1 m: nothing is lost, neither when it begins nor when it ends."""
     step_s, sigma_m, lag = 0.002, 1.0, 10
@@ -378,3 +389,42 @@ def test_what_cholesky_refuses_is_solved_by_qr() -> None:
     assert 0 < smoother.repairs < 20
     covariance_m2 = smoother.covariances([position_key(0, 59)])[0]
     np.testing.assert_allclose(covariance_m2, variance[0, 0] * np.eye(3), rtol=1e-6, atol=1e-12)
+
+
+class Refusing:
+    """ISAM2 that takes what it is given, and fails to eliminate it."""
+
+    def __init__(self, isam: gtsam.ISAM2) -> None:
+        self._isam = isam
+
+    def update(self, *arguments: object) -> None:
+        self._isam.update(*arguments)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        raise RuntimeError("indeterminate")
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._isam, name)
+
+
+def test_where_cholesky_fails_again_the_factors_stay_where_they_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Factors are replaced by equal ones: that changes nothing, unless others are removed in their place."""
+    isam2, measured_m = gtsam.ISAM2, np.random.default_rng(0).normal(0, SIGMA_M, (20, 3))
+    filtered_m, _ = kalman_filter(measured_m, STEP_S, SIGMA_M)
+    smoother, window = FixedLagSmoother(relinearize_m=1e-3), list[tuple[list[int], gtsam.NonlinearFactorGraph]]()
+    for number, measurement in enumerate(measured_m):
+        graph, values, keys = frame_of(number, measurement)
+        own, links = without_links(graph, keys)
+        smoother.add(own, values, keys, links)
+        window.append((keys, own))
+        if number >= 6:
+            smoother.drop_oldest()
+            del window[0]
+    monkeypatch.setattr(
+        gtsam, "ISAM2", lambda params: Refusing(isam2(params)) if params.getFactorization() != "QR" else isam2(params)
+    )
+    smoother._qr_frames = 1
+    smoother._back_to_cholesky()
+    assert smoother.repairs == 1
+    smoother.replace(dict(enumerate(window)))
+    np.testing.assert_allclose(smoother.points([position_key(0, 19)])[0], filtered_m[-1], atol=1e-9)
+    smoother.drop_oldest()
+    np.testing.assert_allclose(smoother.points([position_key(0, 19)])[0], filtered_m[-1], atol=1e-9)
