@@ -50,8 +50,6 @@ class ProjectionConfig:
     agreement_px: float = 100.0
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
     fusion). Raising it trusts detections that no other view confirms."""
-    min_weight: float = 0.001
-    """Least weight of a detection before its visibility is judged. Raising it makes the weights more equal."""
 
 
 @dataclass(frozen=True)
@@ -62,9 +60,14 @@ class VisibilityConfig:
     """none: every detection keeps the weight of the fusion and projection.sigma_px. markov: detections that are
     probably hallucinated lose weight, and the standard deviation of the others is learned from the recording."""
     visible_s: float = 0.5
-    """Mean time for which a joint stays visible, seconds. Raising it tells short occlusions less."""
+    """Mean time for which a joint usually stays visible, seconds; outweighed by what the recording tells. Raising it
+    tells short occlusions less."""
     hidden_s: float = 0.25
-    """Mean time for which a joint stays hidden, seconds. Raising it distrusts more of what follows a hallucination."""
+    """Mean time for which a joint usually stays hidden, seconds; outweighed by what the recording tells. Raising it
+    distrusts more of what follows a hallucination."""
+    bias: Literal["none", "constant"] = "constant"
+    """constant: what the detections of a joint in a camera are off by in all frames is learned from the recording, as
+    far as the other cameras show it, and taken from them (with model = markov)."""
     sigma_m: float = 0.018
     """Usual standard deviation of a visible detection along each axis of the image, metres at the joint (measured on
     BlazePose and OpenPose); outweighed by what the recording tells. Raising it trusts the detections less."""
@@ -83,8 +86,6 @@ class DepthConfig:
 
     use: Literal["never", "few_views", "always"] = "few_views"
     """few_views: for joints that at most two cameras detect."""
-    sigma_scale: float = 1.0
-    """Factor on the standard deviation of the depth. Raising it trusts the depth less."""
     correlation_s: float = 0.02
     """Time over which the error of a view's depth is correlated: all frames within twice this count as one measurement,
     seconds. Raising it trusts the depth less. (Measured is about 0.15 s; this value gave the lowest errors where the
@@ -115,10 +116,7 @@ class MotionConfig:
     """constant_velocity: white noise on acceleration. random_walk: white noise on velocity."""
     adaptive: bool = True
     """Let each joint's acceleration density follow its motion (constant_velocity): learned from its accelerations
-    nearby_s around. Otherwise it is acceleration_density at all times."""
-    nearby_s: float = 0.2
-    """Time before and after over which accelerations are averaged, seconds (adaptive). Raising it follows changes of
-    pace less."""
+    around. Otherwise it is acceleration_density at all times."""
     acceleration_density: float = 4.0
     """Power spectral density of the acceleration, m^2/s^3 (constant_velocity); where adaptive, until the motion is
     known. Raising it follows fast motion more closely and smooths less."""
@@ -169,7 +167,7 @@ class RefinementConfig:
 @dataclass(frozen=True)
 class CalibrationConfig:
     """Calibrating the cameras on the recording itself (refine_rig, estimate_time_offsets, self_calibrate); only done
-    when asked for. Of these, the online estimator of time offsets uses those named offset_ and error_."""
+    when asked for. Of these, the online estimator of time offsets uses those named offset_."""
 
     rotation_sigma_deg: float = 0.1
     """Standard deviation of the orientation of an untouched camera in the calibration, degrees. Raising it moves
@@ -186,9 +184,6 @@ class CalibrationConfig:
     offset_memory_s: float = 30.0
     """Time constant with which the online estimate of time offsets forgets, seconds, since clocks drift. Raising it
     makes the offsets less noisy and slower to follow a drift."""
-    error_correlation_s: float = 0.15
-    """Time over which the errors of a pose network are correlated, seconds, measured on a monocular network: all frames
-    within twice this count as one measurement of a time offset. Raising it trusts the recording less."""
     independent_measurements: float = 50.0
     """How many independent measurements of a camera's pose all its detections are worth: the errors of a network on one
     person in one view are correlated. Raising it trusts the recording more, the calibration less."""

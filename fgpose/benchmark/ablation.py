@@ -12,6 +12,7 @@ _BEST_DENSITY = 1.0
 _CHANGES: dict[str, Sections] = {
     "as it is": {},
     "no visibility": {"visibility": {"model": "none"}},
+    "no bias": {"visibility": {"bias": "none"}},
     "no robust kernel": {"projection": {"kernel": "none"}},
     "weights: confidence alone": {"projection": {"weighting": "confidence"}},
     "weights: uniform": {"projection": {"weighting": "uniform"}},

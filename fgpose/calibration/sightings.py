@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
-from fgpose.estimation.noise import correlated_frames
+from fgpose.estimation.noise import CORRELATION_S, correlated_frames
+from fgpose.estimation.weights import LEAST_WEIGHT
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
@@ -66,11 +67,11 @@ def sighting_weights(
     calibration.independent_measurements at most. The agreement of the views, which the estimator uses too, depends on
     the calibration that is judged, so it is not used here.
     """
-    counted_as_one = np.full(used.shape[1], correlated_frames(step_s, config.calibration.error_correlation_s))
+    counted_as_one = np.full(used.shape[1], correlated_frames(step_s, CORRELATION_S))
     if poses:
         of_camera = used.sum(axis=(0, 2)) / config.calibration.independent_measurements
         counted_as_one = np.maximum(counted_as_one, of_camera)
-    weights = np.maximum(confidence, config.projection.min_weight) / counted_as_one[:, None]
+    weights = np.maximum(confidence, LEAST_WEIGHT) / counted_as_one[:, None]
     return np.where(used, weights, 0.0)
 
 

@@ -7,9 +7,10 @@ from jaxtyping import Float
 
 from fgpose.config import Config, ProjectionConfig
 from fgpose.estimation.elimination import eliminate_joints
-from fgpose.estimation.noise import correlated_frames
+from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
-from fgpose_factors import projection_residual, robust_weight
+from fgpose.geometry.reprojection import linearized_projection
+from fgpose_factors import robust_weight
 
 
 class RunningOffsets:
@@ -39,7 +40,7 @@ class RunningOffsets:
         )
         calibration = self._config.calibration
         keep = np.exp(-step_s / calibration.offset_memory_s)
-        correlated = correlated_frames(step_s, calibration.error_correlation_s)
+        correlated = correlated_frames(step_s, CORRELATION_S)
         self._information = keep * self._information + information / correlated
         self._moment = keep * self._moment + (information @ rig.time_offsets_s - gradient) / correlated
 
@@ -66,14 +67,9 @@ def offset_information(
     Args:
         undistorted_px: detections, moved to the times of their frames with the offsets so far.
     """
-    residuals_px, slopes = [], []
-    for c, camera in enumerate(rig.cameras):
-        residual_px, (slope,) = projection_residual(positions_m, camera.camera_T_world, camera.K, undistorted_px[:, c])
-        residuals_px.append(residual_px)
-        slopes.append(slope)
-    residual_px, by_joint = np.stack(residuals_px, axis=1), np.stack(slopes, axis=1)  # (T,C,J,2), (T,C,J,2,3)
+    residual_px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
     by_offset = by_joint @ velocities_mps[:, None, ..., None]
-    known = np.isfinite(residual_px).all(axis=-1) & np.isfinite(by_offset).all(axis=(-1, -2))
+    known = projected & np.isfinite(by_offset).all(axis=(-1, -2))
     squared = np.where(known, np.sum(residual_px**2, axis=-1), 0.0) / config.sigma_px**2
     weights = np.where(known, weights * robust_weight(squared, config.kernel, config.kernel_scale), 0.0)
     jacobians = np.nan_to_num(by_joint), np.nan_to_num(by_offset)

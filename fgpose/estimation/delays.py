@@ -44,19 +44,31 @@ def image_motion_px(
 ) -> Float[np.ndarray, "frame camera joint 2"]:
     """How far the image of each joint moves from the time of its frame to that of each camera's image, undistorted
     pixels; zero where the motion is not known."""
-    if not delay_s.any():
-        return np.zeros((*delay_s.shape, positions_m.shape[1], 2))
-    at_camera_m = np.stack([_at(time_s + delay_s[:, c], positions_m, time_s) for c in range(rig.n_cameras)], axis=1)
-    return image_shift_px(positions_m, at_camera_m, rig)
+    return image_shift_px(positions_m, motion_m(positions_m, time_s, delay_s), rig)
+
+
+def motion_m(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    time_s: Float[np.ndarray, " frame"],
+    delay_s: Float[np.ndarray, "frame camera"],
+) -> Float[np.ndarray, "frame camera joint 3"]:
+    """How far each joint moves from the time of its frame to that of each camera's image; zero where not known."""
+    moved_m = np.zeros((*delay_s.shape, *positions_m.shape[1:]))
+    for c in np.flatnonzero(delay_s.any(axis=0)).tolist():
+        moved_m[:, c] = np.nan_to_num(_at(time_s + delay_s[:, c], positions_m, time_s) - positions_m)
+    return moved_m
 
 
 def image_shift_px(
     positions_m: Float[np.ndarray, "*frames joint 3"],
-    at_camera_m: Float[np.ndarray, "*frames camera joint 3"],
+    moved_m: Float[np.ndarray, "*frames camera joint 3"],
     rig: CameraRig,
 ) -> Float[np.ndarray, "*frames camera joint 2"]:
-    """How far the image of each joint moves in each camera from one position to another; zero where not known."""
-    return np.nan_to_num(rig.project_each(at_camera_m) - rig.project(positions_m))
+    """How far the image of each joint moves in each camera when the joint moves; zero where not known."""
+    if not moved_m.any():
+        return np.zeros((*moved_m.shape[:-1], 2))
+    moved_px = rig.project_each(positions_m[..., None, :, :] + moved_m) - rig.project(positions_m)
+    return np.nan_to_num(moved_px)
 
 
 def _at(

@@ -16,10 +16,11 @@ from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
 from fgpose.estimation.evidence import Evidence
-from fgpose.estimation.noise import CORRELATED_FACTOR, surely_positive
+from fgpose.estimation.noise import CORRELATED_FACTOR, shrunk, surely_positive
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import linearized_projection
 from fgpose.skeleton import Skeleton
-from fgpose_factors import projection_residual, robust_weight
+from fgpose_factors import robust_weight
 
 # So many independent measurements outweigh the prior spread: of all cameras, and of one camera against all.
 PRIOR_MEASUREMENTS, PRIOR_MEASUREMENTS_OF_CAMERA = 30.0, 50.0
@@ -71,15 +72,7 @@ class DetectionResiduals:
     ) -> DetectionResiduals:
         """Of the detections as they were when the pose was found: the smaller the standard deviation of a camera was
         there, the more the pose follows that camera, and the less its residuals tell."""
-        # Fortran order has the frames innermost: with the coordinates inside, numpy takes several times as long.
-        residual_px = np.empty(evidence.undistorted_px.shape, order="F")
-        jacobian = np.empty((*residual_px.shape, 3), order="F")
-        for number, camera in enumerate(rig.cameras):
-            measured_px = evidence.undistorted_px[:, number]
-            of_camera = projection_residual(positions_m, camera.camera_T_world, camera.K, measured_px)
-            residual_px[:, number], (jacobian[:, number],) = of_camera
-        seen = np.ascontiguousarray(np.isfinite(residual_px).all(axis=-1) & np.isfinite(jacobian).all(axis=(-1, -2)))
-        residual_px[~seen], jacobian[~seen] = 0.0, 0.0
+        residual_px, jacobian, seen = linearized_projection(evidence.undistorted_px, rig, positions_m)
         px_per_m = np.where(seen, rig.px_per_m(positions_m), 1.0)
         length_m = np.linalg.norm(residual_px, axis=-1) / px_per_m
         weights, projection = evidence.weights, config.projection
@@ -140,8 +133,7 @@ class DetectionResiduals:
                 return prior_m
             measurements = independent * float(self.weights[which].sum())
             own_m = max(_weighted_median(single_m[which], self.weights[which]), LEAST_SPREAD_M)
-            logs = measurements * np.log(own_m) + prior_measurements * np.log(prior_m)
-            return float(np.exp(logs / (measurements + prior_measurements)))
+            return float(shrunk(own_m, measurements, prior_m, prior_measurements))
 
         tells, single_m = self.tells, self.single_spread_m
         of_all_m = learned(tells, prior_m, PRIOR_MEASUREMENTS)
@@ -205,6 +197,12 @@ def with_spread(
     """
     sigma_px = CORRELATED_FACTOR * spread_m[:, None] * px_per_m
     return replace(evidence, sigma_px=np.where(np.isfinite(sigma_px), sigma_px, evidence.sigma_px))
+
+
+def spread_m_of(evidence: Evidence, px_per_m: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:
+    """The spread of each camera from which with_spread made the standard deviations; inf where it has no detection."""
+    spread_m = evidence.sigma_px / (CORRELATED_FACTOR * px_per_m)
+    return np.min(spread_m, axis=(0, 2), where=evidence.detected & np.isfinite(spread_m), initial=np.inf)
 
 
 def hidden_information(

@@ -67,7 +67,7 @@ def covariance_of_errors_m2(
     total_m2 = of_bones_and_motion_m2 + np.tensordot(variances, np.stack(deviations_m2), axes=1)
     factor = np.divide(total_m2, of_graph_m2, out=np.ones_like(total_m2), where=of_graph_m2 > 0)
     covariance_m2[:, segment.joints] *= np.maximum(factor, _LEAST_FACTOR)[..., None, None]
-    return covariance_m2
+    return covariance_m2 + segment.evidence.common_bias_m2
 
 
 def _known(segment: Segment, linearized: Linearized) -> Bool[np.ndarray, "frame camera slot"]:
@@ -154,4 +154,6 @@ def _variances(
 def _averaged(values: Float[np.ndarray, "frame slot"], step_s: float) -> Float[np.ndarray, "frame slot"]:
     from scipy.ndimage import uniform_filter1d
 
-    return uniform_filter1d(values, max(1, int(_AVERAGED_S / step_s)), axis=0, mode="nearest")
+    # Frames may be nanoseconds apart: to average more than there are tells nothing, and takes memory without bound.
+    width = np.clip(int(_AVERAGED_S / step_s), 1, 2 * len(values))
+    return uniform_filter1d(values, int(width), axis=0, mode="nearest")

@@ -16,7 +16,7 @@ from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.estimation.evidence import Evidence, concatenated, gather
 from fgpose.estimation.frame_state import FrameState
-from fgpose.estimation.images import fits_better, on_time
+from fgpose.estimation.images import corrected, fits_better
 from fgpose.estimation.online_covariance import online_covariance_m2
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime
@@ -168,7 +168,7 @@ class Estimator:
         gathered = gather(observations, self._rig, self.config)
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
         gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
-        gathered = on_time(gathered, state.positions_m, state.velocities_mps, self._rig)
+        gathered = corrected(gathered, state.positions_m, state.velocities_mps, self._visibility.bias, self._rig)
         entering = self._note(gathered, state.active | is_newest) & ~state.active
         pose = state.positions_m, self._rig
         if is_newest:
@@ -242,7 +242,7 @@ class Estimator:
         if not self.config.online.estimate_time_offsets or len(self._window) < 2:
             return
         state = self._window[-1]
-        detections = state.evidence.undistorted_px[0], state.evidence.weights[0]
+        detections = state.evidence.measured_px[0], state.evidence.weights[0]
         self._offsets.add(state.step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
         if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
@@ -268,7 +268,7 @@ class Estimator:
         if before is not None:
             step_s = time_s - before.at.time_s
             moved_m = before.carried_on_m(step_s)
-            gathered = on_time(gathered, moved_m, before.velocities_mps, self._rig)
+            gathered = corrected(gathered, moved_m, before.velocities_mps, self._visibility.bias, self._rig)
             entering = ~before.active | np.isnan(moved_m).any(axis=-1)
             if self.config.motion.model != "none":
                 active = self._last_triangulated_s >= time_s - self.config.motion.max_unseen_s
@@ -299,11 +299,11 @@ class Estimator:
         """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""
         while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
             self._window.popleft()
-            self._visibility.marginalise()
             self._graph.drop_oldest()
+            oldest = self._graph.read(self._window[0])
+            self._visibility.marginalise(oldest.unjudged, oldest.positions_m, oldest.velocities_mps, self._rig)
             if is_adaptive(self.config.motion):
-                oldest = self._window[0]
-                velocities_mps = np.where(oldest.active[:, None], self._graph.read(oldest).velocities_mps, np.nan)
+                velocities_mps = np.where(oldest.active[:, None], oldest.velocities_mps, np.nan)
                 information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
                 self._density.add(oldest.at.time_s, velocities_mps, information)
 
@@ -313,7 +313,7 @@ class Estimator:
     def _estimate(self) -> Estimate:
         """Of the newest frame."""
         state = self._window[-1]
-        residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.undistorted_px[0], axis=-1)
+        residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.measured_px[0], axis=-1)
         covariance_m2 = None
         if self.config.online.covariance:
             linear_m2 = self._graph.covariances_m2(state)

@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config, DepthConfig
-from fgpose.estimation.delays import delays_s
+from fgpose.estimation.delays import delays_s, image_shift_px
+from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
 from fgpose.estimation.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
@@ -29,6 +30,8 @@ _RELATIVE_SIGMA = 0.043
 _ENOUGH_DEPTHS = 500
 # Depths that were triangulated themselves fit better than any network's.
 _LEAST_RELATIVE_SIGMA = 0.01
+PROBABLE = 0.5
+"""A detection with a larger visibility is probably of its joint."""
 _SIGMAS_PER_MEDIAN = 1.4826  # of the absolute value of a normal error
 
 
@@ -38,6 +41,11 @@ class Evidence:
 
     time_s: Float[np.ndarray, " frame"]
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    """Detections, less what is known of their errors: that of the time of their image, and their bias."""
+    bias_px: Float[np.ndarray, "frame camera joint 2"]
+    """Bias that was taken from undistorted_px; see fgpose.estimation.detection_bias."""
+    common_bias_m2: Float[np.ndarray, "frame joint 3 3"]
+    """Covariance of the error of each joint that comes from bias that all cameras have in common, after that."""
     weights: Float[np.ndarray, "frame camera joint"]
     """Weight in (0, 1] of each detection; see fgpose.estimation.weights and visibility."""
     sigma_px: Float[np.ndarray, "frame camera joint"]
@@ -67,6 +75,11 @@ class Evidence:
         return np.asarray(np.isfinite(self.undistorted_px).all(axis=-1))
 
     @property
+    def measured_px(self) -> Float[np.ndarray, "frame camera joint 2"]:
+        """As undistorted_px, with the bias."""
+        return self.undistorted_px + self.bias_px
+
+    @property
     def detection_visibility(self) -> Float[np.ndarray, "frame camera joint"]:
         """As visibility; NaN where there is no detection."""
         return np.where(self.detected, self.visibility, np.nan)
@@ -75,7 +88,7 @@ class Evidence:
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
         position."""
-        return np.sum(self.detected & (self.visibility > 0.5), axis=1) >= 2
+        return np.sum(self.detected & (self.visibility > PROBABLE), axis=1) >= 2
 
     @property
     def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:
@@ -105,6 +118,32 @@ class Evidence:
         share = np.maximum(share, _LEAST_SHARE)
         of_depths = share[:, : self.depth_sigma_m.shape[1]]  # one for every camera, or none at all
         return replace(self, weights=self.weights * share, depth_sigma_m=self.depth_sigma_m / np.sqrt(of_depths))
+
+    def on_time(
+        self,
+        positions_m: Float[np.ndarray, "frame joint 3"],
+        moved_m: Float[np.ndarray, "frame camera joint 3"],
+        rig: CameraRig,
+    ) -> Evidence:
+        """As if all cameras were synchronous, if joints at these positions move so far until each image is taken; see
+        fgpose.estimation.delays."""
+        moved_px, of_views_m = image_shift_px(positions_m, moved_m, rig), moved_m[:, : self.views_m.shape[1]]
+        return replace(self, undistorted_px=self.undistorted_px - moved_px, views_m=self.views_m - of_views_m)
+
+    def less_bias(
+        self,
+        positions_m: Float[np.ndarray, "frame joint 3"],
+        bias: Bias,
+        rig: CameraRig,
+    ) -> Evidence:
+        """Without this bias of the detections of joints at these positions."""
+        bias_px = np.nan_to_num(rig.px_per_m(positions_m))[..., None] * bias.bias_m
+        return replace(
+            self,
+            undistorted_px=self.measured_px - bias_px,
+            bias_px=bias_px,
+            common_bias_m2=np.broadcast_to(bias.common_m2, (*self.common_bias_m2.shape[:1], *bias.common_m2.shape)),
+        )
 
     def _with_views(self, n_views: int) -> Evidence:
         """With so many views without depth, instead of none."""
@@ -162,6 +201,8 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
     return Evidence(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
+        bias_px=np.zeros_like(undistorted_px),
+        common_bias_m2=np.zeros((*triangulated_m.shape, 3)),
         weights=detection_weights(fusion, observations.confidence, config.projection),
         sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
         visibility=np.ones(observations.confidence.shape),
@@ -198,7 +239,7 @@ def _depths(
     if config.use == "few_views":
         few = observations.seen.sum(axis=1, keepdims=True) <= _FEW_VIEWS
         sigma_m = np.where(few, sigma_m, np.nan)
-    return views_m, rays, config.sigma_scale * sigma_m
+    return views_m, rays, sigma_m
 
 
 def _relative_sigma(error: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:

@@ -43,8 +43,8 @@ class FrameState:
 
     @property
     def unjudged(self) -> Evidence:
-        """With the weights as gathered, and the standard deviations of the graph."""
-        return replace(self.gathered, sigma_px=self.evidence.sigma_px)
+        """With the weights as gathered, and the standard deviations and probabilities of the graph."""
+        return replace(self.gathered, sigma_px=self.evidence.sigma_px, visibility=self.evidence.visibility)
 
     def would_change(self, evidence: Evidence, by_share: float) -> Bool[np.ndarray, " joint"]:
         """Which joints have a detection whose weight would change by more than this share of its weight as gathered."""

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import ProjectionConfig
-from fgpose.estimation.delays import image_shift_px
+from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
 
@@ -16,19 +14,18 @@ from fgpose.geometry.camera import CameraRig
 _MOVED_M = 0.1
 
 
-def on_time(
+def corrected(
     evidence: Evidence,
     positions_m: Float[np.ndarray, "joint 3"],
     velocities_mps: Float[np.ndarray, "joint 3"],
+    bias: Bias,
     rig: CameraRig,
 ) -> Evidence:
-    """The detections where they would be if all cameras were synchronous and this were the motion; see delays."""
-    delay_s = evidence.delay_s[0]
-    if not delay_s.any():
-        return evidence
-    at_camera_m = positions_m + velocities_mps * delay_s[:, None, None]
-    moved_px = image_shift_px(positions_m, at_camera_m, rig)
-    return replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
+    """The detections where they would be if this were the motion and all cameras were synchronous and without bias."""
+    if evidence.delay_s.any():
+        moved_m = np.nan_to_num(velocities_mps * evidence.delay_s[0, :, None, None])
+        evidence = evidence.on_time(positions_m[None], moved_m[None], rig)
+    return evidence.less_bias(positions_m[None], bias, rig) if bias.bias_m.any() else evidence
 
 
 def fits_better(

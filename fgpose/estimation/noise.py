@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.parameters import CalibrationConfig
-
-CORRELATION_S = CalibrationConfig.error_correlation_s
-"""Time over which the errors of a pose network are correlated. Always the default."""
+CORRELATION_S = 0.15
+"""Time over which the errors of a pose network are correlated, measured on a monocular network."""
 CORRELATED_FACTOR = 1.2
 """The graph takes errors of consecutive frames for independent. They are not: so much larger must they seem. (6 px
 where errors are 5 px gave the least mean error on the tuning clips of the benchmark.)"""
@@ -74,6 +72,18 @@ def with_correlated_errors(
     correlated = errors.share * _mean_correlation(n_frames * step_s / errors.time_s) + errors.constant_share
     factor = 1 - errors.share - errors.constant_share + n_frames * correlated
     return covariance_m2 * np.maximum(factor, 1.0)[..., None, None]  # less than one frame cannot be averaged
+
+
+def shrunk(
+    own: float | Float[np.ndarray, "*shape"],
+    measurements: float | Float[np.ndarray, "*shape"],
+    usual: float | Float[np.ndarray, "*#shape"],
+    prior_measurements: float,
+) -> Float[np.ndarray, "*shape"]:
+    """A scale, variance or density that so many measurements tell, shrunk towards what is usual, by ratios: such
+    numbers differ by orders of magnitude."""
+    logs = measurements * np.log(own) + prior_measurements * np.log(usual)
+    return np.asarray(np.exp(logs / (measurements + prior_measurements)))
 
 
 def surely_positive(matrices: Float[np.ndarray, "*joints 3 3"]) -> Float[np.ndarray, "*joints 3 3"]:

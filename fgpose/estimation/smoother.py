@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.delays import image_motion_px
+from fgpose.estimation.delays import image_motion_px, motion_m
 from fgpose.estimation.error_components import covariance_of_errors_m2
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
@@ -167,12 +167,13 @@ def _with_learned_lengths(recording: Segment) -> Segment:
 def _solve(segment: Segment) -> Solution:
     """Alternate between a step to the optimum and the delays, hallucinated detections and process noise that follow
     from it (as expectation-maximisation does), until both have settled; then go to the optimum."""
-    solution = _steps(segment, _FIRST_STEPS)
+    solution, visibility = _steps(segment, _FIRST_STEPS), None
     for _ in range(_MOST_ROUNDS):
-        solution = _steps(_informed(segment, solution), 1)
+        solution = _steps(_informed(segment, solution, visibility), 1)
+        visibility = solution.visibility
         if solution.convergence.converged:
             break
-    informed = _informed(segment, solution)
+    informed = _informed(segment, solution, visibility)
     solution = _optimum(informed)
     return _with_covariance(informed, solution) if segment.config.solver.covariance else solution
 
@@ -184,12 +185,14 @@ def _steps(segment: Segment, count: int) -> Solution:
     return _optimum(replace(segment, config=rough))
 
 
-def _informed(segment: Segment, solution: Solution) -> Segment:
+def _informed(
+    segment: Segment, solution: Solution, visibility: Float[np.ndarray, "frame camera joint"] | None
+) -> Segment:
     """The segment informed by a solution: the solution is the first guess, and the evidence and each joint's process
     noise follow from its motion."""
     evidence = replace(segment.evidence, sigma_px=solution.sigma_px)
     positions_m, config = solution.positions_m, segment.config
-    known = informed(evidence, positions_m, segment.rig, segment.skeleton, config)
+    known = informed(evidence, positions_m, segment.rig, segment.skeleton, config, visibility)
     information = known.information(positions_m, segment.rig)
     return replace(
         segment,
@@ -206,20 +209,22 @@ def informed(
     rig: CameraRig,
     skeleton: Skeleton,
     config: Config,
+    visibility: Float[np.ndarray, "frame camera joint"] | None = None,
 ) -> Evidence:
-    """The evidence with what a motion tells about it: detections are moved to the time of their frame, and hallucinated
-    ones lose weight.
+    """The evidence with what a motion tells about it: detections are moved to the time of their frame and lose their
+    bias, and hallucinated ones lose weight.
 
     Args:
         evidence: as gathered, with the standard deviations with which the motion was found.
         positions_m: as estimated from it; NaN where a joint is not estimated.
         rig, skeleton, config: what it was gathered with.
+        visibility: probability that each detection is of its joint, if that is known already.
     """
-    moved_px = image_motion_px(positions_m, evidence.time_s, evidence.delay_s, rig)
-    on_time = replace(evidence, undistorted_px=evidence.undistorted_px - moved_px)
+    moved_m = motion_m(positions_m, evidence.time_s, evidence.delay_s)
+    on_time = evidence.on_time(positions_m, moved_m, rig)
     if config.visibility.model == "none":
         return on_time
-    return judged(on_time, positions_m, rig, skeleton, config)
+    return judged(on_time, positions_m, rig, skeleton, config, visibility)
 
 
 @runtime_checkable

@@ -16,15 +16,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
+from fgpose.estimation.detection_bias import Bias, ResidualSums, RunningBias
 from fgpose.estimation.detection_residuals import (
     LEAST_SPREAD_M,
     PRIOR_MEASUREMENTS_OF_CAMERA,
     DetectionResiduals,
     hidden_information,
+    spread_m_of,
     with_spread,
 )
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence import PROBABLE, Evidence
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
+from fgpose.estimation.visibility_chain import Chain, Stays
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import usual_step_s
 from fgpose.skeleton import Skeleton
@@ -41,7 +44,6 @@ _SPREAD_MEMORY_S = 10.0
 # 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
 _MEDIAN_GAIN = 0.72
 _LEAST_STEP_S = 1e-6  # a camera that is there twice at one time tells nothing new
-_MOST_LOG_ODDS = 30.0  # keeps the exponential finite
 
 
 def judged(
@@ -50,9 +52,10 @@ def judged(
     rig: CameraRig,
     skeleton: Skeleton,
     config: Config,
+    before: Float[np.ndarray, "frame camera joint"] | None = None,
 ) -> Evidence:
     """The evidence with what a pose tells about it: the probability that each detection is of its joint (forward-
-    backward algorithm), and standard deviations and weights that follow.
+    backward algorithm), and biases, standard deviations and weights that follow.
 
     Args:
         evidence: of all frames, its detections moved to the time of their frame (fgpose.estimation.delays), with the
@@ -61,11 +64,20 @@ def judged(
         rig: cameras of the evidence.
         skeleton: for the mirrored joints.
         config: robust kernel, motion model and the priors.
+        before: the probability that an earlier turn gave; how long joints stay visible or hidden, and the biases, are
+            learned from it.
     """
-    residuals, priors = DetectionResiduals.of(positions_m, evidence, rig, config), config.visibility
-    step_s, chain = _steps_s(evidence.time_s), Chain(priors)
+    priors, step_s, chain = config.visibility, _steps_s(evidence.time_s), Chain(config.visibility)
+    moved_m = _moved_m(_speed_mps(positions_m, evidence.time_s))
+    if before is not None:
+        chain = Chain(priors, Stays.of(before, step_s, evidence.detected))
+        if priors.bias == "constant":
+            sums = _residual_sums(evidence, before, step_s, positions_m, moved_m, rig)
+            bias = sums.bias(spread_m_of(evidence, rig.px_per_m(positions_m)))
+            evidence = evidence.less_bias(positions_m, bias, rig)
+    residuals = DetectionResiduals.of(positions_m, evidence, rig, config)
     spread_m = residuals.spread_m(priors.sigma_m, float(np.median(_independent(step_s, CORRELATION_S))))
-    spread_of_joint_m = np.hypot(spread_m[:, None], _moved_m(_speed_mps(positions_m, evidence.time_s))[:, None])
+    spread_of_joint_m = np.hypot(spread_m[:, None], moved_m[:, None])
     log_odds = residuals.log_odds(spread_of_joint_m, rig, skeleton, priors)
     log_odds = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
     probability = chain.smoothed(chain.filtered(log_odds, step_s), log_odds, step_s)
@@ -82,12 +94,14 @@ class RunningVisibility:
 
     def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config) -> None:
         self._skeleton, self._config = skeleton, config
-        self._chain = Chain(config.visibility)
+        self._stays, self._chain = Stays(), Chain(config.visibility)
         self._on = config.visibility.model == "markov"
         self._probability = np.full((n_cameras, skeleton.n_joints), self._chain.usual if self._on else 1.0)
         self._last_s = np.full((n_cameras, 1), -np.inf)
         self._spread_m = np.full(n_cameras, config.visibility.sigma_m)
         self._measurements = np.zeros(n_cameras)
+        self._bias = RunningBias(n_cameras, skeleton.n_joints)
+        self._oldest: Evidence | None = None
         # Time and filtered probability of every frame in the window, and of the one before it.
         self._window: deque[tuple[float, Float[np.ndarray, "camera joint"]]] = deque()
         self._before = -np.inf, self._probability
@@ -96,6 +110,11 @@ class RunningVisibility:
     def probability(self) -> Float[np.ndarray, "camera joint"]:
         """That each joint is visible to each camera, when that last took an image."""
         return self._probability
+
+    @property
+    def bias(self) -> Bias:
+        """Learned so far."""
+        return self._bias.bias
 
     def _since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
         """Time since the last image of each camera."""
@@ -146,10 +165,30 @@ class RunningVisibility:
         seen, priors = residuals.of_seen, self._config.visibility
         return _known(evidence, *seen, self._spread_m, probability, step_s[:, None, None], priors)
 
-    def marginalise(self) -> None:
-        """The oldest frame leaves the window."""
+    def marginalise(
+        self,
+        oldest: Evidence,
+        positions_m: Float[np.ndarray, "joint 3"],
+        velocities_mps: Float[np.ndarray, "joint 3"],
+        rig: CameraRig,
+    ) -> None:
+        """The oldest frame leaves the window. Take the next one, as it was judged last, with its weights as gathered:
+        biases, and how long joints stay visible or hidden, are learned from it."""
+        if not self._on:
+            return
         if self._window:
             self._before = self._window.popleft()
+        before, self._oldest = self._oldest, oldest
+        if before is None:
+            return
+        step_s, detected = oldest.time_s - before.time_s, np.concatenate([before.detected, oldest.detected])
+        visibility = np.concatenate([before.visibility, oldest.visibility])
+        self._stays = self._stays.plus(Stays.of(visibility, np.append(np.inf, step_s), detected))
+        self._chain = Chain(self._config.visibility, self._stays)
+        if self._config.visibility.bias == "constant":
+            moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
+            sums = _residual_sums(oldest, oldest.visibility, step_s, positions_m[None], moved_m[None], rig)
+            self._bias.add(sums, float(step_s[0]), self._spread_m)
 
     def _log_odds(
         self, residuals: DetectionResiduals, velocities_mps: Float[np.ndarray, "frame joint 3"], rig: CameraRig
@@ -221,6 +260,20 @@ class RunningVisibility:
         return _known(evidence, length_m, px_per_m, self._spread_m, probability, since_s, priors)
 
 
+def _residual_sums(
+    evidence: Evidence,
+    visibility: Float[np.ndarray, "frame camera joint"],
+    step_s: Float[np.ndarray, " frame"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    moved_m: Float[np.ndarray, "frame joint"],
+    rig: CameraRig,
+) -> ResidualSums:
+    """Of the detections that are probably of their joints."""
+    probable = np.where(visibility > PROBABLE, visibility * evidence.weights, 0.0)
+    measurements = _independent(step_s, CORRELATION_S)[:, None, None] * probable
+    return ResidualSums.of(evidence.measured_px, positions_m, measurements, moved_m, rig)
+
+
 def _known(
     evidence: Evidence,
     length_m: Float[np.ndarray, "frame camera joint"],
@@ -246,65 +299,6 @@ def _share(
     tells where the joint is too: little (hidden_information), and the same for as long as errors are correlated."""
     of_frame = hidden * _independent(step_s, CORRELATION_S)
     return np.minimum(probability + (1 - probability) * of_frame / weights, 1.0)
-
-
-class Chain:
-    """The Markov chain of one joint in one camera: it stays visible or hidden for exponentially distributed times."""
-
-    def __init__(self, config: VisibilityConfig) -> None:
-        self._rate = 1 / config.visible_s + 1 / config.hidden_s
-        self.usual = config.visible_s / (config.visible_s + config.hidden_s)
-        """Probability of visible before anything is known."""
-
-    def predicted(self, probability: np.ndarray, step_s: float | np.ndarray) -> np.ndarray:
-        """Of visible, this time later."""
-        return self.usual + (probability - self.usual) * np.exp(-self._rate * step_s)
-
-    def updated(self, probability: np.ndarray, log_odds: np.ndarray) -> np.ndarray:
-        """Of visible, given these odds too (Bayes)."""
-        likelihood = _odds(log_odds)
-        return probability * likelihood / (probability * likelihood + 1 - probability)
-
-    def filtered(
-        self,
-        log_odds: Float[np.ndarray, "frame camera joint"],
-        step_s: Float[np.ndarray, " frame"],
-        before: Float[np.ndarray, "camera joint"] | None = None,
-    ) -> Float[np.ndarray, "frame camera joint"]:
-        """Probability of visible, given the odds of each frame and of those before it.
-
-        Args:
-            log_odds: what each frame alone says.
-            step_s: time since the frame before.
-            before: the same of the frame before the first.
-        """
-        filtered = np.empty_like(log_odds)
-        probability = np.full(log_odds.shape[1:], self.usual) if before is None else before
-        for t, (odds, step) in enumerate(zip(log_odds, step_s.tolist(), strict=True)):
-            filtered[t] = probability = self.updated(self.predicted(probability, step), odds)
-        return filtered
-
-    def smoothed(
-        self,
-        filtered: Float[np.ndarray, "frame camera joint"],
-        log_odds: Float[np.ndarray, "frame camera joint"],
-        step_s: Float[np.ndarray, " frame"],
-    ) -> Float[np.ndarray, "frame camera joint"]:
-        """Probability of visible, given the odds of all frames."""
-        smoothed = np.empty_like(filtered)
-        # What later frames say for visible against hidden, as the odds of a detection.
-        later = np.zeros(log_odds.shape[1:])
-        for t in reversed(range(len(log_odds))):
-            smoothed[t] = self.updated(filtered[t], later)
-            likelihood = _odds(log_odds[t] + later)
-            from_visible, from_hidden = self.predicted(np.array([1.0, 0.0]), step_s[t])
-            later = np.log(from_visible * likelihood + 1 - from_visible)
-            later -= np.log(from_hidden * likelihood + 1 - from_hidden)
-        return smoothed
-
-
-def _odds(log_odds: np.ndarray) -> np.ndarray:
-    return np.exp(np.clip(log_odds, -_MOST_LOG_ODDS, _MOST_LOG_ODDS))
 
 
 def _speed_mps(

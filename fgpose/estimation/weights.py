@@ -8,11 +8,14 @@ from jaxtyping import Float
 from fgpose.config import ProjectionConfig
 from fgpose.estimation.fusion import Fusion
 
+LEAST_WEIGHT = 0.001
+"""Of a detection before its visibility is judged."""
+
 
 def detection_weights(
     fusion: Fusion, confidence: Float[np.ndarray, "frame camera joint"], config: ProjectionConfig
 ) -> Float[np.ndarray, "frame camera joint"]:
-    """Weight of every detection, from min_weight to 1: its information relative to a good detection.
+    """Weight of every detection, from LEAST_WEIGHT to 1: its information relative to a good detection.
 
     Eq. 2 weights a view's 3D candidate by the reciprocal of its reprojection error. As information of a 2D detection
     that would be over-confident (a view that happens to agree gets a weight without bound) and circular (a view's own
@@ -34,7 +37,7 @@ def detection_weights(
         confirmed = np.where(compared, _agreement(error_px2, config.confirming_px), 0.0)
         near = np.where(compared, _agreement(error_px2, config.agreement_px), 1.0)
         weights = (1.0 - (1.0 - confidence) * (1.0 - confirmed)) * near
-    return np.clip(weights, config.min_weight, 1.0)
+    return np.clip(weights, LEAST_WEIGHT, 1.0)
 
 
 def _agreement(error_px2: Float[np.ndarray, "*views"], scale_px: float) -> Float[np.ndarray, "*views"]:

@@ -170,7 +170,7 @@ def show(result: Result, recording: Recording) -> None:
     # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
     if "refined" not in result.saved:
         main, rig, config = result.main, result.source.rig, result.config
-        known = informed(evidence, main.positions_m, rig, main.skeleton, config)
+        known = informed(evidence, main.positions_m, rig, main.skeleton, config, main.visibility)
         recording.log_residuals(main.time_s, whitened_residuals(main, known, rig, config))
     if result.update_ms is not None:
         recording.log_update_times(observations.frame_time_s, result.update_ms)

@@ -116,7 +116,7 @@ def test_replacing_fields_keeps_the_rest() -> None:
         ({"solver": {"max_iterations": 2.5}}, "solver.max_iterations must be a int, got 2.5"),
         ({"solver": {"max_iterations": 10**400}}, "solver.max_iterations must be a positive number, got 1000"),
         ({"projection": {"sigma_px": 10**400}}, "projection.sigma_px must be a positive number, got 1000"),
-        ({"projection": {"min_weight": -1.0}}, "projection.min_weight must be a positive number, got -1.0"),
+        ({"projection": {"agreement_px": -1.0}}, "projection.agreement_px must be a positive number, got -1.0"),
         ({"projection": ProjectionConfig(sigma_px=0.0)}, "projection.sigma_px must be a positive number, got 0.0"),
     ],
 )

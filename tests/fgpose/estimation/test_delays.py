@@ -9,8 +9,9 @@ import pytest
 from jaxtyping import Float
 
 import fgpose
-from fgpose.config import config_from_dict
-from fgpose.estimation.delays import delays_s, image_motion_px
+from fgpose.config import Config, config_from_dict
+from fgpose.estimation.delays import delays_s, image_motion_px, motion_m
+from fgpose.estimation.evidence import gather
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 from tests.conftest import MOCAP
 
@@ -156,3 +157,18 @@ def test_a_time_offset_must_be_a_number(rig: fgpose.CameraRig) -> None:
     with pytest.raises(ValueError, match=f"camera {rig.names[1]}: the time offset is not finite"):
         rig.with_time_offsets(np.array([0.0, np.nan, 0.0, 0.0]))
     np.testing.assert_array_equal(rig.with_time_offsets(OFFSETS_S).time_offsets_s, OFFSETS_S)
+
+
+def test_a_detection_and_its_depth_are_moved_to_the_time_of_the_frame() -> None:
+    """A point that moves along a straight line; each camera sees it later than the frame, by its own delay."""
+    rig, skeleton = ring_rig(n_cameras=3), fgpose.Skeleton("point", ("point",), (), root=(0,))
+    delay_s, time_s = np.array([[0.0, 0.05, 0.12]]), np.array([0.0, 0.1, 0.2])
+    at_m = sideways(rig, time_s, 1.6)
+    late_m = np.stack([sideways(rig, time_s + by, 1.6) for by in delay_s[0].tolist()], axis=1)
+    observations = fgpose.Observations(
+        skeleton, time_s, rig.project_each(late_m), points3d_m=late_m, camera_names=rig.names
+    )
+    evidence = gather(observations, rig.with_time_offsets(delay_s[0]), Config(depth={"use": "always"}))
+    known = evidence.on_time(at_m, motion_m(at_m, time_s, evidence.delay_s), rig)
+    np.testing.assert_allclose(known.undistorted_px, rig.project(at_m), atol=1e-6)
+    np.testing.assert_allclose(known.views_m, np.repeat(at_m[:, None], 3, axis=1), atol=1e-9)

@@ -15,7 +15,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
-CONFIG = MotionConfig(nearby_s=0.2)
+CONFIG = MotionConfig()
 FPS = 50.0
 PER_S = 1e6  # information of three cameras with errors of 12 mm at 50 Hz, 1/(m^2 s)
 

@@ -1,19 +1,18 @@
-"""Whether a detection is of its joint: the chain against brute force, and what it does to the estimate."""
+"""Whether a detection is of its joint, and what that does to the estimate."""
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy.linalg
 from jaxtyping import Float
 
 import fgpose
-from fgpose.config import Config, VisibilityConfig, config_from_dict
+from fgpose.config import Config, config_from_dict
 from fgpose.estimation.evidence import Evidence, gather
-from fgpose.estimation.visibility import Chain, RunningVisibility, judged
+from fgpose.estimation.visibility import RunningVisibility, judged
+from fgpose.estimation.visibility_chain import Chain
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import (
@@ -32,69 +31,9 @@ from tests.conftest import MOCAP
 FPS = 50.0
 STEP_S = 1 / FPS
 CONFIG = Config()
-CHAIN = VisibilityConfig(visible_s=0.7, hidden_s=0.2)
-# Of leaving visible and hidden, per second.
-RATES = np.array([[-1 / 0.7, 1 / 0.7], [1 / 0.2, -1 / 0.2]])
-USUAL = 0.7 / 0.9
-STEPS_S = np.array([0.02, 0.02, 0.5, 1e-6, 0.1, 0.02, 3.0, 0.04])
 NEW = np.ones(4, dtype=bool)
 
 STILL = np.zeros((17, 3))
-
-
-def log_odds() -> Float[np.ndarray, "frame camera joint"]:
-    """Of a short chain in each of two cameras and three joints, from hardly anything to nearly certain."""
-    return np.random.default_rng(0).normal(0.0, 3.0, (len(STEPS_S), 2, 3))
-
-
-def test_what_is_predicted_is_the_exponential_of_the_rates() -> None:
-    before = np.array([0.0, 0.1, USUAL, 1.0])
-    for step_s in (1e-6, 0.02, 0.3, 10.0):
-        expected = np.stack([before, 1 - before], axis=-1) @ scipy.linalg.expm(RATES * step_s)
-        np.testing.assert_allclose(Chain(CHAIN).predicted(before, step_s), expected[:, 0], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(Chain(CHAIN).predicted(before, np.inf), USUAL)
-
-
-def test_what_is_updated_is_the_theorem_of_bayes() -> None:
-    before, of_visible, of_hidden = np.array([0.0, 0.2, 0.9, 1.0]), 0.03, 2.0
-    joint = before * of_visible, (1 - before) * of_hidden
-    updated = Chain(CHAIN).updated(before, np.full(4, np.log(of_visible / of_hidden)))
-    np.testing.assert_allclose(updated, joint[0] / (joint[0] + joint[1]), rtol=1e-12)
-
-
-def posterior(odds: np.ndarray) -> np.ndarray:
-    chain = Chain(CHAIN)
-    return chain.smoothed(chain.filtered(odds, STEPS_S), odds, STEPS_S)
-
-
-def test_the_posterior_is_that_of_all_sequences_of_states() -> None:
-    odds = log_odds()
-    by_state = np.exp(np.stack([odds, np.zeros_like(odds)]))
-    usual = np.array([USUAL, 1 - USUAL])
-    of_visible, of_all = np.zeros_like(odds), np.zeros(odds.shape[1:])
-    for states in itertools.product((0, 1), repeat=len(odds)):
-        probability = usual[states[0]] * by_state[states[0], 0]
-        for t in range(1, len(odds)):
-            move = scipy.linalg.expm(RATES * STEPS_S[t])[states[t - 1], states[t]]
-            probability = probability * move * by_state[states[t], t]
-        of_all += probability
-        of_visible[np.array(states) == 0] += probability
-    np.testing.assert_allclose(posterior(odds), of_visible / of_all, rtol=1e-10)
-
-
-def test_the_last_frame_of_the_posterior_is_what_the_filter_knows() -> None:
-    odds, chain = log_odds(), Chain(CHAIN)
-    probability = np.full(odds.shape[1:], chain.usual)
-    for of_frame, step_s in zip(odds, STEPS_S.tolist(), strict=True):
-        probability = chain.updated(chain.predicted(probability, step_s), of_frame)
-    np.testing.assert_allclose(posterior(odds)[-1], probability, rtol=1e-12)
-
-
-def test_odds_without_bound_stay_probabilities() -> None:
-    odds = 1e4 * np.sign(log_odds())
-    probability = posterior(odds)
-    np.testing.assert_array_equal(probability > 0.5, odds > 0)
-    assert ((probability >= 0) & (probability <= 1)).all()
 
 
 def exact(

@@ -9,7 +9,7 @@ import pytest
 
 from fgpose.config import ProjectionConfig
 from fgpose.estimation.fusion import Fusion, fuse
-from fgpose.estimation.weights import detection_weights
+from fgpose.estimation.weights import LEAST_WEIGHT, detection_weights
 from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import Scene
 
@@ -23,12 +23,12 @@ def weights_of(scene: Scene, rig: CameraRig, **settings: str) -> np.ndarray:
 def test_weights_are_bounded(weighting: str, mocap_scene: Scene, rig: CameraRig) -> None:
     weights = weights_of(mocap_scene, rig, weighting=weighting)
     assert weights.max() <= 1.0
-    assert weights.min() >= ProjectionConfig().min_weight
+    assert weights.min() >= LEAST_WEIGHT
 
 
 def test_confidence_alone_and_none_at_all(mocap_scene: Scene, rig: CameraRig) -> None:
     seen, confidence = mocap_scene.observations.seen, mocap_scene.observations.confidence
-    least = ProjectionConfig().min_weight
+    least = LEAST_WEIGHT
     np.testing.assert_allclose(weights_of(mocap_scene, rig, weighting="uniform")[seen], 1.0)
     by_confidence = weights_of(mocap_scene, rig, weighting="confidence")[seen]
     np.testing.assert_allclose(by_confidence, np.maximum(confidence[seen], least))
