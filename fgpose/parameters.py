@@ -123,10 +123,11 @@ class MotionConfig:
     velocity_density: float = 1.0
     """Power spectral density of the velocity, m^2/s (random_walk). Raising it smooths less."""
     fade_s: float = 0.05
-    """Time constant with which the velocity of an unseen joint fades to that of the body, seconds. Raising it carries
-    its last movement on for longer."""
+    """Time constant with which the velocity of a joint that no camera sees fades to that of the body, seconds. Raising
+    it carries its last movement on for longer."""
     max_unseen_s: float = 3.0
-    """A joint that two cameras have not seen for longer than this is given up (NaN) until it is seen again."""
+    """A joint that two cameras have not detected, or that probably no camera has seen, for longer than this is given up
+    (NaN) until two cameras probably see it again, seconds. One camera is enough if it tells the depth."""
 
 
 @dataclass(frozen=True)

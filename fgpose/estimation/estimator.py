@@ -14,8 +14,9 @@ from fgpose.config import Config
 from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose.estimation.evidence import Evidence, concatenated, gather
-from fgpose.estimation.frame_state import FrameState
+from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gather
+from fgpose.estimation.factors.fading import maybe_unseen, with_references
+from fgpose.estimation.frame_state import FrameState, LastSeen
 from fgpose.estimation.images import corrected, fits_better
 from fgpose.estimation.online_covariance import online_covariance_m2
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
@@ -36,6 +37,7 @@ _REVISED_S, _REVISE_EVERY_S = 0.25, 0.2
 # The factors of a joint are replaced when the share of its weight that a detection should have has changed by this; at
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
 _CHANGED_SHARE = 0.15
+_FASTEST_MPS = 1e4  # frames that are microseconds apart hardly tell velocities
 
 
 class Estimator:
@@ -54,8 +56,7 @@ class Estimator:
         self._rig = rig
         self._lengths = RunningLengths(skeleton, self.config)
         self._window: deque[FrameState] = deque()
-        self._last_triangulated_s = np.full(skeleton.n_joints, -np.inf)
-        self._last_seen_s = np.full(skeleton.n_joints, -np.inf)
+        self._last = LastSeen(skeleton.n_joints)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._graph = WindowGraph(self._lengths, self._density, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
@@ -169,12 +170,12 @@ class Estimator:
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
         gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
         gathered = corrected(gathered, state.positions_m, state.velocities_mps, self._visibility.bias, self._rig)
-        entering = self._note(gathered, state.active | is_newest) & ~state.active
         pose = state.positions_m, self._rig
         if is_newest:
             evidence = self._visibility.predicted(gathered, *pose)
         else:
             evidence = self._visibility.with_image(at, is_own, state.evidence, gathered, *pose)
+        entering = evidence.located[0] & ~state.active & is_newest
         state = state.joined(observations, image_time_s, gathered, evidence, entering)
         self._graph.replace({at: state}, self._rig, entering)
         self._move(at, state)
@@ -182,6 +183,7 @@ class Estimator:
         if is_newest:
             self._judge(is_own)
         else:
+            self._last.note(state)
             self._window[-1] = self._graph.read(self._window[-1])
         return self._estimate()
 
@@ -200,8 +202,11 @@ class Estimator:
     def _judge(self, is_new: Bool[np.ndarray, " camera"]) -> None:
         """Judge the detections of the newest frame, some of whose images are new."""
         newest = self._window[-1]
-        self._visibility.add(newest.positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
+        # What was given up is found again where its detections fit each other.
+        positions_m = np.where(newest.active[:, None], newest.positions_m, newest.evidence.guess_m[0])
+        self._visibility.add(positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
         self._window[-1] = newest.judged(self._visibility.probability)
+        self._last.note(self._window[-1])
 
     def _revised(self) -> dict[int, FrameState]:
         """Weight the detections of the last frames by what their present poses tell, as the batch does: an update that
@@ -224,12 +229,14 @@ class Estimator:
             evidence, at = known.frames(slice(number, number + 1)), first + number
             self._lengths.revise(evidence)
             new_lengths = self._lengths.have_changed(state.lengths_m)
-            changed = state.active & (new_lengths | state.would_change(evidence, _CHANGED_SHARE))
+            changed = new_lengths | state.would_change(evidence, _CHANGED_SHARE)
+            changed = state.active & with_references(changed, maybe_unseen(evidence)[0], self.skeleton)
+            state = state.weighted(evidence, changed)
+            if new_lengths:
+                state = replace(state, lengths_m=self._lengths.lengths_m.copy())
             if changed.any():
-                lengths_m = self._lengths.lengths_m.copy() if new_lengths else state.lengths_m
-                state = replace(state.weighted(evidence, changed), lengths_m=lengths_m)
                 changes[at] = replace(state, active=changed)
-            self._window[at] = state.judged(evidence.visibility[0])
+            self._window[at] = state
         return changes
 
     def _learn(self) -> None:
@@ -247,38 +254,31 @@ class Estimator:
         if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
 
-    def _note(self, evidence: Evidence, among: Bool[np.ndarray, " joint"]) -> Bool[np.ndarray, " joint"]:
-        """Note when joints were last seen and triangulated, and return which of these are triangulated here."""
-        known = np.isfinite(evidence.guess_m[0]).all(axis=-1) & among
-        for last_s, which in ((self._last_triangulated_s, known), (self._last_seen_s, evidence.seen[0])):
-            last_s[which] = np.maximum(last_s[which], evidence.time_s[0])
-        return known
-
     def _predicted(
         self, frame: Observations, gathered: Evidence, image_time_s: Float[np.ndarray, " camera"]
     ) -> FrameState:
         """First guess of the newest frame: the predicted position or, if its reprojection error is smaller, the
-        triangulated point. The joints that are estimated are triangulated now or, with a motion model, not too long
-        ago."""
+        triangulated point. The joints that are estimated are located now or, with a motion model, were in the graph
+        before and not given up."""
         before = self._window[-1] if self._window else None
         time_s, guess_m = float(gathered.time_s[0]), gathered.guess_m[0]
-        active = self._note(gathered, np.ones(self.skeleton.n_joints, dtype=bool))
-        linked, step_s = np.zeros_like(active), np.inf
+        linked, step_s = np.zeros(len(guess_m), dtype=bool), np.inf
         positions_m, velocities_mps = guess_m, np.zeros_like(guess_m)
         if before is not None:
             step_s = time_s - before.at.time_s
             moved_m = before.carried_on_m(step_s)
             gathered = corrected(gathered, moved_m, before.velocities_mps, self._visibility.bias, self._rig)
-            entering = ~before.active | np.isnan(moved_m).any(axis=-1)
+            given_up = self._last.before(time_s - self.config.motion.max_unseen_s)
+            within = (np.abs(moved_m) < FARTHEST_M) & (np.abs(before.velocities_mps) < _FASTEST_MPS)
+            kept = before.active & within.all(axis=-1) & ~given_up
             if self.config.motion.model != "none":
-                active = self._last_triangulated_s >= time_s - self.config.motion.max_unseen_s
-                active &= ~entering | np.isfinite(guess_m).all(axis=-1)
-                linked = active & before.active
-            positions_m = np.where(entering[:, None], guess_m, moved_m)
-            velocities_mps = np.where(entering[:, None], 0.0, before.velocities_mps)
+                linked = kept
+            positions_m = np.where(kept[:, None], moved_m, guess_m)
+            velocities_mps = np.where(kept[:, None], before.velocities_mps, 0.0)
         evidence = self._visibility.predicted(gathered, positions_m, self._rig)
         better = fits_better(guess_m, positions_m, evidence, self._rig, self.config.projection)
         positions_m = np.where(better[:, None], guess_m, positions_m)
+        active = linked | evidence.located[0]
         return FrameState(
             at=FrameTime(0 if before is None else before.at.frame + 1, time_s),
             step_s=step_s,
@@ -292,7 +292,7 @@ class Estimator:
             active=active,
             linked=linked,
             status=joint_status(active, evidence.observed[0]),
-            unseen_s=time_s - self._last_seen_s,
+            unseen_before_s=time_s - self._last.seen_s,
         )
 
     def _marginalise_old(self, time_s: float) -> None:

@@ -30,6 +30,8 @@ _RELATIVE_SIGMA = 0.043
 _ENOUGH_DEPTHS = 500
 # Depths that were triangulated themselves fit better than any network's.
 _LEAST_RELATIVE_SIGMA = 0.01
+FARTHEST_M = 1e8
+"""What is farther away than anything on Earth: rays that are parallel but for rounding meet anywhere."""
 PROBABLE = 0.5
 """A detection with a larger visibility is probably of its joint."""
 _SIGMAS_PER_MEDIAN = 1.4826  # of the absolute value of a normal error
@@ -91,6 +93,12 @@ class Evidence:
         return np.sum(self.detected & (self.visibility > PROBABLE), axis=1) >= 2
 
     @property
+    def located(self) -> Bool[np.ndarray, "frame joint"]:
+        """Whether there is a guess that is probably of the joint: two cameras see it, or the only one that detects it
+        tells its depth."""
+        return np.isfinite(self.guess_m).all(axis=-1) & np.where(self.n_views >= 2, self.observed, self.seen)
+
+    @property
     def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:
         """Standard deviation of each detection in the graph."""
         return self.sigma_px / np.sqrt(self.weights)
@@ -101,9 +109,14 @@ class Evidence:
         return np.where(self.detected, self.weights, 0.0).sum(axis=1)
 
     @property
+    def unseen(self) -> Float[np.ndarray, "frame joint"]:
+        """Probability that no camera sees the joint: it has no detection, or all of them are hallucinated."""
+        return np.prod(np.where(self.detected, 1 - self.visibility, 1.0), axis=1)
+
+    @property
     def seen(self) -> Bool[np.ndarray, "frame joint"]:
-        """Whether any camera detected the joint."""
-        return self.n_views >= 1
+        """Whether some camera probably sees the joint."""
+        return self.unseen < PROBABLE
 
     def information(
         self, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig
@@ -194,6 +207,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
     triangulated_m = triangulate_robust(
         undistorted_px, observations.confidence, rig, config.fusion.inlier_px
     ).positions_m
+    triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
     fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
     views_m, rays, depth_sigma_m = _depths(observations, rig, triangulated_m, config.depth)

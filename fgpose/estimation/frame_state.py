@@ -38,8 +38,13 @@ class FrameState:
     linked: Bool[np.ndarray, " joint"]
     """Which of them a motion factor joins to the frame before; the others enter the graph here."""
     status: np.ndarray
-    unseen_s: Float[np.ndarray, " joint"]
-    """Time since any camera saw each joint."""
+    unseen_before_s: Float[np.ndarray, " joint"]
+    """Time since any camera probably saw each joint, if none does in this frame."""
+
+    @property
+    def unseen_s(self) -> Float[np.ndarray, " joint"]:
+        """Time since any camera probably saw each joint."""
+        return np.where(self.evidence.seen[0], 0.0, self.unseen_before_s)
 
     @property
     def unjudged(self) -> Evidence:
@@ -52,13 +57,13 @@ class FrameState:
         return np.asarray((evidence.detected & (share > by_share)).any(axis=(0, 1)))
 
     def weighted(self, evidence: Evidence, joints: Bool[np.ndarray, " joint"]) -> FrameState:
-        """The frame with the weights and standard deviations of this evidence for some joints."""
+        """The frame with the visibility of this evidence, and its weights and standard deviations for some joints."""
         changed: dict[str, np.ndarray] = {}
         for name in ("weights", "sigma_px", "depth_sigma_m"):
             own = getattr(self.evidence, name)
             of_others = getattr(evidence, name)[:, : own.shape[1]]  # nothing where this frame has no depths
             changed[name] = np.where(joints, of_others, own)
-        return replace(self, evidence=replace(self.evidence, **changed))
+        return replace(self, evidence=replace(self.evidence, **changed)).judged(evidence.visibility[0])
 
     def judged(self, visibility: Float[np.ndarray, "camera joint"]) -> FrameState:
         """The frame with the probability that each of its detections is of its joint."""
@@ -83,7 +88,7 @@ class FrameState:
         return self.positions_m + self.velocities_mps * step_s
 
     def since_seen_s(self, time_s: float) -> Float[np.ndarray, " joint"]:
-        """Time from then to this frame for the joints that a camera sees in it; inf for the others."""
+        """Time from then to this frame for the joints that a camera probably sees in it; inf for the others."""
         return np.where(self.evidence.seen[0], self.at.time_s - time_s, np.inf)
 
     def joined(
@@ -106,5 +111,22 @@ class FrameState:
             velocities_mps=np.where(entering[:, None], 0.0, self.velocities_mps),
             active=active,
             status=joint_status(active, evidence.observed[0]),
-            unseen_s=np.where(evidence.seen[0], 0.0, self.unseen_s),
         )
+
+
+class LastSeen:
+    """When each joint was probably seen last, and triangulated last; -inf if it never was."""
+
+    def __init__(self, n_joints: int) -> None:
+        self.seen_s, self.triangulated_s = np.full(n_joints, -np.inf), np.full(n_joints, -np.inf)
+
+    def note(self, state: FrameState) -> None:
+        """Take a frame; a joint that enters the graph counts as seen."""
+        seen = state.evidence.seen[0] | (state.active & ~state.linked)
+        triangulated = np.isfinite(state.evidence.guess_m[0]).all(axis=-1)
+        for last_s, which in ((self.seen_s, seen), (self.triangulated_s, triangulated)):
+            last_s[which] = np.maximum(last_s[which], state.at.time_s)
+
+    def before(self, time_s: float) -> Bool[np.ndarray, " joint"]:
+        """Joints that were not seen, or not triangulated, since then."""
+        return np.minimum(self.seen_s, self.triangulated_s) < time_s

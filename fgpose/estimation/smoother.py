@@ -266,17 +266,20 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
 def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
     evidence, rig, config = recording.evidence, recording.rig, recording.config
     evidence = replace(evidence, visibility=solution.visibility)
+    unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
+    active = recording.active & (unseen_s <= config.motion.max_unseen_s)
+    positions_m = np.where(active[..., None], solution.positions_m, np.nan)
     covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
     if covariance_m2 is not None:
-        unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
-        covariance_m2 = with_swing(covariance_m2, solution.positions_m, unseen_s, recording.skeleton, config.swing)
+        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, recording.skeleton, config.swing)
+        covariance_m2 = np.where(active[..., None, None], covariance_m2, np.nan)
     return Trajectory(
         skeleton=recording.skeleton,
         time_s=evidence.time_s,
-        positions_m=solution.positions_m,
-        status=joint_status(recording.active, evidence.observed),
+        positions_m=positions_m,
+        status=joint_status(active, evidence.observed),
         covariance_m2=covariance_m2,
-        residual_px=_residual_px(evidence, rig, solution.positions_m),
+        residual_px=_residual_px(evidence, rig, positions_m),
         camera_names=rig.names,
         bone_lengths_m=solution.lengths_m,
         convergence=solution.convergence,

@@ -10,11 +10,14 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.keys import Keys
 from fgpose.estimation.segment import Segment
 from fgpose.skeleton import Skeleton
 from fgpose_factors import fading_velocity_factor, fading_velocity_sigma_mps
+
+_LEAST_UNSEEN = 0.05  # probability below which it would tell next to nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +30,13 @@ class Fading:
     """Slot of the joint that holds it; -1: none, the velocity fades to zero."""
     step_s: Float[np.ndarray, " row"]
     density: Float[np.ndarray, " row"]
-    """Of the motion factors, m^2/s^3."""
+    """Of the motion factors, m^2/s^3, over the probability that no camera sees the joint: the expected information."""
     fade_s: float
 
     @classmethod
     def of(cls, segment: Segment) -> Iterator[Fading]:
-        """Every joint that no camera sees, in a frame that has a frame before it."""
-        unseen = segment.active & ~segment.evidence.seen & np.isfinite(segment.step_s)[:, None]
+        """Every joint that maybe no camera sees, in a frame that has a frame before it."""
+        unseen = segment.active & maybe_unseen(segment.evidence) & np.isfinite(segment.step_s)[:, None]
         if not segment.with_velocity or not unseen.any():
             return
         frame, joint = np.nonzero(unseen)
@@ -42,7 +45,7 @@ class Fading:
             for f, j in zip(frame.tolist(), joint.tolist(), strict=True)
         ]
         reference = np.array([-1 if held_by is None else segment.slots[held_by] for held_by in holders])
-        density = segment.process_density[frame, joint]
+        density = segment.process_density[frame, joint] / segment.evidence.unseen[frame, joint]
         yield cls(frame, segment.slots[joint], reference, segment.step_s[frame], density, segment.config.motion.fade_s)
 
     def graph_factors(self, keys: Keys) -> Iterator[gtsam.NonlinearFactor]:
@@ -80,6 +83,32 @@ class Fading:
         velocities_mps = state.joints[:, 1]
         reference_mps = velocities_mps[self.frame, self.reference] * (self.reference >= 0)[:, None]
         return velocities_mps[self.frame, self.slot] - reference_mps
+
+
+def maybe_unseen(evidence: Evidence) -> Bool[np.ndarray, "frame joint"]:
+    """Joints whose velocity fades."""
+    return evidence.unseen > _LEAST_UNSEEN
+
+
+def with_references(
+    joints: Bool[np.ndarray, " joint"], unseen: Bool[np.ndarray, " joint"], skeleton: Skeleton
+) -> Bool[np.ndarray, " joint"]:
+    """These joints and all to whose velocities theirs may fade, so that no fading factor leads out of them.
+
+    Args:
+        joints: of one frame.
+        unseen: maybe_unseen of that frame.
+        skeleton: for the neighbours.
+    """
+    found = joints.copy()
+    to_follow = np.flatnonzero(joints).tolist()
+    while to_follow:
+        joint = to_follow.pop()
+        if unseen[joint]:
+            others = [other for other in skeleton.neighbours[joint] if not found[other]]
+            found[others] = True
+            to_follow += others
+    return found
 
 
 def holder(

@@ -205,6 +205,23 @@ def test_unseen_for_too_long_is_given_up_and_found_again(mocap_clear: Scene, rig
     assert np.median(errors_m(estimates[42:], mocap_clear.truth_m)) < 0.04
 
 
+def test_a_joint_that_runs_away_enters_anew(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
+    """Frames within microseconds may leave it with any velocity: it must not carry the graph beyond the numbers."""
+    observations = hidden(mocap_clear.observations.frames(slice(0, 16)), slice(10, 11), [7])
+    estimator = fgpose.Estimator(rig, observations.skeleton)
+    for frame in observations.frames(slice(0, 10)):
+        estimator.update(frame)
+    newest = estimator._window[-1]
+    velocities_mps = newest.velocities_mps.copy()
+    velocities_mps[7] = 1e5
+    estimator._window[-1] = replace(newest, velocities_mps=velocities_mps)
+    estimates = [estimator.update(frame) for frame in observations.frames(slice(10, 16))]
+    assert estimates[0].status[7] == fgpose.Status.UNOBSERVABLE
+    assert np.isnan(estimates[0].positions_m[7]).all()
+    assert np.median(errors_m(estimates, mocap_clear.truth_m)[1:, 7]) < 0.04
+    assert estimator.repairs == 0
+
+
 def test_any_subset_of_cameras(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """A camera that is lost for good, then another: frames name the cameras they have."""
     estimator = fgpose.Estimator(rig, mocap_clear.observations.skeleton)

@@ -378,3 +378,28 @@ def test_a_joint_that_one_camera_sees_is_predicted(rig: CameraRig, skeleton: Ske
     assert np.mean(found.visibility[late, 3, wrist] > 0.5) > 0.9
     others = np.arange(skeleton.n_joints) != wrist
     assert found.observed[:, others].mean() > 0.98
+
+
+@pytest.mark.parametrize("online", [False, True])
+def test_a_joint_that_every_camera_hallucinates_is_given_up(rig: CameraRig, skeleton: Skeleton, online: bool) -> None:
+    """Four views are 150 px off, each in another direction, with a confidence of 0.02, for two seconds."""
+    truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
+    scene = simulate(truth_m[:200], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0)
+    wrist, hidden = skeleton.index("right_wrist"), slice(40, 140)
+    points_px, confidence = scene.observations.points2d_px.copy(), scene.observations.confidence.copy()
+    points_px[hidden, :, wrist] += np.array([[150.0, 0.0], [0.0, 150.0], [0.0, -150.0], [0.0, 150.0]])
+    confidence[hidden, :, wrist] = 0.02
+    observations = replace(scene.observations, points2d_px=points_px, confidence=confidence)
+    config = config_from_dict({"motion": {"max_unseen_s": 0.5}})
+    if online:
+        estimator = fgpose.Estimator(rig, skeleton, config)
+        found = Trajectory.from_estimates([estimator.update(frame) for frame in observations], rig.names)
+    else:
+        found = fgpose.smooth(observations, rig, config)
+    status = found.status[:, wrist]
+    assert (status[hidden] != Status.OBSERVED).all()
+    assert (status[:39] == Status.OBSERVED).mean() > 0.9  # single outliers are part of the noise
+    # Half a second after two cameras saw it; in batch, as long before they see it again.
+    assert np.isnan(found.positions_m[66, wrist]).all()
+    assert (status[66:113] == Status.UNOBSERVABLE).all() or online
+    assert (status[150:] == Status.OBSERVED).mean() > 0.9

@@ -14,7 +14,7 @@ import pytest
 from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
 from fgpose.estimation.evidence import gather
 from fgpose.estimation.factors.bone_length import bone_lengths
-from fgpose.estimation.factors.fading import Fading
+from fgpose.estimation.factors.fading import Fading, maybe_unseen, with_references
 from fgpose.estimation.factors.kinds import KINDS, Factors, factors_of, graph_factors
 from fgpose.estimation.factors.motion import _FINEST_STEP_M, Motions
 from fgpose.estimation.factors.prior import LengthPriors, Priors
@@ -76,9 +76,9 @@ def with_evidence(segment: Segment, **arrays: Any) -> Segment:
 
 
 def unseen(segment: Segment, *joints: str) -> Segment:
-    n_views = np.full((1, segment.skeleton.n_joints), 4)
-    n_views[0, [segment.skeleton.index(joint) for joint in joints]] = 0
-    return with_evidence(segment, n_views=n_views)
+    points_px = segment.evidence.undistorted_px.copy()
+    points_px[:, :, [segment.skeleton.index(joint) for joint in joints]] = NAN
+    return with_evidence(segment, undistorted_px=points_px)
 
 
 def absent(segment: Segment, *joints: str) -> Segment:
@@ -222,6 +222,34 @@ def test_an_unseen_joint_moves_with_a_seen_neighbour(newest):
     # the nearer one is not seen, the farther one is
     trunk = unseen(newest, "left_shoulder", "thorax", "spine", "neck_base", "right_shoulder")
     assert ("left_elbow", "left_shoulder") in fading(trunk)
+
+
+def test_fading_has_the_information_expected_by_the_visibility(skeleton: Skeleton, newest):
+    wrist = skeleton.index("left_wrist")
+    visibility = np.ones((1, 4, 17))
+    visibility[0, :, wrist] = [0.2, 0.5, 0.5, 0.0]  # nobody sees it with a probability of 0.2
+
+    def information(segment: Segment) -> np.ndarray:
+        (factor,) = of_kind(Fading.of, segment)
+        assert isinstance(factor, gtsam.NoiseModelFactor)
+        noise = factor.noiseModel()
+        assert isinstance(noise, gtsam.noiseModel.Gaussian)
+        return noise.information()
+
+    expected = 0.2 * information(unseen(newest, "left_wrist"))
+    np.testing.assert_allclose(information(with_evidence(newest, visibility=visibility)), expected, rtol=1e-9)
+
+
+def test_no_fading_leads_out_of_joints_with_their_references(skeleton: Skeleton, newest):
+    def closed(*joints: str) -> set[str]:
+        chosen = np.isin(skeleton.joints, joints)
+        found = with_references(chosen, maybe_unseen(segment.evidence)[0], skeleton)
+        return {joint for joint, is_in in zip(skeleton.joints, found, strict=True) if is_in}
+
+    segment = unseen(newest, "left_elbow", "left_wrist")
+    assert closed("right_knee") == {"right_knee"}
+    assert closed("left_wrist") == {"left_wrist", "left_elbow", "left_shoulder"}
+    assert closed("left_shoulder") == {"left_shoulder"}  # the elbow fades to it, not it to the elbow
 
 
 def test_a_limb_that_nobody_sees_hangs_on_the_body_joint_by_joint(newest):
