@@ -224,13 +224,13 @@ class Estimator:
         frames = [self._graph.read(state) for state in itertools.islice(self._window, first, None)]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
         known = self._visibility.judged(concatenated([state.unjudged for state in frames]), *poses, self._rig)
-        changes: dict[int, FrameState] = {}
+        unseen, changes = maybe_unseen(known), dict[int, FrameState]()
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
             self._lengths.revise(evidence)
             new_lengths = self._lengths.have_changed(state.lengths_m)
             changed = new_lengths | state.would_change(evidence, _CHANGED_SHARE)
-            changed = state.active & with_references(changed, maybe_unseen(evidence)[0], self.skeleton)
+            changed = state.active & with_references(changed, unseen[number], self.skeleton)
             state = state.weighted(evidence, changed)
             if new_lengths:
                 state = replace(state, lengths_m=self._lengths.lengths_m.copy())

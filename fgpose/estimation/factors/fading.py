@@ -40,8 +40,9 @@ class Fading:
         if not segment.with_velocity or not unseen.any():
             return
         frame, joint = np.nonzero(unseen)
+        seen = segment.evidence.seen
         holders = [
-            holder(segment.skeleton, j, segment.active[f], segment.evidence.seen[f])
+            holder(segment.skeleton, j, segment.active[f], seen[f])
             for f, j in zip(frame.tolist(), joint.tolist(), strict=True)
         ]
         reference = np.array([-1 if held_by is None else segment.slots[held_by] for held_by in holders])
