@@ -387,7 +387,7 @@ def test_a_joint_that_every_camera_hallucinates_is_given_up(rig: CameraRig, skel
     scene = simulate(truth_m[:200], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0)
     wrist, hidden = skeleton.index("right_wrist"), slice(40, 140)
     points_px, confidence = scene.observations.points2d_px.copy(), scene.observations.confidence.copy()
-    points_px[hidden, :, wrist] += np.array([[150.0, 0.0], [0.0, 150.0], [0.0, -150.0], [0.0, 150.0]])
+    points_px[hidden, :, wrist] += np.array([[150.0, 0.0], [0.0, 150.0], [0.0, -150.0], [-150.0, 0.0]])
     confidence[hidden, :, wrist] = 0.02
     observations = replace(scene.observations, points2d_px=points_px, confidence=confidence)
     config = config_from_dict({"motion": {"max_unseen_s": 0.5}})

@@ -14,10 +14,16 @@ from fgpose.config import VisibilityConfig
 from fgpose.estimation.visibility_chain import Chain, Stays
 
 CHAIN = VisibilityConfig(visible_s=0.7, hidden_s=0.2)
-# Of leaving visible and hidden, per second.
-RATES = np.array([[-1 / 0.7, 1 / 0.7], [1 / 0.2, -1 / 0.2]])
 USUAL = 0.7 / 0.9
 STEPS_S = np.array([0.02, 0.02, 0.5, 1e-6, 0.1, 0.02, 3.0, 0.04])
+
+
+def rates(visible_s: float, hidden_s: float) -> Float[np.ndarray, "2 2"]:
+    """Of leaving visible and hidden, per second."""
+    return np.array([[-1 / visible_s, 1 / visible_s], [1 / hidden_s, -1 / hidden_s]])
+
+
+RATES = rates(CHAIN.visible_s, CHAIN.hidden_s)
 
 
 def log_odds() -> Float[np.ndarray, "frame camera joint"]:
@@ -77,10 +83,7 @@ def test_odds_without_bound_stay_probabilities() -> None:
 
 def drawn(visible_s: float, hidden_s: float, step_s: float, n_frames: int) -> Float[np.ndarray, "frame camera joint"]:
     """1 where visible, 0 where hidden: states of four cameras and ten joints."""
-    rng, leave = (
-        np.random.default_rng(0),
-        scipy.linalg.expm(np.array([[-1 / visible_s, 1 / visible_s], [1 / hidden_s, -1 / hidden_s]]) * step_s),
-    )
+    rng, leave = np.random.default_rng(0), scipy.linalg.expm(rates(visible_s, hidden_s) * step_s)
     states = np.ones((n_frames, 4, 10))
     for before, state in itertools.pairwise(states):
         state[:] = rng.random(before.shape) < np.where(before == 1, leave[0, 0], leave[1, 0])
