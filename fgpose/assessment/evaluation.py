@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.assessment.alignment import common_joints, same_times
 from fgpose.assessment.metrics import (
     acceleration_error_mps2,
     coverage,
@@ -155,39 +156,22 @@ def _root(estimate: Trajectory, reference: Trajectory, joints: tuple[str, ...]) 
 
 
 def _match(estimate: Trajectory, reference: Trajectory, reference_offset_s: float) -> _Match:
-    names = tuple(joint for joint in estimate.skeleton.joints if joint in reference.skeleton.joints)
-    if not names:
-        raise ValueError(
-            f"no joint in common: the estimate has {', '.join(estimate.skeleton.joints)}; "
-            f"the reference has {', '.join(reference.skeleton.joints)}"
-        )
-    frames = _same_times(estimate.time_s, reference.time_s + reference_offset_s)
+    names = common_joints(estimate.skeleton, reference.skeleton)
+    frames = _common_frames(estimate.time_s, reference.time_s + reference_offset_s)
     joints = (np.array([each.skeleton.index(name) for name in names], dtype=int) for each in (estimate, reference))
     return _Match(names, *zip(frames, joints, strict=True))
 
 
-def _same_times(
+def _common_frames(
     estimate_s: Float[np.ndarray, " frame"], reference_s: Float[np.ndarray, " reference"]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the pairs of frames that are each other's nearest and near enough."""
+    """Indices of same_times; ValueError where there is none."""
     if len(estimate_s) == 0 or len(reference_s) == 0:
         raise ValueError("no frame in common: one of the two has none")
-    nearest = _nearest(estimate_s, reference_s)
-    mutual = _nearest(reference_s, estimate_s)[nearest] == np.arange(len(estimate_s))
-    intervals_s = [np.median(np.diff(time_s)) for time_s in (estimate_s, reference_s) if len(time_s) > 1]
-    tolerance_s = 0.5 * min(intervals_s, default=0.0)
-    kept = np.flatnonzero(mutual & (np.abs(estimate_s - reference_s[nearest]) <= tolerance_s))
-    if kept.size == 0:
+    frames = same_times(estimate_s, reference_s)
+    if frames[0].size == 0:
         raise ValueError(
             f"no frame in common: the estimate lasts from {estimate_s[0]:.6g} to {estimate_s[-1]:.6g} s, "
             f"the reference from {reference_s[0]:.6g} to {reference_s[-1]:.6g} s"
         )
-    return kept, nearest[kept]
-
-
-def _nearest(times_s: Float[np.ndarray, " frame"], others_s: Float[np.ndarray, " other"]) -> np.ndarray:
-    """Index of the nearest of the others, which increase, for each time."""
-    right = np.searchsorted(others_s, times_s).clip(1, max(len(others_s) - 1, 1))
-    right = np.minimum(right, len(others_s) - 1)
-    left = np.maximum(right - 1, 0)
-    return np.where(np.abs(others_s[right] - times_s) < np.abs(others_s[left] - times_s), right, left)
+    return frames

@@ -1,0 +1,50 @@
+"""What two trajectories have in common: joints by name, frames by time."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.skeleton import Skeleton
+
+
+def common_joints(estimate: Skeleton, reference: Skeleton) -> tuple[str, ...]:
+    """Names that both skeletons have, in the order of the estimate's.
+
+    Raises:
+        ValueError: there is none; the message shows both sides.
+    """
+    names = tuple(joint for joint in estimate.joints if joint in reference.joints)
+    if not names:
+        raise ValueError(
+            f"no joint in common: the estimate has {', '.join(estimate.joints)}; "
+            f"the reference has {', '.join(reference.joints)}"
+        )
+    return names
+
+
+def same_times(
+    estimate_s: Float[np.ndarray, " frame"], reference_s: Float[np.ndarray, " reference"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the pairs of frames that are each other's nearest in time and no farther apart than half the shorter
+    of the two (median) frame intervals. Both empty where there is none.
+
+    Args:
+        estimate_s: increasing, seconds; so is the other.
+    """
+    if len(estimate_s) == 0 or len(reference_s) == 0:
+        return np.empty(0, dtype=int), np.empty(0, dtype=int)
+    nearest = _nearest(estimate_s, reference_s)
+    mutual = _nearest(reference_s, estimate_s)[nearest] == np.arange(len(estimate_s))
+    intervals_s = [np.median(np.diff(time_s)) for time_s in (estimate_s, reference_s) if len(time_s) > 1]
+    tolerance_s = 0.5 * min(intervals_s, default=0.0)
+    kept = np.flatnonzero(mutual & (np.abs(estimate_s - reference_s[nearest]) <= tolerance_s))
+    return kept, nearest[kept]
+
+
+def _nearest(times_s: Float[np.ndarray, " frame"], others_s: Float[np.ndarray, " other"]) -> np.ndarray:
+    """Index of the nearest of the others, which increase, for each time."""
+    right = np.searchsorted(others_s, times_s).clip(1, max(len(others_s) - 1, 1))
+    right = np.minimum(right, len(others_s) - 1)
+    left = np.maximum(right - 1, 0)
+    return np.where(np.abs(others_s[right] - times_s) < np.abs(others_s[left] - times_s), right, left)
