@@ -12,6 +12,7 @@ from fgpose.skeleton import Skeleton
 # Measured SD of a joint's depth around that of the whole body. Trunk and head were not measured: between hip and knee.
 _JOINT_DEPTH_M = {"hip": 0.055, "knee": 0.082, "ankle": 0.081, "shoulder": 0.080, "elbow": 0.122, "wrist": 0.150}
 _TRUNK_DEPTH_M = 0.065
+MIN_CONFIDENCE = 0.02  # 0 would mean that there is no detection
 
 
 def check_scales(settings: object, *, shares: tuple[str, ...]) -> None:
@@ -125,6 +126,23 @@ def bias_m(
     angle = rng.uniform(0.0, 2 * np.pi, shape)
     length_m = rng.uniform(noise.min_bias_m, noise.max_bias_m, shape)
     return length_m[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+
+
+def stated_confidence(
+    level: Float[np.ndarray, "frame camera joint"],
+    pixel_px: Float[np.ndarray, "frame camera joint 2"],
+    spread: Float[np.ndarray, "frame camera joint"],
+    skeleton: Skeleton,
+    noise: DetectionNoise,
+) -> Float[np.ndarray, "frame camera joint"]:
+    """Around the mean of an exact detection, less where it is wrong; the other way round for the misled joint."""
+    if noise.confidence_fall_px > 0:
+        level = level * np.exp(-np.linalg.norm(pixel_px, axis=-1) / noise.confidence_fall_px)
+    confidence = level + noise.confidence_spread * spread
+    if noise.misled_joint:
+        misled = skeleton.index(noise.misled_joint)
+        confidence[..., misled] = 1.0 - confidence[..., misled]
+    return np.clip(confidence, MIN_CONFIDENCE, 1.0)
 
 
 def _joint_depth_m(skeleton: Skeleton) -> Float[np.ndarray, " joint"]:

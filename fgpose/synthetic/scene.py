@@ -10,12 +10,11 @@ from jaxtyping import Bool, Float
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic.noise import DetectionNoise, bias_m, detection_error
+from fgpose.synthetic.noise import MIN_CONFIDENCE, DetectionNoise, bias_m, detection_error, stated_confidence
 from fgpose.synthetic.occlusion import Occlusion, hallucination, occluded_joints
 from fgpose.synthetic.real_errors import RealErrors
 from fgpose.synthetic.snapping import shown_joints
 
-_MIN_CONFIDENCE = 0.02  # 0 would mean that there is no detection
 _MIN_LATERAL_M = 1e-3  # a covariance must be positive definite
 
 
@@ -77,8 +76,8 @@ def simulate(
     pixel_px = visible_px + np.where(hallucinated[..., None], hidden.pixel_px, 0.0)
     depth_m = error.depth_m + np.where(hallucinated, hidden.depth_m, 0.0)
     level = np.where(hallucinated, occlusion.confidence, np.where(snapped, occlusion.snap_confidence, noise.confidence))
-    stated = _confidence(level, pixel_px, error.confidence, skeleton, noise)
-    confidence = stated if real is None else np.maximum(real.confidence, _MIN_CONFIDENCE)
+    stated = stated_confidence(level, pixel_px, error.confidence, skeleton, noise)
+    confidence = stated if real is None else np.maximum(real.confidence, MIN_CONFIDENCE)
     detected = _in_image(rig, true_px) & ~(hallucinated & hidden.missing) & np.isfinite(pixel_px).all(axis=-1)
     observations = Observations(
         skeleton=skeleton,
@@ -103,23 +102,6 @@ def _lateral_px(
     depth_m = np.stack([camera.to_camera_frame(seen_m[:, c])[..., 2] for c, camera in enumerate(rig.cameras)], axis=1)
     focal_px = np.array([np.diag(camera.K)[:2] for camera in rig.cameras])
     return lateral_m * focal_px[:, None] / depth_m[..., None]
-
-
-def _confidence(
-    level: Float[np.ndarray, "frame camera joint"],
-    pixel_px: Float[np.ndarray, "frame camera joint 2"],
-    spread: Float[np.ndarray, "frame camera joint"],
-    skeleton: Skeleton,
-    noise: DetectionNoise,
-) -> Float[np.ndarray, "frame camera joint"]:
-    """Around the mean of an exact detection, less where it is wrong; the other way round for the misled joint."""
-    if noise.confidence_fall_px > 0:
-        level = level * np.exp(-np.linalg.norm(pixel_px, axis=-1) / noise.confidence_fall_px)
-    confidence = level + noise.confidence_spread * spread
-    if noise.misled_joint:
-        misled = skeleton.index(noise.misled_joint)
-        confidence[..., misled] = 1.0 - confidence[..., misled]
-    return np.clip(confidence, _MIN_CONFIDENCE, 1.0)
 
 
 def _at_camera_times(
