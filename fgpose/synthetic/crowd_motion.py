@@ -1,0 +1,216 @@
+"""True motion of several people in one room: they walk past each other, work, go out and come back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.io.skeletons import load_skeleton
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic.bodies import Box
+from fgpose.synthetic.body_motion import Gait, Motion, Poses, Work, gait_of, leg_length_m, positions_of, work_of
+from fgpose.synthetic.routes import CrowdPlan, Route, crossing_frames, draw_habits, plan_route
+
+MIN_DISTANCE_M = 0.45
+"""Between any two pelvises, over the floor."""
+_RESTARTS = 10
+_MIN_SIZE, _MAX_SIZE = 0.88, 1.1
+_PROPORTION_SIGMA = 0.03  # of each length, mirrored bones alike
+_SMOOTH_S = 0.15
+_HEADING_SIGMA_S = 0.25
+_SWAY = 0.03  # SD of the slow wavering of trunk and arms, radians
+_SWAY_SIGMA_S = 0.5
+_WORK_BLEND_S = 0.8
+
+
+@dataclass(frozen=True)
+class Event:
+    kind: Literal["enters", "leaves", "returns", "crossing"]
+    frame: int
+    people: tuple[int, ...]
+    """One, or the two who pass each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class CrowdMotion:
+    """The true motion of several people, who need not be there all the time."""
+
+    skeleton: Skeleton
+    truth_m: Float[np.ndarray, "person frame joint 3"]
+    """World frame, metres, floor at z = 0; all joints NaN while a person is not there."""
+    fps: float
+    events: tuple[Event, ...] = ()
+    """In the order of their frames."""
+    furniture: tuple[Box, ...] = ()
+
+    @property
+    def n_people(self) -> int:
+        return len(self.truth_m)
+
+    @property
+    def is_there(self) -> Bool[np.ndarray, "person frame"]:
+        return np.asarray(np.isfinite(self.truth_m).all(axis=(2, 3)))
+
+
+def crowd_motion(
+    n_people: int,
+    n_frames: int,
+    fps: float,
+    gaits: Sequence[Motion],
+    works: Sequence[Motion],
+    seed: int,
+    plan: CrowdPlan | None = None,
+    furniture: Sequence[Box] = (),
+) -> CrowdMotion:
+    """People of different sizes (skeleton h36m_17) who walk, work, come and go in a room around the world's origin.
+
+    A person has one gait, and does the same work at every stop where he works; the clips are given out in turn.
+
+    Args:
+        gaits: recorded walks on an even floor, of which one cycle is repeated.
+        works: recordings of people who stay on the spot.
+
+    Raises:
+        ValueError: there is no person, no frame or no clip, a walk is too short, or the people find no way around each
+            other.
+    """
+    if n_people < 1 or n_frames < 2 or not fps > 0 or not gaits or not works:
+        raise ValueError("a crowd needs a person, two frames, a positive frame rate, a gait and a work")
+    skeleton, plan = load_skeleton("h36m_17"), plan or CrowdPlan()
+    rng = np.random.default_rng(seed)
+    habits = draw_habits(rng, n_people, n_frames / fps, plan)
+    cycles, clips = [gait_of(clip, skeleton) for clip in gaits], [work_of(clip, skeleton) for clip in works]
+    subject_m = skeleton.bone_lengths(np.asarray(gaits[0][0], dtype=float)[:1])[0]
+    truth_m = np.full((n_people, n_frames, skeleton.n_joints, 3), np.nan)
+    for person, habit in enumerate(habits):
+        performer = _Performer(
+            skeleton, _body_m(rng, subject_m, skeleton), cycles[person % len(cycles)], clips[person % len(clips)], fps
+        )
+        others_m = truth_m[:person, :, skeleton.index("pelvis"), :2]
+        for _ in range(_RESTARTS):
+            route = plan_route(rng, others_m, fps, plan, furniture, habit)
+            truth_m[person] = performer.walks(route, rng)
+            if _keeps_distance(truth_m[person, :, skeleton.index("pelvis"), :2], others_m):
+                break
+        else:
+            raise ValueError(f"person {person} comes nearer to another than {MIN_DISTANCE_M:g} m whichever way he goes")
+    events = _events(truth_m[:, :, skeleton.index("pelvis"), :2], fps, plan)
+    return CrowdMotion(skeleton, truth_m, fps, events, tuple(furniture))
+
+
+@dataclass(frozen=True, eq=False)
+class _Performer:
+    skeleton: Skeleton
+    bone_lengths_m: Float[np.ndarray, " bone"]
+    gait: Gait
+    work: Work
+    fps: float
+
+    def walks(self, route: Route, rng: np.random.Generator) -> Float[np.ndarray, "frame joint 3"]:
+        """All joints on a route; NaN where it is NaN."""
+        there = np.asarray(np.isfinite(route.ground_m).all(axis=-1))
+        positions_m = np.full((len(there), self.skeleton.n_joints, 3), np.nan)
+        for start, end in stretches(there):
+            positions_m[start:end] = self._walks(route.ground_m[start:end], route.work[start:end], start, rng)
+        return positions_m
+
+    def _walks(
+        self, ground_m: Float[np.ndarray, "frame 2"], work: np.ndarray, start: int, rng: np.random.Generator
+    ) -> Float[np.ndarray, "frame joint 3"]:
+        n, leg_m = len(ground_m), leg_length_m(self.bone_lengths_m, self.skeleton)
+        velocity_mps = _gradient(ground_m) * self.fps
+        speed_mps = self._smooth(np.linalg.norm(velocity_mps, axis=-1), _SMOOTH_S)
+        # Slower people take shorter and fewer steps: both as the square root of the speed.
+        natural_mps = self.gait.stride * leg_m / self.gait.cycle_s
+        vigour = self._smooth(np.clip(np.sqrt(speed_mps / natural_mps), 0.0, 1.15), _SMOOTH_S)
+        steps = speed_mps / np.maximum(vigour, 0.05) / (self.gait.stride * leg_m * self.fps)
+        poses = _repeated(self.gait.standing, n).blend(self.gait.at(rng.random() + np.cumsum(steps)), vigour)
+        since_s = np.where(work >= 0, start + np.arange(n) - work, 0) / self.fps
+        poses = poses.blend(self.work.at(since_s), self._busy(work >= 0))
+        poses.direction[...] += self._sway(rng, n)
+        poses.direction[...] /= np.linalg.norm(poses.direction, axis=-1, keepdims=True)
+        return positions_of(poses, self.bone_lengths_m, ground_m, self._heading(velocity_mps), self.skeleton)
+
+    def _busy(self, works: Bool[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
+        """Share of the work in the pose: it goes up and down within the work."""
+        from scipy.ndimage import binary_erosion, gaussian_filter1d
+
+        sigma = _WORK_BLEND_S / 3 * self.fps
+        width = 2 * int(3 * sigma + 0.5) + 1
+        inner = binary_erosion(works, np.ones(width), border_value=1)
+        return gaussian_filter1d(inner.astype(float), sigma, truncate=3.0, mode="nearest")
+
+    def _heading(self, velocity_mps: Float[np.ndarray, "frame 2"]) -> Float[np.ndarray, " frame"]:
+        """Where the person faces, radians: where he walks; who stands turns in time for his next walk."""
+        walks = np.linalg.norm(velocity_mps, axis=-1) > 0.1
+        if not walks.any():
+            return np.zeros(len(velocity_mps))
+        frames = np.flatnonzero(walks)
+        last = frames[np.maximum(np.searchsorted(frames, np.arange(len(walks)), side="right") - 1, 0)]
+        yaw = np.arctan2(velocity_mps[last, 1], velocity_mps[last, 0])
+        return self._smooth(np.unwrap(yaw), _HEADING_SIGMA_S)
+
+    def _sway(self, rng: np.random.Generator, n: int) -> Float[np.ndarray, "frame bone 3"]:
+        """Of trunk and arms, not of the legs: feet stay where they are."""
+        draws = self._smooth(rng.standard_normal((n, len(self.skeleton.bones), 3)), _SWAY_SIGMA_S)
+        # SD of white noise after the filter: 1 / sqrt(2 sqrt(pi) sigma).
+        draws *= _SWAY * np.sqrt(2 * np.sqrt(np.pi) * _SWAY_SIGMA_S * self.fps)
+        legs = [b for b, (_, end) in enumerate(self.skeleton.bones) if _is_leg(self.skeleton.joints[end])]
+        draws[:, legs] = 0.0
+        return draws
+
+    def _smooth(self, values: np.ndarray, sigma_s: float) -> np.ndarray:
+        from scipy.ndimage import gaussian_filter1d
+
+        return gaussian_filter1d(values, sigma_s * self.fps, axis=0, mode="nearest")
+
+
+def stretches(there: Bool[np.ndarray, " frame"]) -> Iterator[tuple[int, int]]:
+    """First frame, and the one after the last, of every stretch."""
+    edges = np.flatnonzero(np.diff(there.astype(int), prepend=0, append=0))
+    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+
+
+def _is_leg(joint: str) -> bool:
+    return joint.endswith(("hip", "knee", "ankle"))
+
+
+def _repeated(poses: Poses, n: int) -> Poses:
+    return Poses(np.repeat(poses.direction, n, axis=0), np.repeat(poses.root, n, axis=0))
+
+
+def _gradient(ground_m: Float[np.ndarray, "frame 2"]) -> Float[np.ndarray, "frame 2"]:
+    return np.gradient(ground_m, axis=0) if len(ground_m) > 1 else np.zeros_like(ground_m)
+
+
+def _body_m(
+    rng: np.random.Generator, subject_m: Float[np.ndarray, " bone"], skeleton: Skeleton
+) -> Float[np.ndarray, " bone"]:
+    """Bone lengths of a body of its own: size and, a little, proportions; mirrored bones are equally long."""
+    of_length = 1.0 + _PROPORTION_SIGMA * np.clip(rng.standard_normal(skeleton.n_lengths), -2.0, 2.0)
+    number = np.array(skeleton.length_of_bone)
+    _, first = np.unique(number, return_index=True)
+    return rng.uniform(_MIN_SIZE, _MAX_SIZE) * (of_length * subject_m[first])[number]
+
+
+def _keeps_distance(own_m: Float[np.ndarray, "frame 2"], others_m: Float[np.ndarray, "person frame 2"]) -> bool:
+    return not (np.linalg.norm(others_m - own_m, axis=-1) < MIN_DISTANCE_M).any()
+
+
+def _events(ground_m: Float[np.ndarray, "person frame 2"], fps: float, plan: CrowdPlan) -> tuple[Event, ...]:
+    events = []
+    for person, there in enumerate(np.asarray(np.isfinite(ground_m).all(axis=-1))):
+        for visit, (start, end) in enumerate(stretches(there)):
+            if start > 0:
+                events.append(Event("enters" if visit == 0 else "returns", start, (person,)))
+            if end < len(there):
+                events.append(Event("leaves", end, (person,)))
+    for a, b in combinations(range(len(ground_m)), 2):
+        frames = crossing_frames(ground_m[a], ground_m[b], fps, plan)
+        events += [Event("crossing", frame, (a, b)) for frame in frames.tolist()]
+    return tuple(sorted(events, key=lambda event: (event.frame, event.people)))
