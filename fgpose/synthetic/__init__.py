@@ -7,6 +7,14 @@ real recordings instead. Occluders follow the rule of
 Human3.6M-Occluded, but stay for a while and move with the person, as a table or a robot does.
 """
 
+from fgpose.synthetic.bodies import Box as Box
+from fgpose.synthetic.crowd import CrowdScene as CrowdScene
+from fgpose.synthetic.crowd import simulate_crowd as simulate_crowd
+from fgpose.synthetic.crowd_errors import NO_CROWD_ERRORS as NO_CROWD_ERRORS
+from fgpose.synthetic.crowd_errors import CameraTimes as CameraTimes
+from fgpose.synthetic.crowd_errors import CrowdErrors as CrowdErrors
+from fgpose.synthetic.crowd_motion import CrowdMotion as CrowdMotion
+from fgpose.synthetic.crowd_motion import crowd_motion as crowd_motion
 from fgpose.synthetic.motion import motion_from_npz as motion_from_npz
 from fgpose.synthetic.motion import walking as walking
 from fgpose.synthetic.noise import NO_NOISE as NO_NOISE
@@ -16,5 +24,6 @@ from fgpose.synthetic.occlusion import Occlusion as Occlusion
 from fgpose.synthetic.real_errors import RealErrors as RealErrors
 from fgpose.synthetic.real_errors import real_errors as real_errors
 from fgpose.synthetic.rig import ring_rig as ring_rig
+from fgpose.synthetic.routes import CrowdPlan as CrowdPlan
 from fgpose.synthetic.scene import Scene as Scene
 from fgpose.synthetic.scene import simulate as simulate
