@@ -32,6 +32,7 @@ _CAPSULES_M = (
           ("elbow", "wrist", 0.04),
       )),
 )  # fmt: skip
+_N_TRUNK = 3  # the first capsules
 _FLESH_M = 0.03  # a joint that lies within this of a capsule of its own body belongs to it, as a hip to the trunk
 _PAIRS_AT_ONCE = 4000  # bounds the memory: 4000 x 17 joints x 13 capsules x 3 coordinates are 20 MB
 
@@ -58,12 +59,16 @@ class Capsules:
 
     ends: Int[np.ndarray, "capsule 2"]
     radius_m: Float[np.ndarray, " capsule"]
+    covers: Bool[np.ndarray, "joint capsule"]
+    """Whether the capsule is flesh in which the joint lies, as the sides of the trunk around the spine."""
 
     @staticmethod
     def of(skeleton: Skeleton) -> Capsules:
         """An adult's. Raises ValueError if the skeleton lacks a joint of them."""
-        ends = [[skeleton.index(a), skeleton.index(b)] for a, b, _ in _CAPSULES_M]
-        return Capsules(np.array(ends), np.array([radius_m for *_, radius_m in _CAPSULES_M]))
+        ends = np.array([[skeleton.index(a), skeleton.index(b)] for a, b, _ in _CAPSULES_M])
+        midline = np.array([skeleton.mirrored((joint, joint))[0] == joint for joint in range(skeleton.n_joints)])
+        trunk = np.arange(len(ends)) < _N_TRUNK
+        return Capsules(ends, np.array([radius_m for *_, radius_m in _CAPSULES_M]), midline[:, None] & trunk)
 
 
 def hidden_by(
@@ -138,7 +143,7 @@ def _behind_capsules(
     hit = segment_distance_m(position_m, joints_m, start_m, end_m) < capsules.radius_m
     if is_own.any():
         at_joint_m = segment_distance_m(joints_m[is_own], joints_m[is_own], start_m[is_own], end_m[is_own])
-        hit[is_own] &= at_joint_m > capsules.radius_m + _FLESH_M
+        hit[is_own] &= (at_joint_m > capsules.radius_m + _FLESH_M) & ~capsules.covers
     return np.asarray(hit.any(axis=-1))
 
 
@@ -150,14 +155,19 @@ def segment_distance_m(
 ) -> Float[np.ndarray, "*shape"]:
     """Distance of the segments a0-a1 and b0-b1 from each other (Ericson, Real-Time Collision Detection, 5.1.9)."""
     a, b, apart = a1_m - a0_m, b1_m - b0_m, a0_m - b0_m
-    aa, bb, ab = (
-        np.maximum(np.sum(u * v, axis=-1), low) for u, v, low in ((a, a, 1e-12), (b, b, 1e-12), (a, b, -np.inf))
-    )
-    a_apart, b_apart = np.sum(a * apart, axis=-1), np.sum(b * apart, axis=-1)
+    aa, bb = np.maximum(_dot(a, a), 1e-12), np.maximum(_dot(b, b), 1e-12)
+    ab, a_apart, b_apart = _dot(a, b), _dot(a, apart), _dot(b, apart)
     along_a = np.clip((ab * b_apart - a_apart * bb) / np.maximum(aa * bb - ab**2, 1e-12), 0.0, 1.0)
     along_b = np.clip((ab * along_a + b_apart) / bb, 0.0, 1.0)
     along_a = np.clip((ab * along_b - a_apart) / aa, 0.0, 1.0)
-    return np.linalg.norm(apart + along_a[..., None] * a - along_b[..., None] * b, axis=-1)
+    # |apart + along_a a - along_b b|^2 without vectors of every pair; rounding leaves 1e-7 m where they touch.
+    distance_m2 = _dot(apart, apart) + along_a * (along_a * aa + 2 * a_apart - 2 * along_b * ab)
+    distance_m2 += along_b * (along_b * bb - 2 * b_apart)
+    return np.sqrt(np.maximum(distance_m2, 0.0))
+
+
+def _dot(u: Float[np.ndarray, "*#shape 3"], v: Float[np.ndarray, "*#shape 3"]) -> Float[np.ndarray, "*shape"]:
+    return np.asarray(np.einsum("...i,...i->...", u, v))
 
 
 def _behind_boxes(

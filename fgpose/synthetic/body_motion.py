@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.skeleton import Skeleton
 
@@ -29,11 +29,18 @@ class Poses:
     root: Float[np.ndarray, "frame 3"]
     """Around the mean way, and above the floor; in leg lengths."""
 
+    def of_frames(self, frames: slice | Int[np.ndarray, " frame"]) -> Poses:
+        return Poses(self.direction[frames], self.root[frames])
+
+    def leaning(self, by: Float[np.ndarray, "frame bone 3"]) -> Poses:
+        """With small vectors added to the directions: radians."""
+        direction = self.direction + by
+        return Poses(direction / np.linalg.norm(direction, axis=-1, keepdims=True), self.root)
+
     def blend(self, other: Poses, share: Float[np.ndarray, " frame"]) -> Poses:
         """On the way to other poses; a share beyond 1 exaggerates them."""
-        direction = self.direction + share[:, None, None] * (other.direction - self.direction)
-        direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
-        return Poses(direction, self.root + share[:, None] * (other.root - self.root))
+        root = self.root + share[:, None] * (other.root - self.root)
+        return Poses(self.direction, root).leaning(share[:, None, None] * (other.direction - self.direction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,29 +88,19 @@ def gait_of(motion: Motion, skeleton: Skeleton) -> Gait:
     """
     positions_m, fps = motion
     poses, yaw = _poses_of(motion, skeleton)
-    lengths = range(round(_MIN_CYCLE_S * fps), round(_MAX_CYCLE_S * fps) + 1)
-    gaps = [(*_best_start(poses, n), n) for n in lengths if len(positions_m) > n * (1 + _CROSSFADE) + 1]
-    if not gaps:
-        raise ValueError(f"a gait needs {_MIN_CYCLE_S * (1 + _CROSSFADE):.2f} s, got {len(positions_m) / fps:.2f} s")
-    _, start, n = min(gaps)
-    leg_m = _leg_m(positions_m, skeleton)
-    root_m = positions_m[start : start + n + 1, skeleton.index("pelvis"), :2]
-    way_m = np.linalg.norm(np.diff(root_m, axis=0), axis=-1)
-    # Sway makes the way of the pelvis longer than that of the person.
-    forward_m = np.sum(np.diff(root_m, axis=0) * _heading(yaw[start : start + n]), axis=-1)
+    start, n = _cycle(poses, fps)
+    # What comes before the cycle leads into it: the end of the cycle goes over into that.
     fade = round(n * _CROSSFADE)
-    share = np.zeros(n)
-    share[n - fade :] = np.arange(fade) / fade
-    now = Poses(poses.direction[start : start + n], poses.root[start : start + n])
+    share = np.concatenate([np.zeros(n - fade), np.arange(fade) / fade])
     before = np.maximum(np.arange(start - n, start), 0)
-    closed = now.blend(Poses(poses.direction[before], poses.root[before]), share)
-    ahead_m = _around_line(np.cumsum(forward_m) - forward_m[0])
-    aside_m = _around_line(
-        np.cumsum(np.sum(np.diff(root_m, axis=0) * _heading(yaw[start : start + n] + np.pi / 2), axis=-1))
-    )
-    closed.root[:, :2] = np.stack([ahead_m, aside_m], axis=-1) / leg_m
-    stride_m = min(float(forward_m.sum()), float(way_m.sum()))
-    return Gait(closed, stride_m / leg_m, n / fps)
+    closed = poses.of_frames(slice(start, start + n)).blend(poses.of_frames(before), share)
+    steps_m = np.diff(positions_m[start : start + n + 1, skeleton.index("pelvis"), :2], axis=0)
+    forward_m = np.sum(steps_m * _unit(yaw[start : start + n]), axis=-1)
+    aside_m = np.sum(steps_m * _unit(yaw[start : start + n] + np.pi / 2), axis=-1)
+    leg_m = _leg_m(positions_m, skeleton)
+    sway = np.stack([_around_progress(forward_m), _around_progress(aside_m)], axis=-1) / leg_m
+    root = np.concatenate([sway, closed.root[:, 2:]], axis=-1)
+    return Gait(Poses(closed.direction, root), float(forward_m.sum()) / leg_m, n / fps)
 
 
 def work_of(motion: Motion, skeleton: Skeleton) -> Work:
@@ -156,20 +153,30 @@ def _poses_of(motion: Motion, skeleton: Skeleton) -> tuple[Poses, Float[np.ndarr
     return Poses(direction, root), yaw
 
 
+def _cycle(poses: Poses, fps: float) -> tuple[int, int]:
+    """First frame and length of the cycle after which the motion goes on as it began."""
+    lengths = range(round(_MIN_CYCLE_S * fps), round(_MAX_CYCLE_S * fps) + 1)
+    gaps = [(*_best_start(poses, n), n) for n in lengths if len(poses.root) > n * (1 + _CROSSFADE) + 1]
+    if not gaps:
+        shortest_s = _MIN_CYCLE_S * (1 + _CROSSFADE)
+        raise ValueError(f"a recorded walk must be longer than {shortest_s:.2f} s, got {len(poses.root) / fps:.2f} s")
+    _, start, n = min(gaps)
+    return start, n
+
+
 def _best_start(poses: Poses, n: int) -> tuple[float, int]:
     """How far apart poses n frames apart are at least, and where; early frames are kept for the cross-fade."""
     gap = np.sum((poses.direction[n:] - poses.direction[:-n]) ** 2, axis=(1, 2))
     gap = gap[:-1] + gap[1:]  # of two frames: the motion has to go on as well
-    first = min(round(n * _CROSSFADE), len(gap) - 1)
+    first = round(n * _CROSSFADE)
     start = first + int(np.argmin(gap[first:]))
     return float(gap[start]), start
 
 
-def _around_line(way_m: Float[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
-    """What is left of a way when even progress is taken away."""
-    n = len(way_m)
-    left_m = way_m - np.arange(n) * (way_m[-1] - way_m[0]) / max(n - 1, 1)
-    return left_m - left_m.mean()
+def _around_progress(steps_m: Float[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
+    """Where the steps of a cycle lead, around even progress."""
+    at_m = np.cumsum(steps_m) - steps_m - np.arange(len(steps_m)) * steps_m.mean()
+    return at_m - at_m.mean()
 
 
 def _leg_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
@@ -201,7 +208,7 @@ def _eased(share: Float[np.ndarray, " frame"], turn: float) -> Float[np.ndarray,
     return np.select([share < turn, share > 1.0 - turn], [into, out_of], scale * (share - turn / 2))
 
 
-def _heading(yaw: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame 2"]:
+def _unit(yaw: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame 2"]:
     return np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
 
 

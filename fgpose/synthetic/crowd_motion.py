@@ -23,6 +23,8 @@ _MIN_SIZE, _MAX_SIZE = 0.88, 1.1
 _PROPORTION_SIGMA = 0.03  # of each length, mirrored bones alike
 _SMOOTH_S = 0.15
 _HEADING_SIGMA_S = 0.25
+_VIGOUR_SIGMA = 0.08  # some take longer steps than others
+_POSTURE_SIGMA = 0.05  # constant lean of each bone of trunk and arms, radians
 _SWAY = 0.03  # SD of the slow wavering of trunk and arms, radians
 _SWAY_SIGMA_S = 0.5
 _WORK_BLEND_S = 0.8
@@ -38,15 +40,30 @@ class Event:
 
 @dataclass(frozen=True, eq=False)
 class CrowdMotion:
-    """The true motion of several people, who need not be there all the time."""
+    """The true motion of several people, who need not be there all the time.
+
+    Raises:
+        ValueError: the truth has another shape, a person is there in part, or the frame rate is not positive.
+    """
 
     skeleton: Skeleton
-    truth_m: Float[np.ndarray, "person frame joint 3"]
-    """World frame, metres, floor at z = 0; all joints NaN while a person is not there."""
+    truth_m: np.ndarray
+    """(N, T, J, 3) persons, frames and joints; world frame, metres, floor at z = 0; NaN while a person is not there."""
     fps: float
     events: tuple[Event, ...] = ()
     """In the order of their frames."""
     furniture: tuple[Box, ...] = ()
+
+    def __post_init__(self) -> None:
+        shape, n_joints = self.truth_m.shape, self.skeleton.n_joints
+        if len(shape) != 4 or shape[2:] != (n_joints, 3) or 0 in shape:
+            raise ValueError(f"truth_m must be (people, frames, {n_joints}, 3), got {shape}")
+        numbers = np.isfinite(self.truth_m).reshape(*shape[:2], -1)
+        in_part = np.argwhere(numbers.any(axis=-1) & ~numbers.all(axis=-1))
+        if len(in_part):
+            raise ValueError(f"person {in_part[0][0]}, frame {in_part[0][1]}: some numbers are finite, some are not")
+        if not 0 < self.fps < np.inf:
+            raise ValueError(f"the frame rate must be a positive number, got {self.fps:g}")
 
     @property
     def n_people(self) -> int:
@@ -88,9 +105,8 @@ def crowd_motion(
     subject_m = skeleton.bone_lengths(np.asarray(gaits[0][0], dtype=float)[:1])[0]
     truth_m = np.full((n_people, n_frames, skeleton.n_joints, 3), np.nan)
     for person, habit in enumerate(habits):
-        performer = _Performer(
-            skeleton, _body_m(rng, subject_m, skeleton), cycles[person % len(cycles)], clips[person % len(clips)], fps
-        )
+        gait, work = cycles[person % len(cycles)], clips[person % len(clips)]
+        performer = _Performer.drawn(rng, skeleton, subject_m, gait, work, fps)
         others_m = truth_m[:person, :, skeleton.index("pelvis"), :2]
         for _ in range(_RESTARTS):
             route = plan_route(rng, others_m, fps, plan, furniture, habit)
@@ -110,6 +126,24 @@ class _Performer:
     gait: Gait
     work: Work
     fps: float
+    vigour: float
+    """Length of the steps relative to the recorded walk."""
+    posture: Float[np.ndarray, "bone 3"]
+
+    @staticmethod
+    def drawn(
+        rng: np.random.Generator,
+        skeleton: Skeleton,
+        subject_m: Float[np.ndarray, " bone"],
+        gait: Gait,
+        work: Work,
+        fps: float,
+    ) -> _Performer:
+        """Of a size, with proportions and habits of his own; lengths are those of the recorded subject."""
+        bone_lengths_m = _body_m(rng, subject_m, skeleton)
+        vigour = 1.0 + _VIGOUR_SIGMA * float(np.clip(rng.standard_normal(), -2.0, 2.0))
+        posture = _POSTURE_SIGMA * rng.standard_normal((len(skeleton.bones), 3)) * _above_legs(skeleton)
+        return _Performer(skeleton, bone_lengths_m, gait, work, fps, vigour, posture)
 
     def walks(self, route: Route, rng: np.random.Generator) -> Float[np.ndarray, "frame joint 3"]:
         """All joints on a route; NaN where it is NaN."""
@@ -127,13 +161,12 @@ class _Performer:
         speed_mps = self._smooth(np.linalg.norm(velocity_mps, axis=-1), _SMOOTH_S)
         # Slower people take shorter and fewer steps: both as the square root of the speed.
         natural_mps = self.gait.stride * leg_m / self.gait.cycle_s
-        vigour = self._smooth(np.clip(np.sqrt(speed_mps / natural_mps), 0.0, 1.15), _SMOOTH_S)
+        vigour = self._smooth(np.clip(self.vigour * np.sqrt(speed_mps / natural_mps), 0.0, 1.2), _SMOOTH_S)
         steps = speed_mps / np.maximum(vigour, 0.05) / (self.gait.stride * leg_m * self.fps)
         poses = _repeated(self.gait.standing, n).blend(self.gait.at(rng.random() + np.cumsum(steps)), vigour)
         since_s = np.where(work >= 0, start + np.arange(n) - work, 0) / self.fps
         poses = poses.blend(self.work.at(since_s), self._busy(work >= 0))
-        poses.direction[...] += self._sway(rng, n)
-        poses.direction[...] /= np.linalg.norm(poses.direction, axis=-1, keepdims=True)
+        poses = poses.leaning(self.posture + self._sway(rng, n))
         return positions_of(poses, self.bone_lengths_m, ground_m, self._heading(velocity_mps), self.skeleton)
 
     def _busy(self, works: Bool[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
@@ -160,9 +193,7 @@ class _Performer:
         draws = self._smooth(rng.standard_normal((n, len(self.skeleton.bones), 3)), _SWAY_SIGMA_S)
         # SD of white noise after the filter: 1 / sqrt(2 sqrt(pi) sigma).
         draws *= _SWAY * np.sqrt(2 * np.sqrt(np.pi) * _SWAY_SIGMA_S * self.fps)
-        legs = [b for b, (_, end) in enumerate(self.skeleton.bones) if _is_leg(self.skeleton.joints[end])]
-        draws[:, legs] = 0.0
-        return draws
+        return draws * _above_legs(self.skeleton)
 
     def _smooth(self, values: np.ndarray, sigma_s: float) -> np.ndarray:
         from scipy.ndimage import gaussian_filter1d
@@ -176,8 +207,10 @@ def stretches(there: Bool[np.ndarray, " frame"]) -> Iterator[tuple[int, int]]:
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
-def _is_leg(joint: str) -> bool:
-    return joint.endswith(("hip", "knee", "ankle"))
+def _above_legs(skeleton: Skeleton) -> Float[np.ndarray, "bone 1"]:
+    """1 for bones of trunk, head and arms, 0 for those that end in a leg."""
+    ends = [skeleton.joints[end] for _, end in skeleton.bones]
+    return np.array([[0.0 if end.endswith(("hip", "knee", "ankle")) else 1.0] for end in ends])
 
 
 def _repeated(poses: Poses, n: int) -> Poses:
