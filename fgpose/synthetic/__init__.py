@@ -5,6 +5,9 @@ partly shared by the whole body, correlated in time, with a bias of its own in e
 hallucinations behind occluders were not measured: their defaults are assumptions. RealErrors are those of detectors on
 real recordings instead. Occluders follow the rule of
 Human3.6M-Occluded, but stay for a while and move with the person, as a table or a robot does.
+
+In scenes of several people it is people and furniture that hide joints, each camera has its own times, and a detector
+also misses, doubles, invents, turns and mixes up people.
 """
 
 from fgpose.synthetic.bodies import Box as Box
