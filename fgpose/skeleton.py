@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
@@ -92,6 +92,11 @@ class Skeleton:
         """The same bone on the other side of the body; a bone of the midline is its own mirror image."""
         a, b = bone
         return self._mirror.get(a, a), self._mirror.get(b, b)
+
+    @cached_property
+    def mirror(self) -> Int[np.ndarray, " joint"]:
+        """For each joint, the index of that on the other side of the body; of the midline, its own."""
+        return np.array([self._mirror.get(joint, joint) for joint in range(self.n_joints)])
 
     def bone_name(self, bone: tuple[int, int]) -> str:
         return f"{self.joints[bone[0]]}-{self.joints[bone[1]]}"

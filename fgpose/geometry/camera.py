@@ -280,6 +280,23 @@ class CameraRig:
         normalized, depth_m = _normalized(self._in_cameras(points_m))
         return np.sqrt(np.sum(self._focal_px**2 * (1 + normalized**2), axis=-1) / 2) / depth_m[..., 0]
 
+    def linearized(
+        self, points_m: Float[np.ndarray, "camera *points 3"]
+    ) -> tuple[
+        Float[np.ndarray, "camera *points 2"],
+        Float[np.ndarray, "camera *points 2 3"],
+        Float[np.ndarray, " camera *points"],
+    ]:
+        """Undistorted pixels in every camera of its own world points, their Jacobian by the point (px/m), and the depth
+        of the points in metres. NaN at or behind the camera."""
+        extra = (1,) * (points_m.ndim - 2)
+        R = self._camera_T_world[:, :3, :3].reshape(-1, *extra, 3, 3)
+        offset_m = self._camera_T_world[:, :3, 3].reshape(-1, *extra, 3)
+        normalized, depth_m = _normalized((R @ points_m[..., None])[..., 0] + offset_m)
+        focal_px, centre_px = (array.reshape(-1, *extra, 2) for array in (self._focal_px, self._centre_px))
+        jacobian = (focal_px / depth_m)[..., None] * (R[..., :2, :] - normalized[..., None] * R[..., 2:, :])
+        return normalized * focal_px + centre_px, jacobian, depth_m[..., 0]
+
     def _in_cameras(
         self, points_m: Float[np.ndarray, "*points joint 3"]
     ) -> Float[np.ndarray, "*points camera joint 3"]:
@@ -294,6 +311,11 @@ class CameraRig:
     @cached_property
     def _focal_px(self) -> Float[np.ndarray, "camera 1 2"]:
         return np.stack([np.diag(camera.K)[None, :2] for camera in self.cameras])
+
+    @cached_property
+    def focal_px(self) -> Float[np.ndarray, " camera"]:
+        """Of each camera: the geometric mean over the two axes of the image."""
+        return np.sqrt(self._focal_px.prod(axis=-1))[:, 0]
 
     @cached_property
     def _centre_px(self) -> Float[np.ndarray, "camera 1 2"]:

@@ -12,6 +12,7 @@ also misses, doubles, invents, turns and mixes up people.
 
 from fgpose.synthetic.bodies import Box as Box
 from fgpose.synthetic.crowd import CrowdScene as CrowdScene
+from fgpose.synthetic.crowd import positions_at as positions_at
 from fgpose.synthetic.crowd import simulate_crowd as simulate_crowd
 from fgpose.synthetic.crowd_errors import NO_CROWD_ERRORS as NO_CROWD_ERRORS
 from fgpose.synthetic.crowd_errors import CameraTimes as CameraTimes

@@ -194,3 +194,16 @@ def test_bad_indices_are_one_clear_error(change: dict[str, Any], message: str) -
     good: dict[str, Any] = {"name": "s", "joints": ("a", "b", "c"), "bones": ((0, 1), (0, 2)), "root": (0,)}
     with pytest.raises(ValueError, match=f"skeleton s: .*{message}"):
         Skeleton(**(good | change))
+
+
+def test_the_mirror_is_its_own_inverse(builtin: Skeleton) -> None:
+    np.testing.assert_array_equal(builtin.mirror[builtin.mirror], np.arange(builtin.n_joints))
+    for joint, other in enumerate(builtin.mirror.tolist()):
+        assert builtin.mirrored((joint, other)) == (other, joint)
+        side = builtin.joints[joint]
+        swapped = side.replace("left", "L").replace("right", "left").replace("L", "right")
+        assert builtin.joints[other] == swapped
+
+
+def test_without_sides_every_joint_is_its_own_mirror_image() -> None:
+    np.testing.assert_array_equal(Skeleton("points", ("a", "b", "c"), (), (0,)).mirror, [0, 1, 2])

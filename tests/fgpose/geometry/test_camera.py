@@ -198,3 +198,51 @@ def test_a_rig_needs_cameras_with_different_names(rig: CameraRig) -> None:
         CameraRig(())
     with pytest.raises(ValueError, match="names must differ: ring_0, ring_0"):
         CameraRig((rig.cameras[0], rig.cameras[0]))
+
+
+@pytest.fixture
+def several() -> CameraRig:
+    """Three cameras around the points, of different lenses and focal lengths."""
+    cameras = []
+    for number, angle in enumerate((0.0, 2.0, 4.0)):
+        turned = Rotation.from_rotvec([0.2, angle, 0.1]).as_matrix()
+        K_own = np.diag([1000.0 + 100 * number, 1050.0, 1.0])
+        K_own[:2, 2] = 500.0, 480.0 + number
+        cameras.append(Camera.from_world_to_camera(f"c{number}", (1000, 1000), K_own, turned, T_M))
+    return CameraRig(tuple(cameras))
+
+
+def test_linearized_is_the_projection_of_own_points(several: CameraRig) -> None:
+    own_m = np.random.default_rng(0).uniform(-0.7, 0.7, (3, 4, 5, 3))
+    pixels, jacobian, depth_m = several.linearized(own_m)
+    assert jacobian.shape == (3, 4, 5, 2, 3)
+    for c, camera in enumerate(several.cameras):
+        # The same formula in another order of sums.
+        np.testing.assert_allclose(pixels[c], camera.project(own_m[c]), atol=1e-9)
+        np.testing.assert_allclose(depth_m[c], camera.to_camera_frame(own_m[c])[..., 2], atol=1e-12)
+
+
+def test_linearized_has_the_jacobian_of_the_projection(several: CameraRig) -> None:
+    own_m, step_m = np.random.default_rng(1).uniform(-0.7, 0.7, (3, 20, 3)), 1e-5
+    _, jacobian, _ = several.linearized(own_m)
+    for axis in range(3):
+        change_m = step_m * np.eye(3)[axis]
+        after, before = (several.linearized(own_m + sign * change_m)[0] for sign in (1, -1))
+        # Central differences err by the third derivative times step^2, 1e-8 px/m, and by rounding: 1e-13 / 1e-5.
+        np.testing.assert_allclose(jacobian[..., axis], (after - before) / (2 * step_m), atol=1e-5)
+
+
+def test_linearized_is_not_known_behind_the_camera(several: CameraRig) -> None:
+    """Of one camera only: the others see the point."""
+    camera = several.cameras[1]
+    behind_m = np.zeros((3, 2, 3))
+    behind_m[1, 0] = camera.position_m - camera.world_T_camera[:3, 2]
+    behind_m[1, 1] = camera.position_m
+    pixels, jacobian, depth_m = several.linearized(behind_m)
+    for values in (pixels, jacobian, depth_m):
+        assert np.isnan(values[1]).all()
+        assert np.isfinite(values[[0, 2]]).all()
+
+
+def test_focal_length_of_a_rig(several: CameraRig) -> None:
+    np.testing.assert_allclose(several.focal_px, np.sqrt(1050.0 * np.array([1000.0, 1100.0, 1200.0])))
