@@ -50,6 +50,9 @@ from fgpose.parameters import (
     SymmetryConfig as SymmetryConfig,
 )
 from fgpose.parameters import (
+    TrackingConfig as TrackingConfig,
+)
+from fgpose.parameters import (
     VisibilityConfig as VisibilityConfig,
 )
 
@@ -77,6 +80,7 @@ class Sections(TypedDict, total=False):
     calibration: CalibrationConfig | Section
     solver: SolverConfig | Section
     online: OnlineConfig | Section
+    tracking: TrackingConfig | Section
 
 
 @dataclass(frozen=True, init=False)
@@ -99,6 +103,7 @@ class Config:
     calibration: CalibrationConfig
     solver: SolverConfig
     online: OnlineConfig
+    tracking: TrackingConfig
 
     def __init__(self, **sections: Unpack[Sections]) -> None:
         every_section: dict[str, Any] = {name: {} for name in _kinds(Config)}

@@ -233,3 +233,17 @@ class OnlineConfig:
     to three times as long."""
     estimate_time_offsets: bool = False
     """Learn by how much each camera's clock is off from that of the first."""
+
+
+@dataclass(frozen=True)
+class TrackingConfig:
+    """Telling several people apart."""
+
+    false_tracks_per_hour: float = 6.0
+    """How many people who do not exist may be reported in an hour. Raising it reports newcomers sooner, and more often
+    views that agree by chance."""
+    coast_s: float = 1.0
+    """Somebody whom no camera detects is predicted for this long, then lost, seconds. Raising it bridges longer
+    occlusions and reports people who have left for longer."""
+    forget_s: float = 600.0
+    """Somebody who is lost may be recognised for this long, seconds."""

@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
+
+NOBODY = -1
+"""In place of the number of a detection: the person, or the joint, is not found in this image."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +86,41 @@ class Detections:
 
 
 @dataclass(frozen=True, eq=False)
+class Seen:
+    """Which joint of which detection is which joint of a person, from the first to the last frame that shows them."""
+
+    first_frame: int
+    detection: np.ndarray
+    """(T, C, J) number of the detection in its image, or NOBODY."""
+    joint: np.ndarray
+    """(T, C, J) number of its joint."""
+
+    @property
+    def frames(self) -> slice:
+        """Of the recording."""
+        return slice(self.first_frame, self.first_frame + len(self.detection))
+
+    @staticmethod
+    def nothing(n_frames: int, n_cameras: int, n_joints: int) -> Seen:
+        """Of nobody."""
+        shape = (n_frames, n_cameras, n_joints)
+        return Seen(0, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
+
+    @property
+    def main_detection(self) -> Int[np.ndarray, "frame camera"]:
+        """The detection from which most joints are, or NOBODY."""
+        same = self.detection[..., :, None] == self.detection[..., None, :]
+        number = np.where(self.detection != NOBODY, same.sum(axis=-1), 0)
+        return np.take_along_axis(self.detection, np.argmax(number, axis=-1)[..., None], axis=-1)[..., 0]
+
+    def in_frames(self, n_frames: int) -> Seen:
+        """From the first frame of the recording on."""
+        whole = Seen.nothing(n_frames, *self.detection.shape[1:])
+        whole.detection[self.frames], whole.joint[self.frames] = self.detection, self.joint
+        return whole
+
+
+@dataclass(frozen=True, eq=False)
 class PeopleObservations:
     """A recording of any number of people: the images of all cameras, each at its own time.
 
@@ -141,9 +182,75 @@ class PeopleObservations:
             images.append(Detections(camera_names[c], float(time_s[t, c]), *of_image))
         return PeopleObservations(skeleton, tuple(camera_names), tuple(images))
 
-    @property
-    def n_cameras(self) -> int:
-        return len(self.camera_names)
+    @staticmethod
+    def of_one(observations: Observations) -> PeopleObservations:
+        """Of one person. A camera without an image, and one that shows nobody, are the same there: each has its image
+        in every frame that it has a time for."""
+        arrays = observations.per_detection(lambda array: array[:, :, None])
+        return PeopleObservations.of_frames(
+            observations.skeleton, observations.camera_names, observations.time_s, **arrays
+        )
+
+    def only(self, frames: MatchedFrames) -> Seen:
+        """Where no image shows more than one: that person.
+
+        Args:
+            frames: which images belong together.
+        """
+        seen = Seen.nothing(len(frames.image), len(self.camera_names), self.skeleton.n_joints)
+        seen.joint[:] = np.arange(self.skeleton.n_joints)
+        for c, name in enumerate(self.camera_names):
+            n_people = np.array([image.n_people for image in self.by_camera[name]], dtype=int)
+            frame = np.flatnonzero(frames.image[:, c] != NO_IMAGE)
+            seen.detection[frame[n_people[frames.image[frame, c]] > 0], c] = 0
+        return seen
+
+    def of_person(self, frames: MatchedFrames, seen: Seen) -> Observations:
+        """What the cameras saw of one person.
+
+        Args:
+            frames: which images belong together, those of seen.
+            seen: which detections are theirs.
+        """
+        detection, joint = seen.detection, seen.joint
+
+        def values(name: str, shape: tuple[int, ...]) -> np.ndarray:
+            picked = np.full((*detection.shape, *shape), np.nan)
+            for t, c in np.argwhere((detection != NOBODY).any(axis=-1)).tolist():
+                array = getattr(self.by_camera[self.camera_names[c]][frames.image[t, c]], name)
+                known = detection[t, c] != NOBODY
+                if array is not None:
+                    picked[t, c, known] = array[detection[t, c, known], joint[t, c, known]]
+            return picked
+
+        has_3d, has_covariance = (
+            any(getattr(image, name) is not None for image in self.images) for name in ("points3d_m", "covariance3d_m2")
+        )
+        return Observations(
+            skeleton=self.skeleton,
+            time_s=frames.time_s,
+            points2d_px=values("points2d_px", (2,)),
+            confidence=np.nan_to_num(values("confidence", ())),
+            points3d_m=values("points3d_m", (3,)) if has_3d else None,
+            covariance3d_m2=values("covariance3d_m2", (3, 3)) if has_3d and has_covariance else None,
+            camera_names=self.camera_names,
+        )
+
+    def subset(self, camera_names: Sequence[str]) -> PeopleObservations:
+        """The images of some of the cameras. Raises ValueError if there is none, or a name is unknown."""
+        unknown = [name for name in camera_names if name not in self.camera_names]
+        if unknown:
+            raise ValueError(f"the recording has no camera {', '.join(unknown)}, only {', '.join(self.camera_names)}")
+        images = tuple(image for image in self.images if image.camera in camera_names)
+        return PeopleObservations(self.skeleton, tuple(camera_names), images)
+
+    @cached_property
+    def by_camera(self) -> dict[str, list[Detections]]:
+        """The images of each camera, in the order of time."""
+        images: dict[str, list[Detections]] = {name: [] for name in self.camera_names}
+        for image in self.images:
+            images[image.camera].append(image)
+        return images
 
     def times_s(self, camera: str) -> Float[np.ndarray, " image"]:
         """Of each image of a camera, increasing."""

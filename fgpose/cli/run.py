@@ -11,7 +11,7 @@ from tyro.conf import arg
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.detect import VideoOptions
 from fgpose.cli.options import ParameterOptions, new_console, progress_bar
-from fgpose.monocular.frame_matching import NO_IMAGE
+from fgpose.frame_matching import NO_IMAGE
 
 if TYPE_CHECKING:
     from fgpose.monocular.detected import Detected

@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Float, Int, Shaped
 
-from fgpose.association.people import track_people
-from fgpose.association.person import NOBODY
+from fgpose.association.main_person import associate_somehow
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
 from fgpose.geometry.camera import CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
-from fgpose.monocular.frame_matching import NO_IMAGE, MatchedFrames, match_frames
-from fgpose.monocular.network import People
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
+from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
 from fgpose.skeleton import Skeleton
 
 # The person of a region has at least this share of its joints in it.
@@ -83,11 +82,37 @@ class Detected:
         """What the cameras saw of one person, see follow."""
         return self.follow(person).observations
 
+    @cached_property
+    def people(self) -> PeopleObservations:
+        """Everybody in all images, with per-view 3D and its covariance in the world frame.
+
+        Raises:
+            ValueError: no image was looked at.
+        """
+        images = []
+        for camera, clip, view in zip(self.rig.cameras, self.sources.clips, self.views, strict=True):
+            R = camera.world_T_camera[:3, :3]
+            times_s = clip.times_s(view.stamps_s).tolist()
+            for time_s, found in zip(times_s, view.unstacked(), strict=True):
+                points3d_m, covariance_m2 = camera.to_world_frame(found.points3d_m), R @ found.covariance_m2 @ R.T
+                has_3d, has_covariance = (bool(np.isfinite(array).any()) for array in (points3d_m, covariance_m2))
+                images.append(
+                    Detections(
+                        camera.name,
+                        time_s,
+                        found.points2d_px,
+                        np.clip(np.nan_to_num(found.confidence), 0.0, 1.0),
+                        points3d_m if has_3d else None,
+                        covariance_m2 if has_3d and has_covariance else None,
+                    )
+                )
+        return PeopleObservations(self.skeleton, self.rig.names, tuple(images))
+
     def follow(self, person: int | PersonRegion = 0) -> FollowedPerson:
         """What the cameras saw of one person.
 
-        People are followed through views and frames together, see track_people; not needed where no image shows more
-        than one.
+        People are followed through views and frames together, see associate; not needed where no image shows more than
+        one.
 
         Args:
             person: 0 for the one who is seen most, 1 for the next, ...; or the one in a region.
@@ -95,101 +120,52 @@ class Detected:
         Raises:
             ValueError: there is no such person, or no image was looked at.
         """
-        people = [view.unstacked() for view in self.views]
-        chosen = _chosen(self._candidates(people), self, person)
-        points3d_m, covariance_m2 = self._of(chosen, people, "points3d_m"), self._of(chosen, people, "covariance_m2")
-        for c, camera in enumerate(self.rig.cameras):
-            R = camera.world_T_camera[:3, :3]
-            points3d_m[:, c] = camera.to_world_frame(points3d_m[:, c])
-            covariance_m2[:, c] = R @ covariance_m2[:, c] @ R.T
-        has_3d, has_covariance = (bool(np.isfinite(array).any()) for array in (points3d_m, covariance_m2))
-        observations = Observations(
-            skeleton=self.skeleton,
-            time_s=self.frames.time_s,
-            points2d_px=self._of(chosen, people, "points2d_px"),
-            confidence=np.clip(np.nan_to_num(self._of(chosen, people, "confidence")), 0.0, 1.0),
-            points3d_m=points3d_m if has_3d else None,
-            covariance3d_m2=covariance_m2 if has_3d and has_covariance else None,
-            camera_names=self.rig.names,
-        )
-        return FollowedPerson(observations, self._problems(chosen, people))
+        seen = self._seen(person)
+        observations = self.people.of_person(self.frames, seen)
+        return FollowedPerson(observations, self._problems(seen.main_detection))
 
-    def _of(self, chosen: Int[np.ndarray, "frame camera"], people: list[list[People]], name: str) -> np.ndarray:
-        """(T, C, ...) one of the arrays of People for the chosen ones, in the camera frame; NaN where nobody is."""
-        array = np.full((*chosen.shape, *getattr(self.views[0].people, name).shape[1:]), np.nan)
-        for t, c in np.argwhere(chosen != NOBODY):
-            array[t, c] = getattr(people[c][self.frames.image[t, c]], name)[chosen[t, c]]
-        return array
+    def _seen(self, person: int | PersonRegion) -> Seen:
+        if person == 0 and all(image.n_people <= 1 for image in self.people.images):
+            return self.people.only(self.frames)
+        association = associate_somehow(self.people, self.rig, self.frames)
+        n_frames = len(self.frames.image)
+        everybody = [seen.in_frames(n_frames) for seen in association.people.values()]
+        if isinstance(person, PersonRegion):
+            frame, camera, candidate = self._in_region(person)
+            wanted = [seen for seen in everybody if (seen.detection[frame, camera] == candidate).any()]
+            if not wanted:
+                raise ValueError(f"region {person}: no other camera agrees on the person who is there")
+            return wanted[0]
+        if not 0 <= person < len(everybody):
+            raise ValueError(f"there is no person {person}: {len(everybody)} were found, counted from 0")
+        return everybody[person]
 
-    def _problems(
-        self, chosen: Int[np.ndarray, "frame camera"], people: list[list[People]]
-    ) -> Shaped[np.ndarray, "frame camera"]:
+    def _problems(self, chosen: Int[np.ndarray, "frame camera"]) -> Shaped[np.ndarray, "frame camera"]:
         problems = np.full(chosen.shape, "", dtype=object)
-        for t, c in np.argwhere(chosen != NOBODY):
+        people = [view.unstacked() for view in self.views]
+        for t, c in np.argwhere(chosen != NOBODY).tolist():
             problems[t, c] = people[c][self.frames.image[t, c]].problems[chosen[t, c]]
         return problems
 
-    def _candidates(self, people: list[list[People]]) -> _Candidates:
-        image = self.frames.image
-        most = max(int(view.n_people.max(initial=0)) for view in self.views)
-        shape = (*image.shape, max(most, 1), self.skeleton.n_joints)
-        candidates = _Candidates(np.full((*shape, 2), np.nan), np.zeros(shape))
-        for t, c in np.argwhere(image != NO_IMAGE):
-            there = people[c][image[t, c]]
-            candidates.points2d_px[t, c, : there.n_people] = there.points2d_px
-            candidates.confidence[t, c, : there.n_people] = there.confidence
-        return candidates
-
-
-@dataclass(frozen=True, eq=False)
-class _Candidates:
-    """Everybody in the images of every frame; NaN = missing, then with confidence 0."""
-
-    points2d_px: Float[np.ndarray, "frame camera person joint 2"]
-    confidence: Float[np.ndarray, "frame camera person joint"]
-
-    @property
-    def present(self) -> Bool[np.ndarray, "frame camera person"]:
-        return np.asarray((self.confidence > 0).any(axis=-1))
-
-
-def _chosen(candidates: _Candidates, detected: Detected, person: int | PersonRegion) -> Int[np.ndarray, "frame camera"]:
-    """Index of the person in each image, NOBODY where it is not there."""
-    present = candidates.present
-    if person == 0 and present.shape[2] == 1:
-        return np.where(present[:, :, 0], 0, NOBODY)
-    points2d_px, confidence = candidates.points2d_px, candidates.confidence
-    people = track_people(points2d_px, confidence, detected.frames.frame_time_s, detected.rig, detected.skeleton)
-    if isinstance(person, PersonRegion):
-        frame, camera, candidate = _in_region(candidates, detected, person)
-        wanted = [chosen for chosen in people if chosen[frame, camera] == candidate]
-        if not wanted:
-            raise ValueError(f"region {person}: no other camera agrees on the person who is there")
-        return wanted[0]
-    if not 0 <= person < len(people):
-        raise ValueError(f"there is no person {person}: {len(people)} were found, counted from 0")
-    return people[person]
-
-
-def _in_region(candidates: _Candidates, detected: Detected, region: PersonRegion) -> tuple[int, int, int]:
-    """Frame, camera and candidate that a region means. Raises ValueError if nobody is there."""
-    detected.rig.subset([region.camera])
-    camera = detected.rig.names.index(region.camera)
-    with_image = np.flatnonzero(detected.frames.image[:, camera] != NO_IMAGE)
-    if not with_image.size:
-        raise ValueError(f"region {region}: camera {region.camera} has no image")
-    frame = int(with_image[0])
-    points2d_px = candidates.points2d_px[frame, camera]
-    share = region.share_inside(points2d_px)
-    best = int(np.argmax(share))
-    if share[best] < _MIN_INSIDE:
-        people = [points_px for points_px in points2d_px if np.isfinite(points_px).any()]
-        places = "; ".join(",".join(f"{value:.0f}" for value in _box(points_px)) for points_px in people)
-        raise ValueError(
-            f"region {region}: nobody is there in the first image of {region.camera}; "
-            + (f"people are at X,Y,W,H = {places}" if people else "nobody is in the whole image")
-        )
-    return frame, camera, best
+    def _in_region(self, region: PersonRegion) -> tuple[int, int, int]:
+        """Frame, camera and detection that a region means. Raises ValueError if nobody is there."""
+        self.rig.subset([region.camera])
+        camera = self.rig.names.index(region.camera)
+        with_image = np.flatnonzero(self.frames.image[:, camera] != NO_IMAGE)
+        if not with_image.size:
+            raise ValueError(f"region {region}: camera {region.camera} has no image")
+        frame = int(with_image[0])
+        points2d_px = self.people.by_camera[region.camera][self.frames.image[frame, camera]].points2d_px
+        share = region.share_inside(points2d_px)
+        best = int(np.argmax(share)) if len(share) else NOBODY
+        if best == NOBODY or share[best] < _MIN_INSIDE:
+            people = [points_px for points_px in points2d_px if np.isfinite(points_px).any()]
+            places = "; ".join(",".join(f"{value:.0f}" for value in _box(points_px)) for points_px in people)
+            raise ValueError(
+                f"region {region}: nobody is there in the first image of {region.camera}; "
+                + (f"people are at X,Y,W,H = {places}" if people else "nobody is in the whole image")
+            )
+        return frame, camera, best
 
 
 def _box(points_px: Float[np.ndarray, "joint 2"]) -> tuple[float, float, float, float]:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from fgpose.association.people import track_people
-from fgpose.association.person import NOBODY
+from fgpose.association.main_person import main_person
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
 from fgpose.io.keypoints import camera_files, image_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
+from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 Points3dFrame = Literal["camera", "world"]
@@ -65,21 +65,70 @@ def load_observations(
             file, camera, joint and frame.
         OSError: a file cannot be read.
     """
-    path = Path(path)
-    if not isinstance(skeleton, Skeleton):
-        skeleton = load_skeleton(skeleton)
+    path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, person, points3d_frame, points3d_unit)
     if recording_files.is_recording(path):
         return recording_files.read(path, rig, skeleton)
     cameras = _read_cameras(path, skeleton)
     try:
-        matched = match_cameras(cameras, rig.names)
-        if fps is None:
-            raise ValueError("these keypoints have no times; give the frames per second (fps, or --fps)")
-        detections = _stack([cameras[matched[name]] for name in rig.names], rig, skeleton)
-        return _observations(detections, rig, skeleton, fps, person, points3d_frame, points3d_unit)
+        own, fps = _in_order(cameras, rig), _needed(fps)
+        frames = _matched_frames(own, rig, fps)
+        index = 0 if person == "consistent" and _most(own) <= 1 else person
+        if isinstance(index, int):
+            own = _only(own, index)
+        people = _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
+        return (
+            main_person(people, rig, frames) if index == "consistent" else people.of_person(frames, people.only(frames))
+        )
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def load_people(
+    path: str | Path,
+    rig: CameraRig,
+    skeleton: str | Path | Skeleton,
+    *,
+    fps: float | None = None,
+    points3d_frame: Points3dFrame = "camera",
+    points3d_unit: Points3dUnit = "mm",
+) -> PeopleObservations:
+    """The keypoints of everybody in a recording, of the formats of load_observations; arguments and errors as there.
+
+    A recording written by save_observations is of one person.
+    """
+    path, skeleton = Path(path), _skeleton(skeleton)
+    _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
+    if recording_files.is_recording(path):
+        return PeopleObservations.of_one(recording_files.read(path, rig, skeleton))
+    cameras = _read_cameras(path, skeleton)
+    try:
+        own, fps = _in_order(cameras, rig), _needed(fps)
+        _frame_numbers(own, rig)
+        return _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _skeleton(skeleton: str | Path | Skeleton) -> Skeleton:
+    return skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
+
+
+def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig) -> list[CameraDetections]:
+    """Of the cameras of the rig. Raises ValueError if names do not match."""
+    matched = match_cameras(cameras, rig.names)
+    return [cameras[matched[name]] for name in rig.names]
+
+
+def _needed(fps: float | None) -> float:
+    if fps is None:
+        raise ValueError("these keypoints have no times; give the frames per second (fps, or --fps)")
+    return fps
+
+
+def _most(cameras: list[CameraDetections]) -> int:
+    """People in one image."""
+    return max((len(image.confidence) for camera in cameras for image in camera.values()), default=0)
 
 
 def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
@@ -143,39 +192,6 @@ def _sources(path: Path) -> dict[str, Path]:
     return sources
 
 
-@dataclass(frozen=True)
-class _Stack:
-    """Everybody in every image: T frames, C cameras, at most P people, J joints."""
-
-    frames: np.ndarray
-    """(T,) frame numbers."""
-    points2d_px: np.ndarray
-    """(T, C, P, J, 2)"""
-    confidence: np.ndarray
-    """(T, C, P, J)"""
-    points3d: np.ndarray | None
-    """(T, C, P, J, 3) in the unit and frame of the files."""
-
-
-def _stack(cameras: list[CameraDetections], rig: CameraRig, skeleton: Skeleton) -> _Stack:
-    frames = _frame_numbers(cameras, rig)
-    position = {int(frame): t for t, frame in enumerate(frames)}
-    images = [image for camera in cameras for image in camera.values()]
-    n_people = max(1, *(len(image.confidence) for image in images))
-    shape = (len(frames), len(cameras), n_people, skeleton.n_joints)
-    points2d_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
-    has_3d = any(image.points3d is not None for image in images)
-    points3d = np.full((*shape, 3), np.nan) if has_3d else None
-    for c, camera in enumerate(cameras):
-        for frame, image in camera.items():
-            t, people = position[frame], slice(0, len(image.confidence))
-            points2d_px[t, c, people] = image.points2d_px
-            confidence[t, c, people] = image.confidence
-            if points3d is not None and image.points3d is not None:
-                points3d[t, c, people] = image.points3d
-    return _Stack(frames, points2d_px, confidence, points3d)
-
-
 def _frame_numbers(cameras: list[CameraDetections], rig: CameraRig) -> np.ndarray:
     """The numbers of all frames from the first to the last in the step of the recording."""
     empty = [name for name, camera in zip(rig.names, cameras, strict=True) if not camera]
@@ -194,45 +210,37 @@ def _frame_numbers(cameras: list[CameraDetections], rig: CameraRig) -> np.ndarra
     return present[0] + step * np.arange(n_frames)
 
 
-def _observations(
-    stack: _Stack,
+def _people(
+    cameras: list[CameraDetections],
     rig: CameraRig,
     skeleton: Skeleton,
     fps: float,
-    person: Person,
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
-) -> Observations:
-    chosen = _chosen_people(stack, rig, skeleton, fps, person)
-    points3d = None if stack.points3d is None else _pick(stack.points3d, chosen, np.nan)
-    if points3d is not None:
-        points3d = points3d * _METRES[points3d_unit]
-        if points3d_frame == "camera":
-            points3d = np.stack([view.to_world_frame(points3d[:, c]) for c, view in enumerate(rig.cameras)], axis=1)
-    return Observations(
-        skeleton=skeleton,
-        time_s=stack.frames / fps,
-        points2d_px=_pick(stack.points2d_px, chosen, np.nan),
-        confidence=_pick(stack.confidence, chosen, 0.0),
-        points3d_m=points3d,
-        camera_names=rig.names,
-    )
+) -> PeopleObservations:
+    images = []
+    for view, frames in zip(rig.cameras, cameras, strict=True):
+        for frame, found in frames.items():
+            points3d = found.points3d
+            if points3d is not None:
+                points3d = points3d * _METRES[points3d_unit]
+                points3d = view.to_world_frame(points3d) if points3d_frame == "camera" else points3d
+            images.append(Detections(view.name, frame / fps, found.points2d_px, found.confidence, points3d))
+    return PeopleObservations(skeleton, rig.names, tuple(images))
 
 
-def _chosen_people(stack: _Stack, rig: CameraRig, skeleton: Skeleton, fps: float, person: Person) -> np.ndarray:
-    """(T, C) index of the person in each image, NOBODY where it is not there."""
-    present = np.asarray((stack.confidence > 0).any(axis=-1))
-    if person == "consistent" and present.shape[2] > 1:
-        people = track_people(stack.points2d_px, stack.confidence, stack.frames / fps, rig, skeleton)
-        return people[0] if people else np.full(present.shape[:2], NOBODY)
-    index = 0 if person == "consistent" else person
-    if index >= present.shape[2]:
-        raise ValueError(f"there is no person {index}: at most {present.shape[2]} in an image, counted from 0")
-    return np.where(present[:, :, index], index, NOBODY)
+def _matched_frames(cameras: list[CameraDetections], rig: CameraRig, fps: float) -> MatchedFrames:
+    """The images of one frame number belong together."""
+    numbers = _frame_numbers(cameras, rig)
+    image = np.full((len(numbers), len(cameras)), NO_IMAGE)
+    for c, frames in enumerate(cameras):
+        image[np.searchsorted(numbers, sorted(frames)), c] = np.arange(len(frames))
+    return MatchedFrames(numbers / fps, image)
 
 
-def _pick(array: np.ndarray, chosen: np.ndarray, missing: float) -> np.ndarray:
-    """(T, C, J, ...) of the chosen people from (T, C, P, J, ...)."""
-    index = np.maximum(chosen, 0).reshape(*chosen.shape, *[1] * (array.ndim - 2))
-    picked = np.take_along_axis(array, index, axis=2)[:, :, 0]
-    return np.where((chosen == NOBODY).reshape(*chosen.shape, *[1] * (array.ndim - 3)), missing, picked)
+def _only(cameras: list[CameraDetections], person: int) -> list[CameraDetections]:
+    """One entry of every image. Raises ValueError if none has so many."""
+    most = _most(cameras)
+    if person >= max(most, 1):
+        raise ValueError(f"there is no person {person}: at most {most} in an image, counted from 0")
+    return [{frame: image.only(person) for frame, image in camera.items()} for camera in cameras]

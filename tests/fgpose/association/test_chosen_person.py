@@ -6,18 +6,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from everybody import track_people
 
-from fgpose.association.people import track_people
-from fgpose.association.person import NOBODY
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
+from fgpose.people import NOBODY
 from fgpose.skeleton import Skeleton
+from fgpose.synthetic import walking
 
 DATA = Path(__file__).parents[2] / "data"
 FPS = 60.0
-N_JOINTS = 15
-BODY = Skeleton("body", tuple(f"joint_{j}" for j in range(N_JOINTS)), tuple((0, j) for j in range(1, N_JOINTS)), (0,))
+BODY = load_skeleton("h36m_17")
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,8 @@ def test_the_order_of_the_people_does_not_matter(rig: CameraRig):
 
 def two_people_walking(rig: CameraRig, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Pixels with 4 px of noise of two people on crossing paths, 1.2 m apart at least; the first is seen better."""
-    body_m = rng.uniform([-0.2, -0.2, 0], [0.2, 0.2, 1.7], size=(N_JOINTS, 3))
+    body_m = walking(1, FPS, BODY)[0]
+    body_m = body_m - body_m[0] * [1.0, 1.0, 0.0]
     along = np.linspace(-0.6, 0.6, 40)
     first_m = body_m + np.stack([along, np.full(40, -0.6), np.zeros(40)], axis=-1)[:, None]
     second_m = body_m + np.stack([-along, np.full(40, 0.6), np.zeros(40)], axis=-1)[:, None]
@@ -98,8 +99,8 @@ def test_a_view_of_another_person_alone_is_left_out(rig: CameraRig):
 
 
 def test_nobody_is_nobody(rig: CameraRig):
-    points2d_px = np.full((3, 4, 2, N_JOINTS, 2), np.nan)
-    assert track_people(points2d_px, np.zeros((3, 4, 2, N_JOINTS)), np.arange(3) / FPS, rig, BODY) == []
+    points2d_px = np.full((3, 4, 2, BODY.n_joints, 2), np.nan)
+    assert track_people(points2d_px, np.zeros((3, 4, 2, BODY.n_joints)), np.arange(3) / FPS, rig, BODY) == []
 
 
 def test_one_camera_goes_by_confidence_and_continuity(rig: CameraRig):

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 import pytest
 
+from fgpose.frame_matching import NO_IMAGE, match_frames
 from fgpose.geometry.camera import Camera
 from fgpose.monocular.clips import open_clip
-from fgpose.monocular.frame_matching import NO_IMAGE, match_frames
 from fgpose.monocular.sources import fitted_camera, open_sources
 
 if TYPE_CHECKING:

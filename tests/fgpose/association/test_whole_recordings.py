@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from everybody import track_people
 
-from fgpose.association.people import track_people
-from fgpose.association.person import NOBODY
 from fgpose.geometry.camera import CameraRig
+from fgpose.people import NOBODY
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import ring_rig, walking
 

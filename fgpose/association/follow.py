@@ -1,0 +1,338 @@
+"""Following everybody through all views, image by image, each at its own time.
+
+Detections are given to the people whose predicted pose they fit best (matching.py); where several cameras agree on a
+body that is nobody's, somebody new is followed (founding.py). Whether somebody is there at all is decided by a
+sequential probability ratio test (Wald 1945): each image in which they should be seen tells for or against them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.association.founding import detection_probability, found, found_alone
+from fgpose.association.identity import Likeness, log_ratio_of_place
+from fgpose.association.matching import Matches
+from fgpose.association.moment import Moment, follow
+from fgpose.association.pose_filter import PoseFilters
+from fgpose.association.track import Track, TrackEvent, TrackState
+from fgpose.geometry.camera import CameraRig
+from fgpose.parameters import TrackingConfig
+from fgpose.people import NOBODY, Detections
+from fgpose.skeleton import Skeleton
+
+# Errors of detections are correlated over about so much time: images within it tell once.
+_CORRELATED_S = 0.1
+# A detector that misses somebody misses them for about so long.
+_MISSED_S = 0.3
+# Log of the probability that all cameras miss somebody who is there, at which they are taken to have gone.
+_GONE = np.log(1e-3)
+# One image does not tell more than this, however well it fits.
+_MAX_GAIN = 2.0
+# Nobody is so certain that being absent for a second would not count.
+_MAX_SCORE = 30.0
+# Older images of other cameras are of the same moment for somebody who walks (5 cm at 1 m/s).
+_SAME_MOMENT_S = 0.05
+# Odds of somebody who is tentative, and time without a detection, at which they are given up.
+_HARDLY, _TENTATIVE_S = -2.0, 0.2
+# Log odds at which somebody is recognised, and by which the next likely must be less so.
+_RECOGNISED, _UNAMBIGUOUS = np.log(10.0), np.log(5.0)
+# Who was seen for so long beside a newcomer is not the newcomer. Shorter, some cameras may have gone on with the old
+# track while others agreed on a better one.
+_OVERLAP_S, _IMPOSSIBLE = 0.3, -1e3
+# How far from where they are predicted somebody who coasts is found again: the body may have turned round.
+_FOUND_AGAIN_M, _WALKS_MPS = 0.3, 1.0
+_COASTING_S = 0.1  # without a detection for longer, the pose is called predicted
+# Two tracks whose middles stay this near for this long are one person, found twice.
+_ONE_BODY_M, _ONE_BODY_S = 0.2, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """Somebody whom an image shows and who was not followed before, or lost sight of."""
+
+    track: int
+    """Number of the track."""
+    detection: int
+    """Number of the detection in the image."""
+    pose: PoseFilters
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What an image shows of those who are followed."""
+
+    image: Detections
+    tracks: np.ndarray
+    """(K,) numbers of those who were followed."""
+    matches: Matches
+    """Of all images of the moment."""
+    number: int
+    """Of this image among them."""
+    begun: tuple[Begun, ...]
+    """Everybody whose track begins with this image, or is found again."""
+
+    def joints(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+        """Of everybody whom the image shows: number of the track, and for every joint the number of the detection (or
+        NOBODY) and that of its joint."""
+        detection, joint = self.matches.detection[self.number], self.matches.joint[self.number]
+        for k in np.flatnonzero((detection != NOBODY).any(axis=-1)).tolist():
+            yield int(self.tracks[k]), detection[k], joint[k]
+        for begun in self.begun:
+            known = self.image.confidence[begun.detection] > 0
+            yield begun.track, np.where(known, begun.detection, NOBODY), np.arange(len(known))
+
+    def image_of(self, track: int) -> tuple[Float[np.ndarray, "joint 2"], Float[np.ndarray, " joint"]]:
+        """What the image shows of one person: pixels of the original image, NaN where nothing, and confidence."""
+        n_joints = self.image.points2d_px.shape[1]
+        points2d_px, confidence = np.full((n_joints, 2), np.nan), np.zeros(n_joints)
+        for number, detection, joint in self.joints():
+            if number == track:
+                known = detection != NOBODY
+                points2d_px[known] = self.image.points2d_px[detection[known], joint[known]]
+                confidence[known] = self.image.confidence[detection[known], joint[known]]
+        return points2d_px, confidence
+
+
+@dataclass(frozen=True, eq=False)
+class _Lost:
+    """Somebody who may come back."""
+
+    likeness: Likeness
+    middle_m: np.ndarray
+    time_s: float
+
+
+class _Room:
+    """Where people have been."""
+
+    def __init__(self) -> None:
+        self._low_m, self._high_m = np.full(3, np.inf), np.full(3, -np.inf)
+
+    def add(self, place_m: Float[np.ndarray, 3]) -> None:
+        self._low_m, self._high_m = np.minimum(self._low_m, place_m), np.maximum(self._high_m, place_m)
+
+    @property
+    def area_m2(self) -> float:
+        """Of the floor, whichever axis is vertical: the two longer sides."""
+        extent_m = np.sort(np.maximum(self._high_m - self._low_m, 0.0))
+        return float(extent_m[1] * extent_m[2])
+
+
+def track_is(track: Track, somebody: _Lost, room_m2: float) -> float:
+    """Log of the ratio of probabilities that a track is of somebody who was lost, against that it is of anybody."""
+    gap_s = track.founded_s - somebody.time_s
+    if gap_s < -_OVERLAP_S:
+        return _IMPOSSIBLE
+    place = log_ratio_of_place(somebody.middle_m, track.founded_m, max(gap_s, 0.0), room_m2)
+    return place + track.likeness.log_ratio(somebody.likeness)
+
+
+class Follower:
+    """Follows everybody; see the module.
+
+    With one camera alone the distance of people is a guess by their size: where they are in its image is followed.
+    """
+
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: TrackingConfig | None = None) -> None:
+        self._rig, self._skeleton, self._config = rig, skeleton, config or TrackingConfig()
+        self._n_agreeing = min(2, rig.n_cameras)
+        """So many cameras must agree on somebody."""
+        self.tracks: list[Track] = []
+        self.events: list[TrackEvent] = []
+        self._free: dict[str, Moment] = {}
+        """Of each camera the detections in its newest image that are nobody's."""
+        self._n_tracks = self._n_people = 0
+        self._lost: dict[int, _Lost] = {}
+        self._room = _Room()
+        self.person_of_track: dict[int, int] = {}
+        """Who each track is that was ever confirmed; people are counted from 0 as they are confirmed."""
+
+    def see(self, images: Sequence[Detections]) -> list[Sighting]:
+        """Take the next images, and say whom each shows.
+
+        Images of one call are taken to be of about one moment; of one camera there is at most one.
+        """
+        if not images:
+            return []
+        moment = Moment.of(images, self._rig)
+        tracks = np.array([track.number for track in self.tracks], dtype=int)
+        matches = self._match(moment)
+        self._free |= {name: self._free_of(moment, matches, c) for c, name in enumerate(moment.cameras.names)}
+        begun = self._found(moment.time_s)
+        self._age(moment.time_s)
+        return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
+
+    def finish(self) -> None:
+        """No image follows: who is tentative is taken for real, for nothing has told against them."""
+        for track in self.tracks:
+            if track.state is TrackState.TENTATIVE and track.score >= 0 and not track.near_s:
+                self._confirm(track, track.seen_s)
+
+    def _free_of(self, moment: Moment, matches: Matches, camera: int) -> Moment:
+        own = slice(camera, camera + 1)
+        name = moment.cameras.names[camera]
+        free_px = np.where(matches.is_free[own, :, None, None], moment.points_px[own], np.nan)
+        return Moment(self._rig.subset([name]), moment.times_s[own], free_px, moment.confidence[own])
+
+    def _moment(self, images: list[Moment]) -> Moment:
+        cameras = self._rig.subset([image.cameras.names[0] for image in images])
+        times_s = np.concatenate([image.times_s for image in images])
+        return Moment.together(
+            cameras, times_s, [each.points_px[0] for each in images], [each.confidence[0] for each in images]
+        )
+
+    def _match(self, moment: Moment) -> Matches:
+        """Give the detections to those who are followed, and let these follow them."""
+        if not self.tracks:
+            return Matches.nobody(*moment.points_px.shape[:3])
+        priority = np.array([track.is_confirmed for track in self.tracks], dtype=int)
+        people = PoseFilters.stacked([track.pose for track in self.tracks])
+        people, matches = follow(people, priority, moment, self._skeleton.mirror)
+        self._score(people, matches, moment)
+        return matches
+
+    def _score(self, people: PoseFilters, matches: Matches, moment: Moment) -> None:
+        missed = np.log1p(-detection_probability(people, people, moment.cameras))
+        for k, track in enumerate(self.tracks):
+            track.pose = people[k : k + 1]
+            for c, (name, time_s) in enumerate(zip(moment.cameras.names, moment.times_s.tolist(), strict=True)):
+                is_found = bool(matches.chosen[c, k] != NOBODY)
+                gain = min(float(matches.gain[c, k]), _MAX_GAIN) if is_found else float(missed[k, c])
+                if is_found:
+                    track.seen_s = max(track.seen_s, time_s)
+                    track.cameras.add(name)
+                since_s = max(time_s - track.scored_s.get(name, -np.inf), 0.0)
+                track.score = min(track.score + min(since_s / _CORRELATED_S, 1.0) * gain, _MAX_SCORE)
+                track.absent += 0.0 if is_found else min(since_s / _MISSED_S, 1.0) * gain
+                track.scored_s[name] = max(time_s, track.scored_s.get(name, time_s))
+            if (matches.chosen[:, k] != NOBODY).any():
+                track.absent = 0.0
+
+    def _found(self, now_s: float) -> dict[str, list[Begun]]:
+        """Follow those who are new. By camera those whom its newest image shows."""
+        begun: dict[str, list[Begun]] = {name: [] for name in self._rig.names}
+        recent = [free for free in self._free.values() if free.time_s > now_s - _SAME_MOMENT_S]
+        if sum(bool(np.isfinite(free.points_px).any()) for free in recent) < self._n_agreeing:
+            return begun
+        moment = self._moment(recent)
+        known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
+        people = found_alone(moment) if self._rig.n_cameras == 1 else found(moment, known, self._skeleton)
+        for somebody in people:
+            numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
+            chosen = {name: number for name, number in numbers if number != NOBODY}
+            track = self._begin(somebody.pose, set(chosen), now_s)
+            for name, number in chosen.items():
+                self._free[name].points_px[0, number] = np.nan
+                begun[name].append(Begun(track, number, somebody.pose))
+        return begun
+
+    def _begin(self, pose: PoseFilters, cameras: set[str], now_s: float) -> int:
+        """The number of the track: of the nearest who coasts near there, or a new one."""
+        coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - _SAME_MOMENT_S]
+        middle_m = np.median(pose.positions_m[0], axis=0)
+        for track in sorted(coasting, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m))):
+            unseen_s = now_s - track.seen_s
+            if np.linalg.norm(track.middle_m - middle_m) < _FOUND_AGAIN_M + _WALKS_MPS * unseen_s:
+                track.pose, track.seen_s, track.absent = pose, now_s, 0.0
+                track.cameras |= cameras
+                self._note(now_s, track, "found again", f"{', '.join(sorted(cameras))} agree on a body near there")
+                return track.number
+        track = Track(self._n_tracks, pose, 0.0, now_s, now_s, set(cameras), Likeness(self._skeleton))
+        track.scored_s = dict.fromkeys(cameras, now_s)
+        self._n_tracks += 1
+        self.tracks.append(track)
+        return track.number
+
+    def _age(self, now_s: float) -> None:
+        # At worst somebody is founded in vain in every second.
+        confirm = np.log(3600.0 / self._config.false_tracks_per_hour)
+        for track in self.tracks:
+            unseen_s, age_s = now_s - track.seen_s, track.seen_s - track.founded_s
+            if track.state is TrackState.TENTATIVE:
+                # Who is at the place of somebody else may be the same one, found twice.
+                if track.score >= confirm and not track.near_s and len(track.cameras) >= self._n_agreeing:
+                    self._confirm(track, now_s)
+                elif track.score < _HARDLY or unseen_s > _TENTATIVE_S:
+                    track.state = TrackState.ENDED
+            elif track.score < _HARDLY:
+                self._lose(track, now_s, "others explain the detections, or cameras that should see them do not")
+            elif track.absent < _GONE or unseen_s > min(self._config.coast_s, max(_TENTATIVE_S, age_s / 2)):
+                self._lose(track, now_s, f"not detected for {unseen_s:.1f} s")
+            else:
+                track.state = TrackState.COASTING if unseen_s > _COASTING_S else TrackState.CONFIRMED
+        self._merge(now_s)
+        self.tracks = [track for track in self.tracks if track.state is not TrackState.ENDED]
+        self._learn(now_s)
+        self._recognise(now_s)
+        old = [person for person, lost in self._lost.items() if lost.time_s < now_s - self._config.forget_s]
+        for person in old:
+            del self._lost[person]
+
+    def _confirm(self, track: Track, now_s: float) -> None:
+        track.state, track.confirmed_s = TrackState.CONFIRMED, now_s
+        track.person = self._n_people
+        self._n_people += 1
+        self.person_of_track[track.number] = track.person
+        self._note(now_s, track, "confirmed", f"{', '.join(sorted(track.cameras))} agree, log odds {track.score:.1f}")
+
+    def _lose(self, track: Track, now_s: float, reason: str) -> None:
+        track.state = TrackState.ENDED
+        self._lost[track.person] = _Lost(track.likeness, track.middle_m, track.seen_s)
+        self._note(now_s, track, "lost", reason)
+
+    def _learn(self, now_s: float) -> None:
+        for track in self.tracks:
+            if track.is_confirmed:
+                self._room.add(track.middle_m)
+                if track.seen_s > now_s - _SAME_MOMENT_S:
+                    track.likeness.add(track.pose, now_s)
+
+    def _recognise(self, now_s: float) -> None:
+        """Those who have just been confirmed may be somebody who was lost before; nobody is two of them."""
+        from scipy.optimize import linear_sum_assignment
+
+        new = [track for track in self.tracks if track.is_confirmed and track.may_be_recognised(now_s)]
+        if not new or not self._lost:
+            return
+        lost = list(self._lost.items())
+        score = np.array([[track_is(track, somebody, self._room.area_m2) for _, somebody in lost] for track in new])
+        for n, m in zip(*linear_sum_assignment(score, maximize=True), strict=True):
+            others = np.delete(score[n], m)
+            if score[n, m] < _RECOGNISED or (len(others) and score[n, m] - others.max() < _UNAMBIGUOUS):
+                continue
+            track, (person, somebody) = new[n], lost[m]
+            reason = (
+                f"away for {track.founded_s - somebody.time_s:.1f} s, log odds of place and bones {score[n, m]:.1f}"
+            )
+            self._note(now_s, track, "recognised", f"as {person}: {reason}")
+            track.person, track.is_recognised = person, True
+            self.person_of_track[track.number] = person
+            track.likeness.join(somebody.likeness)
+            del self._lost[person]
+
+    def _merge(self, now_s: float) -> None:
+        """Of two at one place the one who is confirmed stays, or the elder."""
+        live = [track for track in self.tracks if track.state is not TrackState.ENDED]
+        live.sort(key=lambda track: not track.is_confirmed)
+        for n, younger in enumerate(live):
+            elders = [
+                elder
+                for elder in live[:n]
+                if elder.state is not TrackState.ENDED
+                and np.linalg.norm(elder.middle_m - younger.middle_m) <= _ONE_BODY_M
+            ]
+            younger.near_s = {elder.number: younger.near_s.get(elder.number, now_s) for elder in elders}
+            for elder in elders:
+                if now_s - younger.near_s[elder.number] > _ONE_BODY_S:
+                    if younger.is_confirmed:
+                        self.person_of_track[younger.number] = elder.person
+                        self._note(now_s, younger, "merged", f"at the place of {elder.person}")
+                    younger.state = TrackState.ENDED
+                    break
+
+    def _note(self, time_s: float, track: Track, what: str, reason: str) -> None:
+        self.events.append(TrackEvent(time_s, track.person, what, reason))

@@ -1,0 +1,226 @@
+"""New people: detections that belong to nobody, where several cameras agree on a body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.association.likelihood import Likelihood
+from fgpose.association.moment import Moment
+from fgpose.association.pose_filter import SIGMA_M, PoseFilters
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.people import NOBODY
+from fgpose.skeleton import Skeleton
+
+# Rays of two views that meet under less than 3 degrees do not tell where.
+_MIN_SIN2 = np.sin(np.deg2rad(3.0)) ** 2
+# Unrelated rays miss each other by anything up to this.
+_UNRELATED_M = 1.0
+_WRONG_SHARE, _INDEPENDENT_JOINTS, _MIN_JOINTS = 0.1, 4.0, 4
+# No bone is longer than this; half of the joints of a body lie within these distances of their middle.
+_LONGEST_BONE_M, _SMALLEST_BODY_M, _LARGEST_BODY_M = 0.75, 0.05, 1.3
+# A joint that fewer than two cameras see is somewhere around the middle of the body.
+_SOMEWHERE_M = 0.4
+# A camera that should see a person detects them so often; less often where somebody before them may hide them.
+_DETECTED, _DETECTED_BEHIND = 0.9, 0.5
+_HIDES_M = 0.4  # somebody whose middle is nearer than this to the line of sight
+# Views that agree by chance once in a thousand moments are worth following for a while.
+_MIN_SCORE = np.log(1e3)
+# The diagonal of the box around somebody who stands is about as long as the person.
+_BODY_M = 1.7
+# Bound the time where an image has 200 candidates.
+_MAX_PER_IMAGE, _MAX_PAIRS = 12, 12
+
+
+@dataclass(frozen=True, eq=False)
+class Founded:
+    """Somebody new, and the detections that agree on them."""
+
+    pose: PoseFilters
+    chosen: Int[np.ndarray, " camera"]
+    """Number of the detection in the image of each camera, or NOBODY."""
+    score: float
+    """Log of the ratio of probabilities, against that the detections have nothing to do with each other."""
+
+
+def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list[Founded]:
+    """People on whom at least two cameras agree, the most probable first; no detection is of two of them.
+
+    Args:
+        moment: the detections that are nobody's. A camera with an image that does not show somebody counts against
+            them.
+        known: those who are followed already; they may hide somebody.
+        skeleton: the joints.
+    """
+    people: list[Founded] = []
+    free = _most_confident(np.asarray(np.isfinite(moment.points_px).all(axis=-1).any(axis=-1)), moment.confidence)
+    while np.count_nonzero(free.any(axis=1)) >= 2:
+        rest = moment.without(~free)
+        pairs, joints_m, score = _pairs(rest, free, skeleton)
+        if not len(pairs):
+            break
+        best = _best_supported(pairs, joints_m, score, rest, known)
+        if best.score < _MIN_SCORE:
+            break
+        people.append(best)
+        # What fits somebody is theirs, or of them once more.
+        expected = best.pose.seen_by(rest.cameras, rest.times_s)
+        free &= ~Likelihood.of(expected, rest.points_px, rest.cameras).fits[:, 0]
+        camera = np.flatnonzero(best.chosen != NOBODY)
+        free[camera, best.chosen[camera]] = False
+    return people
+
+
+def found_alone(moment: Moment) -> list[Founded]:
+    """People in the image of the only camera there is, at the distance at which their boxes are as large as a body."""
+    (camera,) = moment.cameras.cameras
+    people = []
+    for number, points_px in enumerate(moment.points_px[0]):
+        known = np.isfinite(points_px).all(axis=-1)
+        if known.sum() < min(_MIN_JOINTS, len(known)):
+            continue
+        size_px = float(np.linalg.norm(np.ptp(points_px[known], axis=0)))
+        rays = _rays(camera, points_px)
+        # Along the axis of the camera a step of 1 for all joints, so that they lie in one plane.
+        in_plane = rays / (rays @ camera.world_T_camera[:3, 2])[:, None]
+        distance_m = np.sqrt(camera.K[0, 0] * camera.K[1, 1]) * _BODY_M / max(size_px, 1.0)
+        pose = _first_guess(camera.position_m + distance_m * in_plane, moment.time_s)
+        people.append(Founded(_updated(pose, np.array([[number]]), moment), np.array([number]), 0.0))
+    return people
+
+
+def _most_confident(
+    free: Bool[np.ndarray, "camera detection"], confidence: Float[np.ndarray, "camera detection"]
+) -> Bool[np.ndarray, "camera detection"]:
+    """As many of every image as can be tried."""
+    rank = np.argsort(np.argsort(-np.where(free, confidence, -np.inf), axis=1), axis=1)
+    return free & (rank < _MAX_PER_IMAGE)
+
+
+def _pairs(
+    moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton: Skeleton
+) -> tuple[Int[np.ndarray, "pair 2 2"], Float[np.ndarray, "pair joint 3"], Float[np.ndarray, " pair"]]:
+    """Pairs (camera, detection) whose rays meet in a body, its joints, and the score; only the best."""
+    candidates = np.argwhere(free)
+    pairs = np.array(
+        [(a, b) for a, b in combinations(range(len(candidates)), 2) if candidates[a, 0] != candidates[b, 0]]
+    )
+    rays = np.stack(
+        [_rays(camera, points) for camera, points in zip(moment.cameras.cameras, moment.points_px, strict=True)]
+    )
+    origin_m = np.stack([camera.position_m for camera in moment.cameras.cameras])
+    camera, detection = np.moveaxis(candidates[pairs], -1, 0)
+    (origin_a_m, origin_b_m), (a, b) = np.moveaxis(origin_m[camera], 1, 0), np.moveaxis(rays[camera, detection], 1, 0)
+    joints_m, distance_m = _meeting(origin_a_m, a, origin_b_m, b)
+    known = np.isfinite(distance_m)
+    spread_m = np.sqrt(2) * SIGMA_M
+    density = np.exp(-0.5 * (np.where(known, distance_m, 0.0) / spread_m) ** 2) * 2 / (np.sqrt(2 * np.pi) * spread_m)
+    ratio = np.log((1 - _WRONG_SHARE) * density * _UNRELATED_M + _WRONG_SHARE)
+    n_known = known.sum(axis=1)
+    score = np.where(known, ratio, 0.0).sum(axis=1) / np.maximum(n_known, 1) * np.minimum(n_known, _INDEPENDENT_JOINTS)
+    possible = np.flatnonzero((n_known >= min(_MIN_JOINTS, skeleton.n_joints)) & (score > 0))
+    possible = possible[_is_body(joints_m[possible], skeleton)]
+    best = possible[np.argsort(-score[possible], kind="stable")][:_MAX_PAIRS]
+    return candidates[pairs[best]], joints_m[best], score[best]
+
+
+def _rays(camera: Camera, points_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 3"]:
+    """Unit vectors in the world frame."""
+    slope = (points_px - camera.K[:2, 2]) / np.diag(camera.K)[:2]
+    ray = np.concatenate([slope, np.ones_like(slope[..., :1])], axis=-1) @ camera.world_T_camera[:3, :3].T
+    return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
+
+
+def _meeting(
+    a_m: Float[np.ndarray, "pair 3"],
+    a: Float[np.ndarray, "pair joint 3"],
+    b_m: Float[np.ndarray, "pair 3"],
+    b: Float[np.ndarray, "pair joint 3"],
+) -> tuple[Float[np.ndarray, "pair joint 3"], Float[np.ndarray, "pair joint"]]:
+    """Where two rays are nearest to each other, and how near; NaN where they are parallel or go apart."""
+    apart_m = (a_m - b_m)[:, None]
+    cosine, along_a, along_b = np.sum(a * b, -1), np.sum(a * apart_m, -1), np.sum(b * apart_m, -1)
+    sin2 = np.asarray(1 - cosine**2)
+    parallel = ~(sin2 > _MIN_SIN2)
+    sin2 = np.where(parallel, 1.0, sin2)
+    on_a_m, on_b_m = (cosine * along_b - along_a) / sin2, (along_b - cosine * along_a) / sin2
+    point_a_m, point_b_m = a_m[:, None] + on_a_m[..., None] * a, b_m[:, None] + on_b_m[..., None] * b
+    bad = parallel | ~(on_a_m > 0) | ~(on_b_m > 0)
+    middle_m = np.where(bad[..., None], np.nan, (point_a_m + point_b_m) / 2)
+    return middle_m, np.where(bad, np.nan, np.linalg.norm(point_a_m - point_b_m, axis=-1))
+
+
+def _is_body(joints_m: Float[np.ndarray, "pair joint 3"], skeleton: Skeleton) -> Bool[np.ndarray, " pair"]:
+    """Whether most bones are as short, and half of the joints as near to their middle, as those of a body."""
+    length_m = skeleton.bone_lengths(joints_m)
+    n_long, n_bones = np.sum(length_m > _LONGEST_BONE_M, axis=1), np.isfinite(length_m).sum(axis=1)
+    # Who has no joint at all was left out before: there is a median.
+    middle_m = np.nanmedian(joints_m, axis=1, keepdims=True) if len(joints_m) else joints_m
+    reach_m = np.nanmedian(np.linalg.norm(joints_m - middle_m, axis=-1), axis=1) if len(joints_m) else np.zeros(0)
+    return np.asarray((n_long <= n_bones / 4) & (reach_m > _SMALLEST_BODY_M) & (reach_m < _LARGEST_BODY_M))
+
+
+def _best_supported(
+    pairs: Int[np.ndarray, "pair 2 2"],
+    joints_m: Float[np.ndarray, "pair joint 3"],
+    score: Float[np.ndarray, " pair"],
+    moment: Moment,
+    known: PoseFilters | None,
+) -> Founded:
+    """The body on which two views agree and of which the other cameras tell most."""
+    people = PoseFilters.stacked([_first_guess(joints, moment.time_s) for joints in joints_m])
+    rows = np.arange(len(pairs))[:, None]
+    chosen = np.full((len(pairs), moment.cameras.n_cameras), NOBODY)
+    chosen[rows, pairs[..., 0]] = pairs[..., 1]
+    is_of_pair = chosen != NOBODY
+    people = _updated(people, chosen, moment)
+    expected = people.seen_by(moment.cameras, moment.times_s)
+    likelihood = Likelihood.of(expected, moment.points_px, moment.cameras)
+    score_of = np.where(likelihood.fits, likelihood.score, -np.inf)
+    best, gain = np.argmax(score_of, axis=-1).T, score_of.max(axis=-1).T
+    supported = ~is_of_pair & (gain > 0)
+    chosen[supported] = best[supported]
+    missed = np.log1p(-detection_probability(people, known, moment.cameras))
+    total = score + np.where(is_of_pair, 0.0, np.where(supported, gain, missed)).sum(axis=1)
+    first = int(np.argmax(total))
+    pose = _updated(_first_guess(joints_m[first], moment.time_s), chosen[first : first + 1], moment)
+    return Founded(pose, chosen[first], float(total[first]))
+
+
+def _first_guess(joints_m: Float[np.ndarray, "joint 3"], time_s: float) -> PoseFilters:
+    """Hardly any information of its own: that comes from the detections."""
+    known = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    covariance_m2 = np.where(known, 1.0, _SOMEWHERE_M**2)[:, None, None] * np.eye(3)
+    return PoseFilters.at(time_s, np.where(known[:, None], joints_m, np.nanmedian(joints_m, axis=0)), covariance_m2)
+
+
+def _updated(people: PoseFilters, chosen: Int[np.ndarray, "person camera"], moment: Moment) -> PoseFilters:
+    expected = people.seen_by(moment.cameras, moment.times_s)
+    own_px = moment.points_px[np.arange(moment.cameras.n_cameras)[:, None], np.maximum(chosen.T, 0)]
+    residual_px = np.where((chosen.T == NOBODY)[..., None, None], np.nan, own_px - expected.pixels)
+    return people.updated(residual_px, expected, np.ones(residual_px.shape[:-1]))
+
+
+def detection_probability(
+    people: PoseFilters, others: PoseFilters | None, cameras: CameraRig
+) -> Float[np.ndarray, "person camera"]:
+    """How probable it is that each camera detects each person: not outside its image, less often behind others."""
+    pixels = cameras.project(people.positions_m)
+    size_px = np.array([camera.size_px for camera in cameras.cameras])[:, None]
+    share_inside = ((pixels >= 0) & (pixels < size_px)).all(axis=-1).mean(axis=-1)
+    hidden = _behind(people, others, cameras) if others is not None else np.zeros(share_inside.shape, dtype=bool)
+    return share_inside * np.where(hidden, _DETECTED_BEHIND, _DETECTED)
+
+
+def _behind(people: PoseFilters, others: PoseFilters, cameras: CameraRig) -> Bool[np.ndarray, "person camera"]:
+    """Whether somebody nearer to the camera is in the way."""
+    eye_m = np.stack([camera.position_m for camera in cameras.cameras])
+    to_person_m, to_other_m = (each.positions_m.mean(axis=1)[:, None] - eye_m for each in (people, others))
+    distance_m = np.linalg.norm(to_person_m, axis=-1)
+    along_m = np.einsum("kci,oci->koc", to_person_m / distance_m[..., None], to_other_m)
+    aside2_m2 = np.sum(to_other_m**2, axis=-1) - along_m**2
+    in_the_way = (aside2_m2 < _HIDES_M**2) & (along_m > 0) & (along_m < distance_m[:, None] - _HIDES_M)
+    return np.asarray(in_the_way.any(axis=1))

@@ -1,0 +1,111 @@
+"""Recognising somebody who was away: by the lengths of their bones, by the place, and by what they look like."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.association.pose_filter import PoseFilters
+from fgpose.skeleton import Skeleton
+
+# Lengths of the same person, measured twice, differ by their errors and by so much that does not average out (joints
+# that a detector puts elsewhere in another pose).
+_SYSTEMATIC_M = 0.01
+# Bones of adults differ in common, by the size of the body (standard deviation of stature over its mean: 5.5 %), and
+# each for itself.
+_SIZE_SHARE, _OWN_M = 0.055, 0.012
+# A joint is known well enough for its bones where its standard deviation is below this.
+_KNOWN_M = 0.04
+_CORRELATED_S = 0.3  # errors of lengths from the filter are correlated over about the time of a swing
+# Who is not seen walks about, and not in a straight line.
+_NEAR_M, _WALKS_MPS = 0.4, 0.8
+_SMALLEST_ROOM_M2 = 9.0
+_LOOKS_SIGMA = 0.15  # cosine distance of two views of one person, for networks that tell people apart
+
+
+@dataclass(eq=False)
+class Likeness:
+    """What is known of how somebody looks."""
+
+    skeleton: Skeleton
+    n: np.ndarray = field(init=False)
+    mean_m: np.ndarray = field(init=False)
+    squares_m2: np.ndarray = field(init=False)
+    appearance: np.ndarray | None = None
+    at_s: float = -np.inf
+
+    def __post_init__(self) -> None:
+        self.n, self.mean_m, self.squares_m2 = (np.zeros(self.skeleton.n_lengths) for _ in range(3))
+
+    def add(self, pose: PoseFilters, time_s: float) -> None:
+        """The lengths of the bones of a pose, as far as it is known."""
+        share = min(1.0, (time_s - self.at_s) / _CORRELATED_S)
+        if share <= 0:
+            return
+        self.at_s = time_s
+        variance_m2 = np.trace(pose.covariance[0, :, :3, :3], axis1=-2, axis2=-1) / 3
+        known = variance_m2 < _KNOWN_M**2
+        lengths_m = self.skeleton.bone_lengths(pose.positions_m[0])
+        for bone, number in enumerate(self.skeleton.length_of_bone):
+            a, b = self.skeleton.bones[bone]
+            if known[a] and known[b]:
+                self.n[number] += share
+                change_m = lengths_m[bone] - self.mean_m[number]
+                self.mean_m[number] += share * change_m / self.n[number]
+                self.squares_m2[number] += share * change_m * (lengths_m[bone] - self.mean_m[number])
+
+    def join(self, before: Likeness) -> None:
+        """What was known of the same person before."""
+        n = self.n + before.n
+        known = n > 0
+        change_m = before.mean_m - self.mean_m
+        share = np.divide(before.n, n, out=np.zeros_like(n), where=known)
+        self.squares_m2 = self.squares_m2 + before.squares_m2 + change_m**2 * self.n * share
+        self.mean_m, self.n = self.mean_m + share * change_m, n
+
+    def log_ratio(self, other: Likeness) -> float:
+        """Log of the ratio of probabilities that two are the same person, against that they are two of many."""
+        both = (self.n > 0) & (other.n > 0)
+        total = self._looks(other)
+        if not both.any():
+            return total
+        difference_m = self.mean_m[both] - other.mean_m[both]
+        error_m2 = np.diag(self._variance_m2(both) + other._variance_m2(both) + 2 * _SYSTEMATIC_M**2)
+        length_m = (self.mean_m[both] + other.mean_m[both]) / 2
+        between_m2 = 2 * (_SIZE_SHARE**2 * np.outer(length_m, length_m) + _OWN_M**2 * np.eye(len(length_m)))
+        return total + _log_normal(difference_m, error_m2) - _log_normal(difference_m, error_m2 + between_m2)
+
+    def _variance_m2(self, some: np.ndarray) -> np.ndarray:
+        """Of the means."""
+        n = self.n[some]
+        # Two samples tell little of their spread: 3 cm in addition, as one sample.
+        spread_m2 = (self.squares_m2[some] + 0.03**2) / n
+        return spread_m2 / np.maximum(n, 1.0)
+
+    def _looks(self, other: Likeness) -> float:
+        if self.appearance is None or other.appearance is None:
+            return 0.0
+        distance = 1.0 - float(self.appearance @ other.appearance)
+        # Against different people, whose distances are spread over 0 to 1.
+        density = np.exp(-0.5 * (distance / _LOOKS_SIGMA) ** 2) * np.sqrt(2 / np.pi) / _LOOKS_SIGMA
+        return float(np.log(density + 1e-3))
+
+
+def _log_normal(x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:
+    _, log_determinant = np.linalg.slogdet(2 * np.pi * covariance)
+    return float(-0.5 * (log_determinant + x @ np.linalg.solve(covariance, x)))
+
+
+def log_ratio_of_place(
+    before_m: Float[np.ndarray, 3], now_m: Float[np.ndarray, 3], gap_s: float, room_m2: float
+) -> float:
+    """Log of the ratio of densities: where somebody comes back, over anywhere in the room; horizontal or not does not
+    matter, for people stay on the floor."""
+    room_m2 = max(room_m2, _SMALLEST_ROOM_M2)
+    sigma_m = _NEAR_M + _WALKS_MPS * gap_s
+    distance_m = float(np.linalg.norm(now_m - before_m))
+    density = np.exp(-0.5 * (distance_m / sigma_m) ** 2) / (2 * np.pi * sigma_m**2)
+    # They may as well come back anywhere.
+    return float(np.log(0.5 * density * room_m2 + 0.5)) if gap_s > 1.0 else float(np.log(density * room_m2 + 1e-3))

@@ -1,0 +1,158 @@
+"""Which detection in each image is whose: the best assignment of people to detections, then joint by joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.association.likelihood import Likelihood
+from fgpose.people import NOBODY
+
+_FITS, _DOES_NOT_FIT = 0.9, 0.1  # probabilities that a joint is of a person
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Which joint of which detection, in one image of each camera, is which joint of each person."""
+
+    chosen: Int[np.ndarray, "camera person"]
+    """The detection of each person, or NOBODY."""
+    detection: Int[np.ndarray, "camera person joint"]
+    """The same joint by joint: a joint may come from the detection of another person, or be left out (NOBODY)."""
+    joint: Int[np.ndarray, "camera person joint"]
+    """Which joint of that detection it is: another one where left and right are exchanged."""
+    score: Float[np.ndarray, "camera person"]
+    """Log of the ratio of probabilities of the chosen detection; -inf without."""
+    gain: Float[np.ndarray, "camera person"]
+    """By how much the score of everybody together would fall without this person: nearly nothing where somebody else
+    would explain the detection as well; 0 without one."""
+    is_double: Bool[np.ndarray, "camera detection"]
+    """Whether a detection is of somebody who has another one in the same image."""
+
+    @property
+    def is_free(self) -> Bool[np.ndarray, "camera detection"]:
+        """Whether a detection belongs to nobody."""
+        free = ~self.is_double
+        camera, person = np.nonzero(self.chosen != NOBODY)
+        free[camera, self.chosen[camera, person]] = False
+        return free
+
+    @staticmethod
+    def nobody(n_cameras: int, n_detections: int, n_joints: int) -> Matches:
+        """Where nobody is followed."""
+        none = np.zeros((n_cameras, 0, n_joints), dtype=int)
+        is_double = np.zeros((n_cameras, n_detections), dtype=bool)
+        nothing = np.zeros((n_cameras, 0))
+        return Matches(none[..., 0], none, none, nothing, nothing, is_double)
+
+    def probability(self, likelihood: Likelihood) -> Float[np.ndarray, "camera person joint"]:
+        """That each matched joint is of the person; 0 where there is none."""
+        camera, person, joint = np.nonzero(self.detection != NOBODY)
+        probability = np.zeros(self.detection.shape)
+        of_detection = self.detection[camera, person, joint]
+        probability[camera, person, joint] = likelihood.probability[camera, person, of_detection, joint]
+        return probability
+
+    def of(self, array: np.ndarray, missing: float) -> np.ndarray:
+        """The values of the matched joints, (C, K, J, ...), from those of the detections, (C, P, J, ...)."""
+        if not array.shape[1]:
+            return np.full((*self.detection.shape, *array.shape[3:]), missing)
+        camera = np.arange(len(self.detection))[:, None, None]
+        values = array[camera, np.maximum(self.detection, 0), self.joint]
+        none = (self.detection == NOBODY).reshape(*self.detection.shape, *[1] * (array.ndim - 3))
+        return np.where(none, missing, values)
+
+
+def match(
+    likelihood: Likelihood,
+    mirrored: Bool[np.ndarray, "camera person detection"],
+    priority: Int[np.ndarray, " person"],
+    mirror: Int[np.ndarray, " joint"],
+) -> Matches:
+    """Give each person at most one detection of each image, and each joint of it to the person whom it fits.
+
+    Args:
+        likelihood: of every detection against every person.
+        mirrored: where it is that of the detection with left and right exchanged.
+        priority: people of a higher one choose first.
+        mirror: the joint on the other side of each.
+    """
+    n_cameras, n_people, n_detections, n_joints = likelihood.log_ratio.shape
+    chosen = np.full((n_cameras, n_people), NOBODY)
+    for camera in range(n_cameras):
+        chosen[camera] = _assigned(likelihood.score[camera], priority)
+    camera, person = np.nonzero(chosen != NOBODY)
+    own = chosen[camera, person]
+    score = np.full(chosen.shape, -np.inf)
+    score[camera, person] = likelihood.score[camera, person, own]
+    detection = np.repeat(chosen[..., None], n_joints, axis=2)
+    joint = np.tile(np.arange(n_joints), (n_cameras, n_people, 1))
+    exchanged = mirrored[camera, person, own]
+    joint[camera[exchanged], person[exchanged]] = mirror
+    _hand_over(detection, joint, chosen, likelihood.probability, mirrored, mirror)
+    taken = np.zeros((n_cameras, n_detections), dtype=bool)
+    taken[camera, own] = True
+    fits_somebody = (likelihood.fits & (chosen != NOBODY)[..., None]).any(axis=1)
+    return Matches(chosen, detection, joint, score, _gain(likelihood.score, chosen, score), ~taken & fits_somebody)
+
+
+def _assigned(
+    score: Float[np.ndarray, "person detection"], priority: Int[np.ndarray, " person"]
+) -> Int[np.ndarray, " person"]:
+    """The detection of each person, so that the sum of the scores is largest; NOBODY where none is probable."""
+    # Takes longer to import than the rest of fgpose.
+    from scipy.optimize import linear_sum_assignment
+
+    chosen = np.full(len(score), NOBODY)
+    free = np.ones(score.shape[1], dtype=bool)
+    for level in sorted(set(priority.tolist()), reverse=True):
+        people = np.flatnonzero(priority == level)
+        gain = np.where(free, np.maximum(score[people], 0.0), 0.0)
+        for k, candidate in zip(*linear_sum_assignment(gain, maximize=True), strict=True):
+            if gain[k, candidate] > 0:
+                chosen[people[k]], free[candidate] = candidate, False
+    return chosen
+
+
+def _gain(
+    of_all: Float[np.ndarray, "camera person detection"],
+    chosen: Int[np.ndarray, "camera person"],
+    score: Float[np.ndarray, "camera person"],
+) -> Float[np.ndarray, "camera person"]:
+    """Without a person, their detection would go to whom it helps most, who gives up their own."""
+    gain = np.zeros(chosen.shape)
+    for c, k in np.argwhere(chosen != NOBODY).tolist():
+        helps = of_all[c, :, chosen[c, k]] - np.maximum(score[c], 0.0)
+        helps[k] = 0.0
+        gain[c, k] = max(score[c, k] - max(float(helps.max()), 0.0), 0.0)
+    return gain
+
+
+def _hand_over(
+    detection: np.ndarray,
+    joint: np.ndarray,
+    chosen: np.ndarray,
+    probability: Float[np.ndarray, "camera person detection joint"],
+    mirrored: Bool[np.ndarray, "camera person detection"],
+    mirror: Int[np.ndarray, " joint"],
+) -> None:
+    """Wrong grouping: a joint that does not fit its person and fits exactly one other is theirs, unless they have one
+    that fits."""
+    camera, person = np.nonzero(chosen != NOBODY)
+    if not len(camera):
+        return
+    own = chosen[camera, person]
+    # By the number of the joint in the detection: who has it mirrored takes it for that of the other side.
+    as_labelled = np.where(mirrored[..., None], probability[..., mirror], probability)
+    of_own, of_all = as_labelled[camera, person, own], np.swapaxes(as_labelled[camera, :, own], 0, 1)
+    only_one = (of_all > _FITS).sum(axis=0) == 1
+    n, label = np.nonzero((of_own < _DOES_NOT_FIT) & only_one)
+    camera, person, own, other = camera[n], person[n], own[n], np.argmax(of_all[:, n, label], axis=0)
+    of_person, of_other = (np.where(mirrored[camera, k, own], mirror[label], label) for k in (person, other))
+    others_own = chosen[camera, other]
+    lacks = (others_own == NOBODY) | (probability[camera, other, others_own, of_other] < _DOES_NOT_FIT)
+    detection[camera, person, of_person] = NOBODY
+    detection[camera[lacks], other[lacks], of_other[lacks]] = own[lacks]
+    joint[camera[lacks], other[lacks], of_other[lacks]] = label[lacks]

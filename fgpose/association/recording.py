@@ -1,0 +1,163 @@
+"""Who is who in a whole recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fgpose.association.follow import Follower
+from fgpose.association.look_back import look_back
+from fgpose.association.moment import Moment
+from fgpose.association.pose_filter import PoseFilters
+from fgpose.association.track import TrackEvent
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.parameters import TrackingConfig
+from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
+
+Progress = Callable[[int, int], None]
+"""Called with the number of frames done and the number of frames in all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Association:
+    """Who is who in a recording."""
+
+    observations: PeopleObservations
+    rig: CameraRig
+    frames: MatchedFrames
+    people: Mapping[int, Seen]
+    """By the number of the person, those seen most first."""
+    events: tuple[TrackEvent, ...]
+    """Every change in the life of a track, and why, in the order of time."""
+
+    def of(self, person: int) -> Observations:
+        """What the cameras saw of one person, from the first to the last frame in which any saw them.
+
+        Raises:
+            KeyError: there is no such person.
+        """
+        seen = self.people[person]
+        frames = MatchedFrames(self.frames.time_s[seen.frames], self.frames.image[seen.frames])
+        return self.observations.of_person(frames, seen)
+
+    def in_all_frames(self, person: int) -> Observations:
+        """What the cameras saw of one person in the whole recording. Raises KeyError if there is no such person."""
+        return self.observations.of_person(self.frames, self.people[person].in_frames(len(self.frames.image)))
+
+    @cached_property
+    def n_unused(self) -> int:
+        """How many detections belong to nobody."""
+        used = set()
+        for seen in self.people.values():
+            for t, c, j in np.argwhere(seen.detection != NOBODY).tolist():
+                used.add((seen.first_frame + t, c, int(seen.detection[t, c, j])))
+        return sum(image.n_people for image in self.observations.images) - len(used)
+
+
+def associate(
+    observations: PeopleObservations,
+    rig: CameraRig,
+    config: TrackingConfig | None = None,
+    progress: Progress | None = None,
+    frames: MatchedFrames | None = None,
+) -> Association:
+    """Follow everybody through all images of a recording.
+
+    Images of different cameras that belong together make a frame (see match_frames), each at its own time.
+
+    Args:
+        observations: of the rig's cameras, or some of them.
+        rig: the cameras.
+        config: how people are told apart.
+        progress: told after every frame.
+        frames: which images belong together; by default those of about the same time.
+
+    Raises:
+        ValueError: a camera of the observations is not in the rig.
+    """
+    recording = _Frames.of(observations, rig.subset(observations.camera_names), frames)
+    follower = Follower(recording.rig, observations.skeleton, config)
+    seen: dict[int, list[_OfImage]] = {}
+    first: dict[int, tuple[int, PoseFilters]] = {}
+    for frame in range(len(recording)):
+        cameras, images = recording[frame]
+        for c, sighting in zip(cameras, follower.see(images), strict=True):
+            first = {begun.track: (frame, begun.pose) for begun in sighting.begun} | first
+            for track, detection, joint in sighting.joints():
+                seen.setdefault(track, []).append((frame, c, detection, joint))
+        if progress:
+            progress(frame + 1, len(recording))
+    follower.finish()
+    person_of = follower.person_of_track
+    # Who was founded on images of frames before has no image of the first.
+    first = {track: first[track] for track in person_of if track in first}
+    used = {(t, c, int(p)) for own in seen.values() for t, c, detection, _ in own for p in detection}
+    with_images = [frame for frame in range(len(recording)) if recording[frame][0]]
+    free = ((frame, recording.free(frame, used)) for frame in reversed(with_images))
+    for track, frame, c, detection, joint in look_back(free, first, observations.skeleton):
+        seen.setdefault(track, []).append((frame, recording[frame][0][c], detection, joint))
+    by_person: dict[int, list[_OfImage]] = {}
+    for track, person in person_of.items():
+        by_person.setdefault(person, []).extend(seen.get(track, []))
+    people = {person: _joined(own, recording.rig.n_cameras) for person, own in by_person.items() if own}
+    ordered = dict(sorted(people.items(), key=lambda item: -recording.confidence(item[1])))
+    return Association(observations, recording.rig, recording.frames, ordered, tuple(follower.events))
+
+
+_OfImage = tuple[int, int, np.ndarray, np.ndarray]
+"""Frame, camera, and for every joint of a person the number of the detection and that of its joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """The frames of a recording."""
+
+    rig: CameraRig
+    frames: MatchedFrames
+    images: dict[str, list[Detections]]
+
+    @staticmethod
+    def of(observations: PeopleObservations, rig: CameraRig, frames: MatchedFrames | None) -> _Frames:
+        frames = frames or match_frames([observations.times_s(name) for name in rig.names])
+        return _Frames(rig, frames, observations.by_camera)
+
+    def __len__(self) -> int:
+        return len(self.frames.image)
+
+    def __getitem__(self, frame: int) -> tuple[list[int], list[Detections]]:
+        """Numbers of the cameras that have an image, and the images."""
+        image_of = self.frames.image[frame]
+        cameras = np.flatnonzero(image_of != NO_IMAGE).tolist()
+        return cameras, [self.images[self.rig.names[c]][image_of[c]] for c in cameras]
+
+    def confidence(self, seen: Seen) -> float:
+        """Sum over all joints that were seen of somebody."""
+        images = np.argwhere((seen.detection != NOBODY).any(axis=-1)).tolist()
+        total = 0.0
+        for t, c in images:
+            image = self.images[self.rig.names[c]][self.frames.image[seen.first_frame + t, c]]
+            known = seen.detection[t, c] != NOBODY
+            total += float(image.confidence[seen.detection[t, c, known], seen.joint[t, c, known]].sum())
+        return total
+
+    def free(self, frame: int, used: set[tuple[int, int, int]]) -> Moment:
+        """The detections of a frame that are nobody's."""
+        cameras, images = self[frame]
+        moment = Moment.of(images, self.rig)
+        numbers = range(moment.points_px.shape[1])
+        taken = [[(frame, c, p) in used for p in numbers] for c in cameras]
+        return moment.without(np.array(taken, dtype=bool).reshape(len(cameras), len(numbers)))
+
+
+def _joined(images: list[_OfImage], n_cameras: int) -> Seen:
+    first = min(t for t, *_ in images)
+    shape = (max(t for t, *_ in images) + 1 - first, n_cameras, len(images[0][2]))
+    seen = Seen(first, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
+    for t, c, detection, joint in images:
+        seen.detection[t - first, c], seen.joint[t - first, c] = detection, joint
+    return seen

@@ -1,0 +1,85 @@
+"""The life of somebody who is followed: tentative, confirmed, coasting, lost, recognised again, ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.association.identity import Likeness
+from fgpose.association.pose_filter import PoseFilters
+from fgpose.people import NOBODY
+
+
+class TrackState(Enum):
+    """Where somebody is in the life of a track."""
+
+    TENTATIVE = "tentative"
+    """Some views agree on a body; not often enough yet to rule out that it is by chance."""
+    CONFIRMED = "confirmed"
+    COASTING = "coasting"
+    """Confirmed, and no camera detects them at the moment: the pose is predicted."""
+    LOST = "lost"
+    """Not reported any more, but they may be recognised."""
+    ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class TrackEvent:
+    """A change in the life of a track, and why."""
+
+    time_s: float
+    person: int
+    what: str
+    """confirmed, found again, lost, recognised or merged."""
+    reason: str
+
+
+# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
+_RECOGNISED_WITHIN_S = 2.0
+
+
+@dataclass(eq=False)
+class Track:
+    """Somebody who is followed."""
+
+    number: int
+    pose: PoseFilters
+    score: float
+    """Log of the ratio of probabilities that somebody is there, against that the detections agree by chance (sequential
+    probability ratio, Wald 1945; of tracks: Sittler 1964)."""
+    founded_s: float
+    seen_s: float
+    """When a camera last detected them."""
+    cameras: set[str]
+    """Those that have detected them."""
+    likeness: Likeness
+    absent: float = 0.0
+    """Log of the probability that cameras have missed them, although they were there, since one last detected them."""
+    person: int = NOBODY
+    """Who it is; NOBODY until confirmed."""
+    state: TrackState = TrackState.TENTATIVE
+    confirmed_s: float = np.inf
+    is_recognised: bool = False
+    scored_s: dict[str, float] = field(default_factory=dict)
+    """When each camera last told for or against them."""
+    near_s: dict[int, float] = field(default_factory=dict)
+    """Since when they are at the place of another track, by its number."""
+
+    def __post_init__(self) -> None:
+        self.founded_m = self.middle_m
+
+    @property
+    def is_confirmed(self) -> bool:
+        return self.state in (TrackState.CONFIRMED, TrackState.COASTING)
+
+    def may_be_recognised(self, now_s: float) -> bool:
+        """Whether it is still open who they are."""
+        return not self.is_recognised and now_s <= self.confirmed_s + _RECOGNISED_WITHIN_S
+
+    @property
+    def middle_m(self) -> Float[np.ndarray, 3]:
+        """Median of the joints."""
+        return np.median(self.pose.positions_m[0], axis=0)

@@ -1,0 +1,175 @@
+"""Whose detection, and whose joint: the assignment is the best there is, and wrong grouping is put right."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import numpy as np
+import pytest
+
+from fgpose.association.likelihood import Likelihood
+from fgpose.association.matching import Matches, match
+from fgpose.people import NOBODY
+
+N_JOINTS = 4
+MIRROR = np.array([0, 2, 1, 3])
+FITS, DOES_NOT = 8.0, -8.0
+"""Log ratios of a joint that is the person's, and of one that is not."""
+
+
+def matched(log_ratio: np.ndarray, priority: list[int] | None = None, mirrored: np.ndarray | None = None) -> Matches:
+    """Of log ratios (C, K, P, J)."""
+    likelihood = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio.astype(float))
+    mirrored = np.zeros(log_ratio.shape[:3], dtype=bool) if mirrored is None else mirrored
+    return match(likelihood, mirrored, np.array(priority or [0] * log_ratio.shape[1], dtype=int), MIRROR)
+
+
+def grouped(n_people: int) -> np.ndarray:
+    """Log ratios (1, K, K, J) where detection k is of person k."""
+    own = np.eye(n_people, dtype=bool)[None, :, :, None]
+    return np.repeat(np.where(own, FITS, DOES_NOT), N_JOINTS, axis=3)
+
+
+def largest_sum(score: np.ndarray) -> float:
+    """Over all ways to give people (rows) different detections, or none."""
+    n_people, n_detections = score.shape
+    padded = np.concatenate([np.maximum(score, 0.0), np.zeros((n_people, n_people))], axis=1)
+    return max(
+        float(padded[np.arange(n_people), list(way)].sum())
+        for way in permutations(range(n_people + n_detections), n_people)
+    )
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_assignment_is_the_best_of_all(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n_people, n_detections = rng.integers(1, 4, 2)
+    log_ratio = rng.normal(1.0, 4.0, (2, n_people, n_detections, 1)) + rng.normal(
+        0.0, 0.3, (2, n_people, n_detections, N_JOINTS)
+    )
+    score = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio).score
+    matches = matched(log_ratio)
+    for of_camera, own, chosen in zip(score, matches.score, matches.chosen, strict=True):
+        assert own[chosen != NOBODY].sum() == pytest.approx(largest_sum(of_camera))
+        used = chosen[chosen != NOBODY]
+        assert len(set(used.tolist())) == len(used)
+        np.testing.assert_array_equal(own[chosen != NOBODY], of_camera[chosen != NOBODY, used])
+        assert (own[chosen == NOBODY] == -np.inf).all()
+
+
+def test_nobody_gets_what_is_improbable_for_them() -> None:
+    matches = matched(np.full((1, 2, 3, N_JOINTS), DOES_NOT))
+    assert (matches.chosen == NOBODY).all()
+    assert (matches.detection == NOBODY).all()
+    assert matches.is_free.all()
+
+
+def test_who_has_priority_chooses_first() -> None:
+    """Both fit the one detection, the second better."""
+    log_ratio = np.stack([np.full((1, N_JOINTS), FITS - 3), np.full((1, N_JOINTS), FITS)])[None]
+    np.testing.assert_array_equal(matched(log_ratio).chosen, [[NOBODY, 0]])
+    np.testing.assert_array_equal(matched(log_ratio, [1, 0]).chosen, [[0, NOBODY]])
+
+
+def test_priority_does_not_take_what_does_not_fit() -> None:
+    matches = matched(grouped(2)[:, ::-1], [5, 0])
+    np.testing.assert_array_equal(matches.chosen, [[1, 0]])
+
+
+def test_a_second_detection_of_somebody_is_not_free() -> None:
+    log_ratio = np.full((1, 1, 3, N_JOINTS), DOES_NOT)
+    log_ratio[0, 0, 0], log_ratio[0, 0, 2] = FITS - 1, FITS
+    matches = matched(log_ratio)
+    np.testing.assert_array_equal(matches.chosen, [[2]])
+    np.testing.assert_array_equal(matches.is_double, [[True, False, False]])
+    np.testing.assert_array_equal(matches.is_free, [[False, True, False]])
+
+
+def test_a_joint_that_fits_another_is_theirs() -> None:
+    """The wrist of the second person, in the detection of the first; their own was not detected."""
+    log_ratio = grouped(2)
+    log_ratio[0, :, 0, 3] = DOES_NOT, FITS
+    log_ratio[0, :, 1, 3] = np.nan
+    matches = matched(log_ratio)
+    np.testing.assert_array_equal(matches.detection[0], [[0, 0, 0, NOBODY], [1, 1, 1, 0]])
+    np.testing.assert_array_equal(matches.joint[0, 1], [0, 1, 2, 3])
+
+
+def test_a_joint_that_fits_another_is_not_theirs_if_their_own_fits() -> None:
+    log_ratio = grouped(2)
+    log_ratio[0, :, 0, 3] = DOES_NOT, FITS
+    matches = matched(log_ratio)
+    np.testing.assert_array_equal(matches.detection[0], [[0, 0, 0, NOBODY], [1, 1, 1, 1]])
+
+
+def test_a_joint_that_fits_two_others_is_neither_s() -> None:
+    log_ratio = grouped(3)
+    log_ratio[0, :, 0, 3] = DOES_NOT, FITS, FITS
+    log_ratio[0, 1:, 1:, 3] = np.nan
+    matches = matched(log_ratio)
+    assert (matches.detection[0, 1:, 3] != 0).all()
+
+
+def test_a_joint_goes_to_somebody_without_a_detection() -> None:
+    log_ratio = grouped(2)[:, :, :1]
+    log_ratio[0, :, 0, 3] = DOES_NOT, FITS
+    matches = matched(log_ratio)
+    np.testing.assert_array_equal(matches.detection[0], [[0, 0, 0, NOBODY], [NOBODY] * 3 + [0]])
+
+
+def test_two_who_have_each_other_s_joint_both_get_their_own() -> None:
+    log_ratio = grouped(2)
+    log_ratio[0, :, 0, 3] = DOES_NOT, FITS
+    log_ratio[0, :, 1, 3] = FITS, DOES_NOT
+    matches = matched(log_ratio)
+    np.testing.assert_array_equal(matches.detection[0], [[0, 0, 0, 1], [1, 1, 1, 0]])
+
+
+def test_a_mirrored_detection_gives_its_joints_to_the_other_side() -> None:
+    mirrored = np.array([[[True, False], [False, False]]])
+    matches = matched(grouped(2), mirrored=mirrored)
+    np.testing.assert_array_equal(matches.joint[0], [MIRROR, np.arange(N_JOINTS)])
+
+
+def test_no_joint_of_a_mirrored_detection_is_of_two_people() -> None:
+    """Joint 1 of the first person is joint 2 of their mirrored detection, and does not fit. Joint 1 of the detection is
+    their joint 2, and fits them; that it would fit the second person as well does not matter."""
+    log_ratio = grouped(2)
+    mirrored = np.array([[[True, False], [False, False]]])
+    log_ratio[0, :, 0, 1] = DOES_NOT, FITS
+    log_ratio[0, 1, 1, 1] = np.nan
+    matches = matched(log_ratio, mirrored=mirrored)
+    used = [(p, j) for p, j in zip(matches.detection.ravel(), matches.joint.ravel(), strict=True) if p != NOBODY]
+    assert len(set(used)) == len(used)
+
+
+def test_a_joint_of_a_mirrored_detection_is_handed_over_as_the_joint_it_is() -> None:
+    """Joint 2 of the detection is the neighbour's; read as joint 1 of the first person it does not fit."""
+    log_ratio = grouped(2)
+    mirrored = np.array([[[True, False], [False, False]]])
+    log_ratio[0, 0, 0, 1] = DOES_NOT
+    log_ratio[0, 1, 0, 2] = FITS
+    log_ratio[0, 1, 1, 2] = np.nan
+    matches = matched(log_ratio, mirrored=mirrored)
+    np.testing.assert_array_equal(matches.detection[0], [[0, NOBODY, 0, 0], [1, 1, 0, 1]])
+    assert matches.joint[0, 1, 2] == 2
+
+
+def test_values_and_probabilities_of_the_matched_joints() -> None:
+    log_ratio = grouped(2)
+    log_ratio[0, :, 0, 3] = DOES_NOT, FITS
+    log_ratio[0, :, 1, 3] = np.nan
+    matches = matched(log_ratio)
+    values = np.arange(2 * N_JOINTS, dtype=float).reshape(1, 2, N_JOINTS)
+    np.testing.assert_array_equal(matches.of(values, np.nan)[0], [[0, 1, 2, np.nan], [4, 5, 6, 3]])
+    likelihood = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio)
+    probability = matches.probability(likelihood)[0]
+    assert probability[0, 3] == 0.0
+    assert (np.delete(probability.ravel(), 3) > 0.99).all()
+
+
+def test_images_without_detections_and_rooms_without_people() -> None:
+    assert matched(np.zeros((3, 2, 0, N_JOINTS))).is_free.shape == (3, 0)
+    assert (matched(np.zeros((3, 2, 0, N_JOINTS))).chosen == NOBODY).all()
+    assert matched(np.zeros((3, 0, 2, N_JOINTS)), []).is_free.all()
+    assert Matches.nobody(3, 2, N_JOINTS).is_free.all()
