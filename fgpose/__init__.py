@@ -8,6 +8,7 @@ trajectory = fgpose.smooth(observations, rig)
 from importlib.metadata import version as _version
 
 from fgpose.assessment.evaluation import Evaluation, evaluate
+from fgpose.assessment.people import PeopleEvaluation, evaluate_people
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
 from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
@@ -18,12 +19,14 @@ from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.io.keypoints import load_observations, save_observations
+from fgpose.io.keypoints import load_observations, load_people, save_observations
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.observations import Observations
+from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
+from fgpose.tracking import SmoothedPeople, Tracked, Tracker, smooth_people
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
 
 __version__ = _version("fgpose")
@@ -33,23 +36,31 @@ __all__ = [
     "CameraRig",
     "Config",
     "Convergence",
+    "Detections",
     "Estimate",
     "Estimator",
     "Evaluation",
     "Fusion",
     "Observations",
+    "PeopleEvaluation",
+    "PeopleObservations",
     "RigRefinement",
     "SelfCalibration",
     "Skeleton",
+    "SmoothedPeople",
     "Status",
     "TimeOffsets",
+    "Tracked",
+    "Tracker",
     "Trajectory",
     "builtin_skeletons",
     "estimate_time_offsets",
     "evaluate",
+    "evaluate_people",
     "fuse",
     "load_config",
     "load_observations",
+    "load_people",
     "load_recording",
     "load_rig",
     "load_skeleton",
@@ -62,4 +73,5 @@ __all__ = [
     "save_trajectory",
     "self_calibrate",
     "smooth",
+    "smooth_people",
 ]

@@ -163,3 +163,17 @@ def test_hallucinated_detections(tmp_path: Path):
     none_mm, _ = numbers(r"none: .* all joints # mm, left elbow # mm", printed)
     assert markov_mm < none_mm
     assert output.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_several_people(tmp_path: Path):
+    output = tmp_path / "people.png"
+    printed = run("10_several_people.py", "--people", "2", "--duration-s", "5", "--output", str(output))
+    recall, precision = numbers(r"recall #%, precision #%", printed)
+    # Who enters or leaves may be missed for some frames.
+    assert min(recall, precision) > 97
+    switches, error_mm = numbers(r"# identity switches, mean error # mm", printed)
+    assert switches == 0
+    # As noisy as the detections of one person, whose error is 15 to 25 mm.
+    assert error_mm < 40
+    assert output.stat().st_size > 10_000

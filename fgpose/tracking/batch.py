@@ -1,0 +1,59 @@
+"""Batch smoothing of everybody in a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fgpose.association.recording import Association, Progress, associate
+from fgpose.config import Config
+from fgpose.estimation.smoother import smooth
+from fgpose.geometry.camera import CameraRig
+from fgpose.people import PeopleObservations
+from fgpose.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedPeople:
+    """The motion of everybody."""
+
+    trajectories: Mapping[int, Trajectory]
+    """By the number of the person, those seen most first; each from the first to the last frame that shows them."""
+    association: Association
+    """Who is who in the images, and every change in the life of a track."""
+
+
+def smooth_people(
+    observations: PeopleObservations, rig: CameraRig, config: Config | None = None, progress: Progress | None = None
+) -> SmoothedPeople:
+    """Tell everybody apart, then smooth each as fgpose.smooth does one person.
+
+    Args:
+        observations: everybody in all images.
+        rig: the cameras; those without images are left out.
+        config: see fgpose.config; the section [tracking] says how people are told apart.
+        progress: told after every frame of the association and of each person; of how many in all changes once it is
+            known how many people there are.
+
+    Raises:
+        ValueError: a camera of the observations is not in the rig.
+
+    Warns:
+        UserWarning: as fgpose.smooth.
+    """
+    config = config or Config()
+    association = associate(observations, rig, config.tracking, progress)
+    n_done = n_frames = len(association.frames.image)
+    n_frames += sum(len(seen.detection) for seen in association.people.values())
+    trajectories: dict[int, Trajectory] = {}
+    for person in association.people:
+        own = association.of(person)
+        before = n_done
+
+        def told(done: int, _: int, before: int = before) -> None:
+            if progress:
+                progress(before + done, n_frames)
+
+        trajectories[person] = smooth(own, association.rig, config, told)
+        n_done += own.n_frames
+    return SmoothedPeople(trajectories, association)

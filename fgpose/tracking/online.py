@@ -1,0 +1,124 @@
+"""Everybody in the room, live: association, and an estimator for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fgpose.association.follow import Follower, Sighting
+from fgpose.association.track import TrackEvent, TrackState
+from fgpose.config import Config
+from fgpose.estimation.estimator import Estimator
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.people import Detections
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """Somebody who is in the room."""
+
+    person: int
+    """Their number. It changes at most once, when they are recognised as somebody who was here before; see events."""
+    state: TrackState
+    """CONFIRMED, or COASTING where no camera detects them at the moment."""
+    estimate: Estimate
+
+
+class Tracker:
+    """Everybody in the room, live: each update takes the newest images and returns the people at their time.
+
+    An Estimator of each person who is confirmed gets the detections that are theirs. Time and memory grow with the
+    people in the room, not with how long it runs.
+    """
+
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
+        self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
+        self._follower = Follower(rig, skeleton, self.config.tracking)
+        self._estimators: dict[int, Estimator] = {}
+        self._image_s: dict[str, float] = {}
+
+    def update(self, images: Sequence[Detections]) -> list[Tracked]:
+        """Take the newest images: of all cameras or some, of one moment or one after another.
+
+        Images of different cameras that are given together make one frame, each at its own time: one update of each
+        estimator. An image that is given alone joins the frame of those before it, as Estimator.update_camera says,
+        which costs an update of its own.
+
+        Raises:
+            ValueError: a camera is not in the rig, an image has another number of joints, is not later than the one
+                before of its camera, or is older than the newest image by more than online.lag_s. The tracker is then
+                as it was before.
+        """
+        self._check(images)
+        people: list[Tracked] = []
+        for moment in _moments(images):
+            people = self._update(moment)
+        return people
+
+    def events(self) -> list[TrackEvent]:
+        """What has happened to tracks since this was last asked, in the order of time."""
+        events, self._follower.events = self._follower.events, []
+        return events
+
+    def _check(self, images: Sequence[Detections]) -> None:
+        newest = dict(self._image_s)
+        for image in sorted(images, key=lambda image: image.time_s):
+            if image.camera not in self.rig.names:
+                raise ValueError(f"{image}: the rig has no such camera, only {', '.join(self.rig.names)}")
+            if image.points2d_px.shape[1] != self.skeleton.n_joints:
+                raise ValueError(
+                    f"{image}: {image.points2d_px.shape[1]} joints, skeleton {self.skeleton.name} has "
+                    f"{self.skeleton.n_joints}"
+                )
+            if image.time_s <= newest.get(image.camera, -np.inf):
+                raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:g} s")
+            if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
+                raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
+            newest[image.camera] = image.time_s
+        self._image_s = newest
+
+    def _update(self, images: list[Detections]) -> list[Tracked]:
+        sightings = self._follower.see(images)
+        tracks = [track for track in self._follower.tracks if track.is_confirmed]
+        numbers = {track.number for track in tracks}
+        self._estimators = {number: each for number, each in self._estimators.items() if number in numbers}
+        people = []
+        for track in tracks:
+            if track.number not in self._estimators:
+                self._estimators[track.number] = Estimator(self.rig, self.skeleton, self.config)
+            estimate = self._estimate(self._estimators[track.number], track.number, sightings)
+            people.append(Tracked(track.person, track.state, estimate))
+        return people
+
+    def _estimate(self, estimator: Estimator, track: int, sightings: list[Sighting]) -> Estimate:
+        """Of one person, after these images."""
+        seen = [sighting.image_of(track) for sighting in sightings]
+        if len(sightings) == 1 and self.rig.n_cameras > 1:
+            (image,) = sightings
+            return estimator.update_camera(image.image.camera, image.image.time_s, *seen[0])
+        shape = (1, self.rig.n_cameras, self.skeleton.n_joints)
+        points2d_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+        time_s = np.full((1, self.rig.n_cameras), np.nan)
+        for sighting, own in zip(sightings, seen, strict=True):
+            c = self.rig.names.index(sighting.image.camera)
+            time_s[0, c], (points2d_px[0, c], confidence[0, c]) = sighting.image.time_s, own
+        return estimator.update(
+            Observations(self.skeleton, time_s, points2d_px, confidence, camera_names=self.rig.names)
+        )
+
+
+def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:
+    """In the order of time, parted where a camera comes again."""
+    moment: list[Detections] = []
+    for image in sorted(images, key=lambda image: image.time_s):
+        if any(image.camera == other.camera for other in moment):
+            yield moment
+            moment = []
+        moment.append(image)
+    if moment:
+        yield moment
