@@ -38,8 +38,6 @@ class Detections:
     """(P, J, 3) absolute 3D joints as this view alone gives them, in the world frame, metres."""
     covariance3d_m2: np.ndarray | None = None
     """(P, J, 3, 3) of points3d_m, in the world frame."""
-    appearance: np.ndarray | None = None
-    """(P, F) what people look like, as a network for re-identification gives it: vectors of length 1, NaN = unknown."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.time_s):
@@ -52,7 +50,6 @@ class Detections:
             "confidence": people_joints,
             "points3d_m": (*people_joints, 3),
             "covariance3d_m2": (*people_joints, 3, 3),
-            "appearance": (people_joints[0], None),
         }
         for name, shape in shapes.items():
             self._check_shape(name, shape)
@@ -64,13 +61,12 @@ class Detections:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
-    def _check_shape(self, name: str, shape: tuple[int | None, ...]) -> None:
+    def _check_shape(self, name: str, shape: tuple[int, ...]) -> None:
         array = getattr(self, name)
         if array is None:
             return
-        got = np.shape(array)
-        if len(got) != len(shape) or any(want not in (None, have) for want, have in zip(shape, got, strict=True)):
-            raise ValueError(f"{self}: {name} must be {shape}, got {got}")
+        if np.shape(array) != shape:
+            raise ValueError(f"{self}: {name} must be {shape}, got {np.shape(array)}")
 
     def _refuse(self, bad: np.ndarray, what: str) -> None:
         if bad.any():

@@ -1,4 +1,4 @@
-"""Recognising somebody who was away: by the lengths of their bones, by the place, and by what they look like."""
+"""Recognising somebody who was away: by the lengths of their bones, and by the place."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ _CORRELATED_S = 0.3  # errors of lengths from the filter are correlated over abo
 # Who is not seen walks about, and not in a straight line.
 _NEAR_M, _WALKS_MPS = 0.4, 0.8
 _SMALLEST_ROOM_M2 = 9.0
-_LOOKS_SIGMA = 0.15  # cosine distance of two views of one person, for networks that tell people apart
 
 
 @dataclass(eq=False)
@@ -33,7 +32,6 @@ class Likeness:
     n: np.ndarray = field(init=False)
     mean_m: np.ndarray = field(init=False)
     squares_m2: np.ndarray = field(init=False)
-    appearance: np.ndarray | None = None
     at_s: float = -np.inf
 
     def __post_init__(self) -> None:
@@ -68,14 +66,13 @@ class Likeness:
     def log_ratio(self, other: Likeness) -> float:
         """Log of the ratio of probabilities that two are the same person, against that they are two of many."""
         both = (self.n > 0) & (other.n > 0)
-        total = self._looks(other)
         if not both.any():
-            return total
+            return 0.0
         difference_m = self.mean_m[both] - other.mean_m[both]
         error_m2 = np.diag(self._variance_m2(both) + other._variance_m2(both) + 2 * _SYSTEMATIC_M**2)
         length_m = (self.mean_m[both] + other.mean_m[both]) / 2
         between_m2 = 2 * (_SIZE_SHARE**2 * np.outer(length_m, length_m) + _OWN_M**2 * np.eye(len(length_m)))
-        return total + _log_normal(difference_m, error_m2) - _log_normal(difference_m, error_m2 + between_m2)
+        return _log_normal(difference_m, error_m2) - _log_normal(difference_m, error_m2 + between_m2)
 
     def _variance_m2(self, some: np.ndarray) -> np.ndarray:
         """Of the means."""
@@ -83,14 +80,6 @@ class Likeness:
         # Two samples tell little of their spread: 3 cm in addition, as one sample.
         spread_m2 = (self.squares_m2[some] + 0.03**2) / n
         return spread_m2 / np.maximum(n, 1.0)
-
-    def _looks(self, other: Likeness) -> float:
-        if self.appearance is None or other.appearance is None:
-            return 0.0
-        distance = 1.0 - float(self.appearance @ other.appearance)
-        # Against different people, whose distances are spread over 0 to 1.
-        density = np.exp(-0.5 * (distance / _LOOKS_SIGMA) ** 2) * np.sqrt(2 / np.pi) / _LOOKS_SIGMA
-        return float(np.log(density + 1e-3))
 
 
 def _log_normal(x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:

@@ -21,9 +21,8 @@ class TrackState(Enum):
     CONFIRMED = "confirmed"
     COASTING = "coasting"
     """Confirmed, and no camera detects them at the moment: the pose is predicted."""
-    LOST = "lost"
-    """Not reported any more, but they may be recognised."""
     ENDED = "ended"
+    """Not followed any more. Who was confirmed is lost, and may be recognised."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 
+_MOST_EVENTS = 1000  # of hours, for those who never ask
+
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
@@ -58,10 +60,11 @@ class Tracker:
         people: list[Tracked] = []
         for moment in _moments(images):
             people = self._update(moment)
+        del self._follower.events[:-_MOST_EVENTS]
         return people
 
     def events(self) -> list[TrackEvent]:
-        """What has happened to tracks since this was last asked, in the order of time."""
+        """What has happened to tracks since this was last asked, in the order of time; the last 1,000 at most."""
         events, self._follower.events = self._follower.events, []
         return events
 
