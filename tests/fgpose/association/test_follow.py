@@ -66,10 +66,10 @@ def test_views_that_agree_for_two_frames_are_nobody(follower: Follower, rig: Cam
 def test_who_leaves_is_lost_and_told(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:
     """Four cameras that see nobody where somebody should be are sure sooner than coast_s."""
     person_m = body_m(skeleton)
-    run(follower, rig, lambda _, time_s: [person_m] if time_s < 1.0 else [], 0.0, 2.5)
+    run(follower, rig, lambda _, time_s: [person_m] if time_s < 2.5 else [], 0.0, 4.0)
     assert follower.tracks == []
     assert what_happened(follower) == ["confirmed", "lost"]
-    assert 1.0 < follower.events[1].time_s < 2.05
+    assert 2.5 < follower.events[1].time_s < 3.0
 
 
 def test_who_is_hidden_for_a_moment_coasts(follower: Follower, rig: CameraRig, skeleton: Skeleton) -> None:

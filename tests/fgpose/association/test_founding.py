@@ -112,20 +112,17 @@ def test_parallel_rays_do_not_tell_where(skeleton: Skeleton) -> None:
     assert found(moment_of(rig, [[body_m(skeleton)]] * 2, np.random.default_rng(0)), None, skeleton) == []
 
 
-def test_rays_that_meet_behind_the_cameras_are_nobody(skeleton: Skeleton) -> None:
-    """Each camera shows the image that the other should show."""
-    rig = ring_rig(4, radius_m=2.0)
-    pair = rig.subset(rig.names[:2])
-    left, right = (image(pair, c, 0.0, [body_m(skeleton)]) for c in range(2))
-    moment = Moment.of(
-        [
-            Detections(pair.names[0], 0.0, right.points2d_px + np.array([450.0, 0.0]), right.confidence),
-            Detections(pair.names[1], 0.0, left.points2d_px - np.array([450.0, 0.0]), left.confidence),
-        ],
-        pair,
-    )
-    for each in found(moment, None, skeleton):
-        assert all(camera.to_camera_frame(each.pose.positions_m[0])[:, 2].min() > 0 for camera in pair.cameras)
+def test_rays_that_meet_behind_the_cameras_are_nobody(three: CameraRig, skeleton: Skeleton) -> None:
+    """Cameras with their backs to a body, whose lines of sight, prolonged backwards, meet in it."""
+    person_m, images, cameras = body_m(skeleton), [], []
+    for camera in three.cameras:
+        pose = camera.world_T_camera.copy()
+        pose[:3, :3] = pose[:3, :3] @ np.diag([-1.0, 1.0, -1.0])
+        cameras.append(replace(camera, world_T_camera=pose))
+        behind_m = cameras[-1].to_camera_frame(person_m)
+        points_px = behind_m[:, :2] / behind_m[:, 2:] * np.diag(camera.K)[:2] + camera.K[:2, 2]
+        images.append(Detections(camera.name, 0.0, points_px[None], np.full((1, 17), 0.9)))
+    assert found(Moment.of(images, CameraRig(tuple(cameras))), None, skeleton) == []
 
 
 @pytest.mark.parametrize("n", [1, 2, 4])
