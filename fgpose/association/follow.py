@@ -14,7 +14,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.association.founding import detection_probability, found, found_alone
-from fgpose.association.identity import Likeness, log_ratio_of_place
+from fgpose.association.identity import Likeness
+from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches
 from fgpose.association.moment import Moment, follow
 from fgpose.association.pose_filter import PoseFilters
@@ -38,11 +39,6 @@ _MAX_SCORE = 30.0
 _SAME_MOMENT_S = 0.05
 # Odds of somebody who is tentative, and time without a detection, at which they are given up.
 _HARDLY, _TENTATIVE_S = -2.0, 0.2
-# Log odds at which somebody is recognised, and by which the next likely must be less so.
-_RECOGNISED, _UNAMBIGUOUS = np.log(10.0), np.log(5.0)
-# Who was seen for so long beside a newcomer is not the newcomer. Shorter, some cameras may have gone on with the old
-# track while others agreed on a better one.
-_OVERLAP_S, _IMPOSSIBLE = 0.3, -1e3
 # How far from where they are predicted somebody who coasts is found again: the body may have turned round.
 _FOUND_AGAIN_M, _WALKS_MPS = 0.3, 1.0
 _COASTING_S = 0.1  # without a detection for longer, the pose is called predicted
@@ -97,40 +93,6 @@ class Sighting:
         return points2d_px, confidence
 
 
-@dataclass(frozen=True, eq=False)
-class _Lost:
-    """Somebody who may come back."""
-
-    likeness: Likeness
-    middle_m: np.ndarray
-    time_s: float
-
-
-class _Room:
-    """Where people have been."""
-
-    def __init__(self) -> None:
-        self._low_m, self._high_m = np.full(3, np.inf), np.full(3, -np.inf)
-
-    def add(self, place_m: Float[np.ndarray, 3]) -> None:
-        self._low_m, self._high_m = np.minimum(self._low_m, place_m), np.maximum(self._high_m, place_m)
-
-    @property
-    def area_m2(self) -> float:
-        """Of the floor, whichever axis is vertical: the two longer sides."""
-        extent_m = np.sort(np.maximum(self._high_m - self._low_m, 0.0))
-        return float(extent_m[1] * extent_m[2])
-
-
-def track_is(track: Track, somebody: _Lost, room_m2: float) -> float:
-    """Log of the ratio of probabilities that a track is of somebody who was lost, against that it is of anybody."""
-    gap_s = track.founded_s - somebody.time_s
-    if gap_s < -_OVERLAP_S:
-        return _IMPOSSIBLE
-    place = log_ratio_of_place(somebody.middle_m, track.founded_m, max(gap_s, 0.0), room_m2)
-    return place + track.likeness.log_ratio(somebody.likeness)
-
-
 class Follower:
     """Follows everybody; see the module.
 
@@ -146,8 +108,7 @@ class Follower:
         self._free: dict[str, Moment] = {}
         """Of each camera the detections in its newest image that are nobody's."""
         self._n_tracks = self._n_people = 0
-        self._lost: dict[int, _Lost] = {}
-        self._room = _Room()
+        self._lost = Lost(self._config.forget_s)
         self.person_of_track: dict[int, int] = {}
         """Who each track is that was ever confirmed; people are counted from 0 as they are confirmed."""
 
@@ -268,9 +229,6 @@ class Follower:
         self.tracks = [track for track in self.tracks if track.state is not TrackState.ENDED]
         self._learn(now_s)
         self._recognise(now_s)
-        old = [person for person, lost in self._lost.items() if lost.time_s < now_s - self._config.forget_s]
-        for person in old:
-            del self._lost[person]
 
     def _confirm(self, track: Track, now_s: float) -> None:
         track.state, track.confirmed_s = TrackState.CONFIRMED, now_s
@@ -281,38 +239,23 @@ class Follower:
 
     def _lose(self, track: Track, now_s: float, reason: str) -> None:
         track.state = TrackState.ENDED
-        self._lost[track.person] = _Lost(track.likeness, track.middle_m, track.seen_s)
+        self._lost.add(track)
         self._note(now_s, track, "lost", reason)
 
     def _learn(self, now_s: float) -> None:
         for track in self.tracks:
             if track.is_confirmed:
-                self._room.add(track.middle_m)
+                self._lost.room.add(track.middle_m)
                 if track.seen_s > now_s - _SAME_MOMENT_S:
                     track.likeness.add(track.pose, now_s)
 
     def _recognise(self, now_s: float) -> None:
-        """Those who have just been confirmed may be somebody who was lost before; nobody is two of them."""
-        from scipy.optimize import linear_sum_assignment
-
+        """Those who have just been confirmed may be somebody who was lost before."""
         new = [track for track in self.tracks if track.is_confirmed and track.may_be_recognised(now_s)]
-        if not new or not self._lost:
-            return
-        lost = list(self._lost.items())
-        score = np.array([[track_is(track, somebody, self._room.area_m2) for _, somebody in lost] for track in new])
-        for n, m in zip(*linear_sum_assignment(score, maximize=True), strict=True):
-            others = np.delete(score[n], m)
-            if score[n, m] < _RECOGNISED or (len(others) and score[n, m] - others.max() < _UNAMBIGUOUS):
-                continue
-            track, (person, somebody) = new[n], lost[m]
-            reason = (
-                f"away for {track.founded_s - somebody.time_s:.1f} s, log odds of place and bones {score[n, m]:.1f}"
-            )
-            self._note(now_s, track, "recognised", f"as {person}: {reason}")
+        for track, person, why in self._lost.recognised(new, now_s):
+            self._note(now_s, track, "recognised", f"as {person}: {why}")
             track.person, track.is_recognised = person, True
             self.person_of_track[track.number] = person
-            track.likeness.join(somebody.likeness)
-            del self._lost[person]
 
     def _merge(self, now_s: float) -> None:
         """Of two at one place the one who is confirmed stays, or the elder."""
