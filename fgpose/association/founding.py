@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.association.likelihood import Likelihood
+from fgpose.association.likelihood import Likelihood, score_of
 from fgpose.association.moment import Moment
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters
 from fgpose.geometry.camera import Camera, CameraRig
@@ -19,7 +19,7 @@ from fgpose.skeleton import Skeleton
 _MIN_SIN2 = np.sin(np.deg2rad(3.0)) ** 2
 # Unrelated rays miss each other by anything up to this.
 _UNRELATED_M = 1.0
-_WRONG_SHARE, _INDEPENDENT_JOINTS, _MIN_JOINTS = 0.1, 4.0, 4
+_MIN_JOINTS = 4
 # No bone is longer than this; half of the joints of a body lie within these distances of their middle.
 _LONGEST_BONE_M, _SMALLEST_BODY_M, _LARGEST_BODY_M = 0.75, 0.05, 1.3
 # A joint that fewer than two cameras see is somewhere around the middle of the body.
@@ -115,12 +115,10 @@ def _pairs(
     camera, detection = np.moveaxis(candidates[pairs], -1, 0)
     (origin_a_m, origin_b_m), (a, b) = np.moveaxis(origin_m[camera], 1, 0), np.moveaxis(rays[camera, detection], 1, 0)
     joints_m, distance_m = _meeting(origin_a_m, a, origin_b_m, b)
-    known = np.isfinite(distance_m)
+    n_known = np.isfinite(distance_m).sum(axis=1)
     spread_m = np.sqrt(2) * SIGMA_M
-    density = np.exp(-0.5 * (np.where(known, distance_m, 0.0) / spread_m) ** 2) * 2 / (np.sqrt(2 * np.pi) * spread_m)
-    ratio = np.log((1 - _WRONG_SHARE) * density * _UNRELATED_M + _WRONG_SHARE)
-    n_known = known.sum(axis=1)
-    score = np.where(known, ratio, 0.0).sum(axis=1) / np.maximum(n_known, 1) * np.minimum(n_known, _INDEPENDENT_JOINTS)
+    peak = np.log(2 * _UNRELATED_M / (np.sqrt(2 * np.pi) * spread_m))
+    score = score_of(peak - 0.5 * (distance_m / spread_m) ** 2)
     possible = np.flatnonzero((n_known >= min(_MIN_JOINTS, skeleton.n_joints)) & (score > 0))
     possible = possible[_is_body(joints_m[possible], skeleton)]
     best = possible[np.argsort(-score[possible], kind="stable")][:_MAX_PAIRS]

@@ -26,6 +26,17 @@ _MIN_JOINTS = 2
 _MIRRORED_LOG_RATIO = np.log(1e3)
 
 
+def score_of(log_ratio: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, "*shape"]:
+    """Log of the ratio of probabilities of a whole detection from those of its joints, of which some may be wrong; NaN:
+    unknown."""
+    known = np.isfinite(log_ratio)
+    ratio = np.exp(np.minimum(np.where(known, log_ratio, 0.0), 50.0))
+    joints = np.log((1 - _WRONG_SHARE) * ratio + _WRONG_SHARE)
+    n_known = known.sum(axis=-1)
+    mean = np.where(known, joints, 0.0).sum(axis=-1) / np.maximum(n_known, 1)
+    return np.asarray(mean * np.minimum(n_known, _INDEPENDENT_JOINTS))
+
+
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """At most P detections in an image of each camera against K people; NaN where there is none."""
@@ -64,13 +75,9 @@ class Likelihood:
     @cached_property
     def score(self) -> Float[np.ndarray, "camera person detection"]:
         """Log of the ratio of probabilities of the whole detection; -inf where too little of it is known or fits."""
-        known = np.isfinite(self.log_ratio)
-        ratio = np.exp(np.minimum(np.where(known, self.log_ratio, 0.0), 50.0))
-        joints = np.log((1 - _WRONG_SHARE) * ratio + _WRONG_SHARE)
-        n_known = known.sum(axis=-1)
-        mean = np.where(known, joints, 0.0).sum(axis=-1) / np.maximum(n_known, 1)
+        n_known = np.isfinite(self.log_ratio).sum(axis=-1)
         enough = (n_known >= _MIN_JOINTS) & (self._n_fitting >= _MIN_FITTING * n_known)
-        return np.where(enough, mean * np.minimum(n_known, _INDEPENDENT_JOINTS), -np.inf)
+        return np.where(enough, score_of(self.log_ratio), -np.inf)
 
     @cached_property
     def _n_fitting(self) -> Int[np.ndarray, "camera person detection"]:
