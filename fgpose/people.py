@@ -250,4 +250,4 @@ class PeopleObservations:
 
     def times_s(self, camera: str) -> Float[np.ndarray, " image"]:
         """Of each image of a camera, increasing."""
-        return np.array([image.time_s for image in self.images if image.camera == camera])
+        return np.array([image.time_s for image in self.by_camera[camera]])

@@ -11,7 +11,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from fgpose.association.founding import detection_probability, found, found_alone
 from fgpose.association.identity import Likeness
@@ -81,16 +80,17 @@ class Sighting:
             known = self.image.confidence[begun.detection] > 0
             yield begun.track, np.where(known, begun.detection, NOBODY), np.arange(len(known))
 
-    def image_of(self, track: int) -> tuple[Float[np.ndarray, "joint 2"], Float[np.ndarray, " joint"]]:
-        """What the image shows of one person: pixels of the original image, NaN where nothing, and confidence."""
-        n_joints = self.image.points2d_px.shape[1]
-        points2d_px, confidence = np.full((n_joints, 2), np.nan), np.zeros(n_joints)
-        for number, detection, joint in self.joints():
-            if number == track:
-                known = detection != NOBODY
-                points2d_px[known] = self.image.points2d_px[detection[known], joint[known]]
-                confidence[known] = self.image.confidence[detection[known], joint[known]]
-        return points2d_px, confidence
+    def people(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """What the image shows of each, by the number of the track: pixels of the original image (J, 2), NaN where
+        nothing, and confidence (J,)."""
+        shown: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        for track, detection, joint in self.joints():
+            known = detection != NOBODY
+            nothing = np.full((len(known), 2), np.nan), np.zeros(len(known))
+            points2d_px, confidence = shown.setdefault(track, nothing)
+            points2d_px[known] = self.image.points2d_px[detection[known], joint[known]]
+            confidence[known] = self.image.confidence[detection[known], joint[known]]
+        return shown
 
 
 class Follower:

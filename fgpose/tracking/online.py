@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fgpose.association.follow import Follower, Sighting
+from fgpose.association.follow import Follower
 from fgpose.association.track import TrackEvent, TrackState
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
@@ -90,26 +90,28 @@ class Tracker:
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
         numbers = {track.number for track in tracks}
         self._estimators = {number: each for number, each in self._estimators.items() if number in numbers}
+        shown = [(sighting.image, sighting.people()) for sighting in sightings]
+        nothing = np.full((self.skeleton.n_joints, 2), np.nan), np.zeros(self.skeleton.n_joints)
         people = []
         for track in tracks:
             if track.number not in self._estimators:
                 self._estimators[track.number] = Estimator(self.rig, self.skeleton, self.config)
-            estimate = self._estimate(self._estimators[track.number], track.number, sightings)
+            seen = [(image, of_image.get(track.number, nothing)) for image, of_image in shown]
+            estimate = self._estimate(self._estimators[track.number], seen)
             people.append(Tracked(track.person, track.state, estimate))
         return people
 
-    def _estimate(self, estimator: Estimator, track: int, sightings: list[Sighting]) -> Estimate:
-        """Of one person, after these images."""
-        seen = [sighting.image_of(track) for sighting in sightings]
-        if len(sightings) == 1 and self.rig.n_cameras > 1:
-            (image,) = sightings
-            return estimator.update_camera(image.image.camera, image.image.time_s, *seen[0])
+    def _estimate(self, estimator: Estimator, seen: list[tuple[Detections, tuple[np.ndarray, np.ndarray]]]) -> Estimate:
+        """Of one person, after these images and what they show of the person: pixels and confidence."""
+        if len(seen) == 1 and self.rig.n_cameras > 1:
+            ((image, own),) = seen
+            return estimator.update_camera(image.camera, image.time_s, *own)
         shape = (1, self.rig.n_cameras, self.skeleton.n_joints)
         points2d_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
         time_s = np.full((1, self.rig.n_cameras), np.nan)
-        for sighting, own in zip(sightings, seen, strict=True):
-            c = self.rig.names.index(sighting.image.camera)
-            time_s[0, c], (points2d_px[0, c], confidence[0, c]) = sighting.image.time_s, own
+        for image, own in seen:
+            c = self.rig.names.index(image.camera)
+            time_s[0, c], (points2d_px[0, c], confidence[0, c]) = image.time_s, own
         return estimator.update(
             Observations(self.skeleton, time_s, points2d_px, confidence, camera_names=self.rig.names)
         )
