@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.sampling import nearest
+
 NO_IMAGE = -1
 
 # An image belongs to the nearest frame, at most half a frame away; a tenth more, as containers round time stamps to
@@ -51,7 +53,7 @@ def match_frames(times_s: Sequence[Float[np.ndarray, " _images"]]) -> MatchedFra
     image = np.full((len(clock_s), len(times_s)), NO_IMAGE)
     own_time_s = np.full(image.shape, np.nan)
     for camera, own_s in enumerate(times_s):
-        frame = _nearest(own_s, clock_s)
+        frame = nearest(own_s, clock_s)
         distance_s = np.abs(own_s - clock_s[frame]) if len(own_s) else own_s
         # The nearest image is written last.
         order = np.argsort(-distance_s, kind="stable")
@@ -73,16 +75,9 @@ def _clock(times_s: Sequence[np.ndarray], reach_s: float) -> np.ndarray:
     for own_s in by_rate:
         far = own_s
         if len(clock_s) and len(own_s):
-            far = own_s[np.abs(own_s - clock_s[_nearest(own_s, clock_s)]) > reach_s]
+            far = own_s[np.abs(own_s - clock_s[nearest(own_s, clock_s)]) > reach_s]
         clock_s = np.sort(np.concatenate([clock_s, far]))
     return clock_s
-
-
-def _nearest(own_s: np.ndarray, clock_s: np.ndarray) -> np.ndarray:
-    after = np.clip(np.searchsorted(clock_s, own_s), 1, max(len(clock_s) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(clock_s) - 1)
-    return np.where(own_s - clock_s[before] <= clock_s[after] - own_s, before, after)
 
 
 def _shared_if_same(own_time_s: np.ndarray, clock_s: np.ndarray) -> np.ndarray:

@@ -19,6 +19,14 @@ def frames_per_second(time_s: Float[np.ndarray, " frame"]) -> float:
     return 1 / usual_step_s(time_s) if len(time_s) > 1 else np.nan
 
 
+def nearest(times_s: Float[np.ndarray, " time"], others_s: Float[np.ndarray, " other"]) -> Int[np.ndarray, " time"]:
+    """Index of the nearest of the others, at least one, which increase, for each time; of two the earlier."""
+    after = np.clip(np.searchsorted(others_s, times_s), 1, max(len(others_s) - 1, 1))
+    before = after - 1
+    after = np.minimum(after, len(others_s) - 1)
+    return np.where(np.abs(others_s[after] - times_s) < np.abs(others_s[before] - times_s), after, before)
+
+
 def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
     """Frames spread evenly over a long recording; all of a short one."""
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.sampling import nearest
 from fgpose.skeleton import Skeleton
 
 
@@ -34,17 +35,9 @@ def same_times(
     """
     if len(estimate_s) == 0 or len(reference_s) == 0:
         return np.empty(0, dtype=int), np.empty(0, dtype=int)
-    nearest = _nearest(estimate_s, reference_s)
-    mutual = _nearest(reference_s, estimate_s)[nearest] == np.arange(len(estimate_s))
+    partner = nearest(estimate_s, reference_s)
+    mutual = nearest(reference_s, estimate_s)[partner] == np.arange(len(estimate_s))
     intervals_s = [np.median(np.diff(time_s)) for time_s in (estimate_s, reference_s) if len(time_s) > 1]
     tolerance_s = 0.5 * min(intervals_s, default=0.0)
-    kept = np.flatnonzero(mutual & (np.abs(estimate_s - reference_s[nearest]) <= tolerance_s))
-    return kept, nearest[kept]
-
-
-def _nearest(times_s: Float[np.ndarray, " frame"], others_s: Float[np.ndarray, " other"]) -> np.ndarray:
-    """Index of the nearest of the others, which increase, for each time."""
-    right = np.searchsorted(others_s, times_s).clip(1, max(len(others_s) - 1, 1))
-    right = np.minimum(right, len(others_s) - 1)
-    left = np.maximum(right - 1, 0)
-    return np.where(np.abs(others_s[right] - times_s) < np.abs(others_s[left] - times_s), right, left)
+    kept = np.flatnonzero(mutual & (np.abs(estimate_s - reference_s[partner]) <= tolerance_s))
+    return kept, partner[kept]
