@@ -8,10 +8,8 @@ and how people who were told apart are measured against true ones.
 
 from __future__ import annotations
 
-from importlib import resources
 from pathlib import Path
 
-import numpy as np
 import tyro
 
 import fgpose
@@ -22,8 +20,7 @@ from fgpose.synthetic import (
     DetectionNoise,
     Occlusion,
     crowd_motion,
-    motion_from_npz,
-    positions_at,
+    embedded_motion,
     ring_rig,
     simulate_crowd,
 )
@@ -31,29 +28,12 @@ from fgpose.synthetic import (
 COLOURS = (BLUE, VERMILLION, "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 
 
-def clip(name: str) -> tuple[np.ndarray, float]:
-    """Motion capture that comes with fgpose."""
-    with resources.as_file(resources.files("fgpose").joinpath("data", "mocap_cmu", f"{name}.npz")) as path:
-        return motion_from_npz(path)
-
-
 def film(n_people: int, n_cameras: int, duration_s: float) -> CrowdScene:
     """People who walk and work in one room; people hide each other, and detectors miss, double and mix them up."""
-    walks, works = [clip("cmu_02_01_short")], [clip("cmu_02_07_a"), clip("cmu_02_10")]
+    walks, works = [embedded_motion("cmu_02_01_short")], [embedded_motion("cmu_02_07_a"), embedded_motion("cmu_02_10")]
     motion = crowd_motion(n_people, int(50 * duration_s), 50.0, walks, works, seed=1)
     rig = ring_rig(n_cameras, 5.0, 2.7, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
     return simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), seed=1)
-
-
-def truth_of(scene: CrowdScene, time_s: np.ndarray) -> dict[int, fgpose.Trajectory]:
-    """The true motion at the times of the frames."""
-    positions_m = positions_at(scene.motion, time_s)
-    status = np.where(np.isfinite(positions_m).all(axis=-1), fgpose.Status.OBSERVED, fgpose.Status.UNOBSERVABLE)
-    skeleton = scene.motion.skeleton
-    return {
-        person: fgpose.Trajectory(skeleton, time_s.copy(), positions_m[person].copy(), status[person].astype(np.int8))
-        for person in range(scene.motion.n_people)
-    }
 
 
 def main(people: int = 3, cameras: int = 4, duration_s: float = 8.0, output: Path = Path("out/people.png")) -> None:
@@ -74,7 +54,7 @@ def main(people: int = 3, cameras: int = 4, duration_s: float = 8.0, output: Pat
     print(f"{smoothed.association.n_unused} detections belong to nobody")
 
     time_s = smoothed.association.frames.frame_time_s
-    truth = truth_of(scene, time_s)
+    truth = scene.truth(time_s)
     score = fgpose.evaluate_people(smoothed.trajectories, truth, time_s=time_s)
     print(f"recall {score.recall:.1%}, precision {score.precision:.1%}, IDF1 {score.idf1:.1%}, HOTA {score.hota:.1%}")
     print(f"{score.switches} identity switches, mean error {score.mpjpe_mm:.1f} mm")

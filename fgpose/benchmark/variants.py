@@ -9,7 +9,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from importlib import resources
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -22,7 +21,7 @@ from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.synthetic import RealErrors, Scene, motion_from_npz, real_errors, ring_rig, simulate
+from fgpose.synthetic import RealErrors, Scene, embedded_motion, real_errors, ring_rig, simulate
 
 VERSION = 2
 """Results of one version can be compared. Whatever changes a recording is a new version."""
@@ -130,8 +129,7 @@ def _rng(clip: str, what: str) -> np.random.Generator:
 def _motion(clip: str, max_frames: int, fps: float | None) -> tuple[Float[np.ndarray, "frame joint 3"], float]:
     if clip not in TUNING_CLIPS + TEST_CLIPS:
         raise ValueError(f"no clip {clip!r}; there is {', '.join(TUNING_CLIPS + TEST_CLIPS)}")
-    with resources.as_file(resources.files("fgpose").joinpath("data", "mocap_cmu", f"{clip}.npz")) as path:
-        clip_m, clip_fps = motion_from_npz(path)
+    clip_m, clip_fps = embedded_motion(clip)
     truth_m = clip_m[:max_frames]
     return (truth_m, clip_fps) if fps is None else (_resampled_m(truth_m, clip_fps, fps), fps)
 

@@ -19,6 +19,7 @@ from fgpose.synthetic.crowd_errors import CameraTimes as CameraTimes
 from fgpose.synthetic.crowd_errors import CrowdErrors as CrowdErrors
 from fgpose.synthetic.crowd_motion import CrowdMotion as CrowdMotion
 from fgpose.synthetic.crowd_motion import crowd_motion as crowd_motion
+from fgpose.synthetic.motion import embedded_motion as embedded_motion
 from fgpose.synthetic.motion import motion_from_npz as motion_from_npz
 from fgpose.synthetic.motion import walking as walking
 from fgpose.synthetic.noise import NO_NOISE as NO_NOISE

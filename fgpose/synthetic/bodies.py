@@ -66,7 +66,7 @@ class Capsules:
     def of(skeleton: Skeleton) -> Capsules:
         """An adult's. Raises ValueError if the skeleton lacks a joint of them."""
         ends = np.array([[skeleton.index(a), skeleton.index(b)] for a, b, _ in _CAPSULES_M])
-        midline = np.array([skeleton.mirrored((joint, joint))[0] == joint for joint in range(skeleton.n_joints)])
+        midline = skeleton.mirror == np.arange(skeleton.n_joints)
         trunk = np.arange(len(ends)) < _N_TRUNK
         return Capsules(ends, np.array([radius_m for *_, radius_m in _CAPSULES_M]), midline[:, None] & trunk)
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.skeleton import Skeleton
+from fgpose.synthetic.motion import turned
 
 Motion = tuple[np.ndarray, float]
 """Positions (frame, joint, 3) of skeleton h36m_17 in metres, floor at z = 0, and frames per second."""
@@ -107,13 +108,13 @@ def work_of(motion: Motion, skeleton: Skeleton) -> Work:
     """A recording of somebody who stays about where he is; his first frame faces forward."""
     positions_m, fps = motion
     poses, yaw = _poses_of(motion, skeleton)
-    turned = _turned(poses.direction, (yaw - yaw[0])[:, None])
+    forward = turned(poses.direction, (yaw - yaw[0])[:, None])
     ground_m = positions_m[:, skeleton.index("pelvis"), :2]
     away_m = ground_m - (ground_m.min(axis=0) + ground_m.max(axis=0)) / 2
     away_m = np.concatenate([away_m, np.zeros((len(away_m), 1))], axis=-1)
-    root = _turned(away_m, np.full(len(away_m), -yaw[0])) / _leg_m(positions_m, skeleton)
+    root = turned(away_m, np.full(len(away_m), -yaw[0])) / _leg_m(positions_m, skeleton)
     root[:, 2] = poses.root[:, 2]
-    return Work(Poses(turned, root), fps)
+    return Work(Poses(forward, root), fps)
 
 
 def positions_of(
@@ -127,9 +128,9 @@ def positions_of(
     leg_m = leg_length_m(bone_lengths_m, skeleton)
     positions_m = np.zeros((len(ground_m), skeleton.n_joints, 3))
     root = skeleton.index("pelvis")
-    positions_m[:, root] = _turned(leg_m * poses.root, heading_rad)
+    positions_m[:, root] = turned(leg_m * poses.root, heading_rad)
     positions_m[:, root, :2] += ground_m
-    direction = _turned(poses.direction, heading_rad[:, None])
+    direction = turned(poses.direction, heading_rad[:, None])
     for number, (a, b) in enumerate(skeleton.bones):
         positions_m[:, b] = positions_m[:, a] + bone_lengths_m[number] * direction[:, number]
     return positions_m
@@ -145,7 +146,7 @@ def _poses_of(motion: Motion, skeleton: Skeleton) -> tuple[Poses, Float[np.ndarr
     yaw = gaussian_filter1d(yaw, _YAW_SIGMA_S * fps, mode="nearest")
     start, end = np.array(skeleton.bones).T
     bone_m = positions_m[:, end] - positions_m[:, start]
-    direction = _turned(bone_m / np.linalg.norm(bone_m, axis=-1, keepdims=True), -yaw[:, None])
+    direction = turned(bone_m / np.linalg.norm(bone_m, axis=-1, keepdims=True), -yaw[:, None])
     ankles = [skeleton.index("left_ankle"), skeleton.index("right_ankle")]
     floor_m = gaussian_filter1d(positions_m[:, ankles, 2].min(axis=1), _GROUND_SIGMA_S * fps, mode="nearest") - _ANKLE_M
     root = np.zeros((len(positions_m), 3))
@@ -210,8 +211,3 @@ def _eased(share: Float[np.ndarray, " frame"], turn: float) -> Float[np.ndarray,
 
 def _unit(yaw: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame 2"]:
     return np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
-
-
-def _turned(points: Float[np.ndarray, "*points 3"], angle: np.ndarray) -> Float[np.ndarray, "*points 3"]:
-    x, y, z = np.moveaxis(points, -1, 0)
-    return np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), z], axis=-1)

@@ -11,10 +11,12 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people import Detections, PeopleObservations
 from fgpose.synthetic.bodies import Capsules, hidden_by
 from fgpose.synthetic.crowd_errors import CameraTimes, CrowdErrors, FalsePerson, false_people
-from fgpose.synthetic.crowd_motion import CrowdMotion, stretches
+from fgpose.synthetic.crowd_motion import CrowdMotion
 from fgpose.synthetic.crowd_views import Detected, View, detect
 from fgpose.synthetic.noise import DetectionNoise
 from fgpose.synthetic.occlusion import Occlusion
+from fgpose.synthetic.snapping import stretches
+from fgpose.trajectory import Trajectory, joint_status
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,16 @@ class CrowdScene:
     """(P, J) whether a body or furniture hides the joint from the camera; it may be detected all the same."""
     flipped: tuple[Bool[np.ndarray, " _"], ...]
     """(P,) whether left and right joints are interchanged; the other labels are interchanged with them."""
+
+    def truth(self, time_s: Float[np.ndarray, " frame"]) -> dict[int, Trajectory]:
+        """The true motion of each person at some times, as evaluate_people takes it."""
+        positions_m = positions_at(self.motion, time_s)
+        is_there = np.asarray(np.isfinite(positions_m).all(axis=-1))
+        status = joint_status(is_there, is_there)
+        return {
+            person: Trajectory(self.motion.skeleton, time_s.copy(), positions_m[person].copy(), status[person].copy())
+            for person in range(self.motion.n_people)
+        }
 
 
 def simulate_crowd(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
@@ -15,6 +15,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.synthetic.bodies import Box
 from fgpose.synthetic.body_motion import Gait, Motion, Poses, Work, gait_of, leg_length_m, positions_of, work_of
 from fgpose.synthetic.routes import CrowdPlan, Route, crossing_frames, draw_habits, plan_route
+from fgpose.synthetic.snapping import stretches
 
 MIN_DISTANCE_M = 0.45
 """Between any two pelvises, over the floor."""
@@ -199,12 +200,6 @@ class _Performer:
         from scipy.ndimage import gaussian_filter1d
 
         return gaussian_filter1d(values, sigma_s * self.fps, axis=0, mode="nearest")
-
-
-def stretches(there: Bool[np.ndarray, " frame"]) -> Iterator[tuple[int, int]]:
-    """First frame, and the one after the last, of every stretch."""
-    edges = np.flatnonzero(np.diff(there.astype(int), prepend=0, append=0))
-    yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 
 def _above_legs(skeleton: Skeleton) -> Float[np.ndarray, "bone 1"]:

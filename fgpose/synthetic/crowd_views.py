@@ -71,7 +71,7 @@ def detect(
     is_there = np.concatenate([is_there, is_there & doubled], axis=1) & np.isfinite(points_px).all(axis=-1).any(axis=-1)
     is_flipped = spells(flip_rng, is_there.shape, view.fps, errors.flipped_share, errors.flipped_s)
     hidden = np.tile(view.hider != VISIBLE, (1, 2, 1))
-    flip = np.where(is_flipped[..., None], _mirrored_joints(view.skeleton), np.arange(view.skeleton.n_joints))
+    flip = np.where(is_flipped[..., None], view.skeleton.mirror, np.arange(view.skeleton.n_joints))
     points_px = np.take_along_axis(points_px, flip[..., None], axis=2)
     confidence, joint_of, hidden = (np.take_along_axis(a, flip, axis=2) for a in (confidence, joint_of, hidden))
     return Detected(is_there, points_px, confidence, joint_of, hidden, is_flipped)
@@ -124,7 +124,7 @@ def _hiders_joint_px(
         (view.hider >= 0) & (view.hider != np.arange(view.hider.shape[1])[:, None] % n_people)
     )
     other = view.hider[image, slot, joint]
-    candidates = np.stack([joint, _mirrored_joints(view.skeleton)[joint]], axis=-1)
+    candidates = np.stack([joint, view.skeleton.mirror[joint]], axis=-1)
     at_px = true_px[image[:, None], other[:, None], candidates]
     apart_px = np.linalg.norm(at_px - true_px[image, slot, joint][:, None], axis=-1)
     apart_px = np.where(visible[image[:, None], other[:, None], candidates], apart_px, np.inf)
@@ -140,7 +140,3 @@ def _bias_px(rng: np.random.Generator, view: View, noise: DetectionNoise) -> Flo
     depth_m = view.camera.to_camera_frame(view.seen_m)[..., 2:]
     n_people, n_joints = view.hider.shape[1:]
     return bias_m(rng, (n_people, n_joints), noise) * np.diag(view.camera.K)[:2] / depth_m
-
-
-def _mirrored_joints(skeleton: Skeleton) -> Int[np.ndarray, " joint"]:
-    return np.array([skeleton.mirrored((joint, joint))[0] for joint in range(skeleton.n_joints)])

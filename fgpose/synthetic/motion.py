@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ def walking(n_frames: int, fps: float, skeleton: Skeleton | None = None) -> Floa
     heading = 1.2 * time_s
     on_circle = np.stack([np.sin(heading), -np.cos(heading), 0.9 + 0.015 * np.cos(2 * phase)], axis=-1)
     in_body = np.stack([body[joint] for joint in skeleton.joints], axis=1)
-    return _turned(in_body, heading[:, None]) + on_circle[:, None]
+    return turned(in_body, heading[:, None]) + on_circle[:, None]
 
 
 def _walker(phase: Float[np.ndarray, " frame"]) -> dict[str, Float[np.ndarray, "frame 3"]]:
@@ -49,18 +50,29 @@ def _walker(phase: Float[np.ndarray, " frame"]) -> dict[str, Float[np.ndarray, "
     for side, y, step in (("left", 1.0, phase), ("right", -1.0, phase + np.pi)):
         thigh, knee = 0.45 * np.sin(step), 0.35 + 0.3 * np.cos(step)
         arm, elbow = -0.4 * np.sin(step), 0.35 - 0.15 * np.sin(step)
-        body[f"{side}_hip"] = _turned(at(0.0, 0.09 * y, -0.01), 0.1 * np.sin(phase))
+        body[f"{side}_hip"] = turned(at(0.0, 0.09 * y, -0.01), 0.1 * np.sin(phase))
         body[f"{side}_knee"] = body[f"{side}_hip"] + hanging(thigh, 0.43)
         body[f"{side}_ankle"] = body[f"{side}_knee"] + hanging(thigh - knee, 0.41)
-        body[f"{side}_shoulder"] = body["thorax"] + _turned(at(0.0, 0.17 * y, 0.02), -0.12 * np.sin(phase))
+        body[f"{side}_shoulder"] = body["thorax"] + turned(at(0.0, 0.17 * y, 0.02), -0.12 * np.sin(phase))
         body[f"{side}_elbow"] = body[f"{side}_shoulder"] + hanging(arm, 0.28)
         body[f"{side}_wrist"] = body[f"{side}_elbow"] + hanging(arm + elbow, 0.25)
     return body
 
 
-def _turned(points_m: Float[np.ndarray, "*points 3"], angle: np.ndarray) -> Float[np.ndarray, "*points 3"]:
+def turned(points_m: Float[np.ndarray, "*points 3"], angle: np.ndarray) -> Float[np.ndarray, "*points 3"]:
+    """Turned around the vertical (z) by angles in radians."""
     x, y, z = np.moveaxis(points_m, -1, 0)
     return np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), z], axis=-1)
+
+
+def embedded_motion(clip: str) -> tuple[Float[np.ndarray, "frame joint 3"], float]:
+    """Motion capture that comes with fgpose (skeleton h36m_17; data/mocap_cmu has a README), as motion_from_npz.
+
+    Raises:
+        OSError: there is no such clip.
+    """
+    with resources.as_file(resources.files("fgpose").joinpath("data", "mocap_cmu", f"{clip}.npz")) as path:
+        return motion_from_npz(path)
 
 
 def motion_from_npz(path: str | Path) -> tuple[Float[np.ndarray, "frame joint 3"], float]:

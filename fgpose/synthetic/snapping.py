@@ -29,7 +29,7 @@ def shown_joints(
     # One draw for each detection, of which the first of a stretch counts: streams do not depend on the stretches.
     draws = rng.random(occluded.shape)
     for camera, joint in np.ndindex(n_cameras, n_joints):
-        for start, end in _stretches(occluded[:, camera, joint]):
+        for start, end in stretches(occluded[:, camera, joint]):
             if draws[start, camera, joint] < snap_share:
                 shown[start:end, camera, joint] = _other(
                     joint, skeleton, true_px[start, camera], ~occluded[start, camera]
@@ -37,9 +37,9 @@ def shown_joints(
     return shown
 
 
-def _stretches(hidden: Bool[np.ndarray, " frame"]) -> Iterator[tuple[int, int]]:
+def stretches(on: Bool[np.ndarray, " frame"]) -> Iterator[tuple[int, int]]:
     """First frame, and the one after the last, of every stretch."""
-    edges = np.flatnonzero(np.diff(hidden.astype(int), prepend=0, append=0))
+    edges = np.flatnonzero(np.diff(on.astype(int), prepend=0, append=0))
     yield from zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
 
 

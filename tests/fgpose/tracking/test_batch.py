@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from crowds import crowd, truth_of
+from crowds import crowd
 
 import fgpose
 from fgpose.assessment.people import evaluate_people
@@ -24,7 +24,7 @@ def test_everybody_is_told_apart_and_smoothed(n_people: int, n_cameras: int, tim
     told: list[tuple[int, int]] = []
     people = fgpose.smooth_people(scene.observations, scene.rig, FAST, lambda done, of: told.append((done, of)))
     time_s = people.association.frames.frame_time_s
-    score = evaluate_people(people.trajectories, truth_of(scene, time_s), time_s=time_s)
+    score = evaluate_people(people.trajectories, scene.truth(time_s), time_s=time_s)
     # Who enters or leaves is missed for some frames; the issue of this project asks for 98, 99 and 98 %.
     assert score.recall > 0.97
     assert score.precision > 0.97

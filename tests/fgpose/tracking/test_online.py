@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from crowds import crowd, truth_of
+from crowds import crowd
 
 import fgpose
 from fgpose.assessment.people import evaluate_people
@@ -33,7 +33,7 @@ def test_everybody_is_tracked(scene: CrowdScene):
             estimates.setdefault(tracked.person, []).append(tracked.estimate)
     trajectories = {person: fgpose.Trajectory.from_estimates(own) for person, own in estimates.items()}
     time_s = np.array([images[0].time_s for images in moments(scene)])
-    score = evaluate_people(trajectories, truth_of(scene, time_s), time_s=time_s)
+    score = evaluate_people(trajectories, scene.truth(time_s), time_s=time_s)
     # Confirmed within 0.3 s of 4 s: 93 % at least.
     assert score.recall > 0.92
     assert score.precision > 0.97
@@ -50,7 +50,7 @@ def test_images_one_by_one_are_the_same_people(scene: CrowdScene):
     for image in scene.observations.images[:120]:
         people = tracker.update([image])
     now_s = np.array([scene.observations.images[119].time_s])
-    truth_m = np.stack([true.positions_m[0] for true in truth_of(scene, now_s).values()])
+    truth_m = np.stack([true.positions_m[0] for true in scene.truth(now_s).values()])
     assert len(people) == 2
     positions_m = np.stack([tracked.estimate.positions_m for tracked in people])
     errors_m = np.linalg.norm(positions_m[:, None] - truth_m, axis=-1).mean(axis=-1)
