@@ -165,9 +165,9 @@ class Observations:
         """Whether each camera detected each joint in each frame."""
         return np.asarray(np.isfinite(self.points2d_px).all(axis=-1))
 
-    def frames(self, frames: slice) -> Observations:
+    def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Observations:
         """Some of the frames, as a recording of its own. Raises ValueError when there is none."""
-        if not len(self.points2d_px[frames]):
+        if not len(self.time_s[frames]):
             raise ValueError(f"no frame is left: {frames} of {self.n_frames} frames")
         # Not replace(): what was checked as a whole is not checked again, frame by frame, in a live loop.
         part = object.__new__(Observations)

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool
 
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
-from fgpose.trajectory import Trajectory
+from fgpose.trajectory import Status, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,7 +23,8 @@ class SmoothedPeople:
     """The motion of everybody."""
 
     trajectories: Mapping[int, Trajectory]
-    """By the number of the person, those seen most first; each from the first to the last frame that shows them."""
+    """By the number of the person, those seen most first; each from the first to the last frame that shows them. Where
+    no camera detects them for longer than tracking.coast_s they are away: nothing is known of them then."""
     association: Association
     """Who is who in the images, and every change in the life of a track."""
 
@@ -48,12 +54,46 @@ def smooth_people(
     trajectories: dict[int, Trajectory] = {}
     for person in association.people:
         own = association.of(person)
+        here = present(own, config.tracking.coast_s)
         before = n_done
 
         def told(done: int, _: int, before: int = before) -> None:
             if progress:
                 progress(before + done, n_frames)
 
-        trajectories[person] = smooth(own, association.rig, config, told)
+        smoothed = smooth(own.frames(here), association.rig, config, told)
+        trajectories[person] = _with_absences(smoothed, own, here)
         n_done += own.n_frames
+        if progress:
+            progress(n_done, n_frames)
     return SmoothedPeople(trajectories, association)
+
+
+def present(observations: Observations, coast_s: float) -> Bool[np.ndarray, " frame"]:
+    """The frames in which a person is there: all but those between detections that are farther apart than coast_s."""
+    seen = np.flatnonzero(observations.seen.any(axis=(1, 2)))
+    here = np.ones(observations.n_frames, dtype=bool)
+    for before, after in itertools.pairwise(seen.tolist()):
+        if observations.frame_time_s[after] - observations.frame_time_s[before] > coast_s:
+            here[before + 1 : after] = False
+    return here
+
+
+def _with_absences(trajectory: Trajectory, observations: Observations, here: Bool[np.ndarray, " frame"]) -> Trajectory:
+    """In all frames of the observations, although they were estimated in some of them only."""
+
+    def spread(array: np.ndarray | None, fill: float | Status = np.nan) -> np.ndarray | None:
+        if array is None:
+            return None
+        whole = np.full((len(here), *array.shape[1:]), fill, dtype=array.dtype)
+        whole[here] = array
+        return whole
+
+    arrays = {name: spread(getattr(trajectory, name)) for name in ("covariance_m2", "residual_px", "visibility")}
+    return replace(
+        trajectory,
+        time_s=observations.frame_time_s,
+        positions_m=spread(trajectory.positions_m),
+        status=spread(trajectory.status, Status.UNOBSERVABLE),
+        **arrays,
+    )
