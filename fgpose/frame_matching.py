@@ -33,6 +33,15 @@ class MatchedFrames:
         """One time per frame: the mean over the cameras where they differ."""
         return self.time_s if self.time_s.ndim == 1 else np.nanmean(self.time_s, axis=1)
 
+    def subset(self, cameras: Sequence[int]) -> MatchedFrames:
+        """All frames, with the images of some of the cameras. A frame without any of them keeps its time."""
+        if self.time_s.ndim == 1:
+            return MatchedFrames(self.time_s, self.image[:, cameras])
+        time_s = self.time_s[:, cameras]
+        empty = np.isnan(time_s).all(axis=1)
+        time_s[empty] = self.frame_time_s[empty, None]
+        return MatchedFrames(time_s, self.image[:, cameras])
+
 
 def match_frames(times_s: Sequence[Float[np.ndarray, " _images"]]) -> MatchedFrames:
     """Frames at the times of the fastest camera's images; a slower camera has no image in some of them.

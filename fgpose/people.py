@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
@@ -129,6 +129,8 @@ class PeopleObservations:
     camera_names: tuple[str, ...]
     images: tuple[Detections, ...] = field(repr=False)
     """In the order of time; of one time in the order of the cameras."""
+    given_frames: MatchedFrames | None = field(default=None, repr=False)
+    """Which images belong together, where their source says it; see frames."""
 
     def __post_init__(self) -> None:
         number = {name: c for c, name in enumerate(self.camera_names)}
@@ -152,6 +154,11 @@ class PeopleObservations:
                 raise ValueError(f"{image}: the camera has two images at this time")
             before[image.camera] = image.time_s
 
+    @cached_property
+    def frames(self) -> MatchedFrames:
+        """Which images belong together: as given, else those of about the same time (see match_frames)."""
+        return self.given_frames or match_frames([self.times_s(name) for name in self.camera_names])
+
     @staticmethod
     def of_frames(
         skeleton: Skeleton,
@@ -167,8 +174,8 @@ class PeopleObservations:
         Args:
             time_s: of every frame, or of every image; NaN: no image.
         """
-        time_s = np.array(time_s, dtype=float)
-        time_s = time_s if time_s.ndim == 2 else np.repeat(time_s[:, None], len(camera_names), axis=1)
+        frame_time_s = np.array(time_s, dtype=float)
+        time_s = frame_time_s if frame_time_s.ndim == 2 else np.repeat(frame_time_s[:, None], len(camera_names), axis=1)
         is_there = np.asarray(np.isfinite(points2d_px).all(axis=-1).any(axis=-1))
         images = []
         for t, c in np.argwhere(np.isfinite(time_s)).tolist():
@@ -176,7 +183,8 @@ class PeopleObservations:
             in_3d = (None if array is None else array[t, c][here] for array in (points3d_m, covariance3d_m2))
             of_image = points2d_px[t, c][here], confidence[t, c][here], *in_3d
             images.append(Detections(camera_names[c], float(time_s[t, c]), *of_image))
-        return PeopleObservations(skeleton, tuple(camera_names), tuple(images))
+        image = np.where(np.isfinite(time_s), np.cumsum(np.isfinite(time_s), axis=0) - 1, NO_IMAGE)
+        return PeopleObservations(skeleton, tuple(camera_names), tuple(images), MatchedFrames(frame_time_s, image))
 
     @staticmethod
     def of_one(observations: Observations) -> PeopleObservations:
@@ -187,12 +195,14 @@ class PeopleObservations:
             observations.skeleton, observations.camera_names, observations.time_s, **arrays
         )
 
-    def only(self, frames: MatchedFrames) -> Seen:
-        """Where no image shows more than one: that person.
+    @property
+    def n_most(self) -> int:
+        """People in the image that shows most."""
+        return max(image.n_people for image in self.images)
 
-        Args:
-            frames: which images belong together.
-        """
+    def only(self) -> Seen:
+        """Where no image shows more than one: that person."""
+        frames = self.frames
         seen = Seen.nothing(len(frames.image), len(self.camera_names), self.skeleton.n_joints)
         seen.joint[:] = np.arange(self.skeleton.n_joints)
         for c, name in enumerate(self.camera_names):
@@ -201,19 +211,14 @@ class PeopleObservations:
             seen.detection[frame[n_people[frames.image[frame, c]] > 0], c] = 0
         return seen
 
-    def of_person(self, frames: MatchedFrames, seen: Seen) -> Observations:
-        """What the cameras saw of one person.
-
-        Args:
-            frames: which images belong together, those of seen.
-            seen: which detections are theirs.
-        """
-        detection, joint = seen.detection, seen.joint
+    def of_person(self, seen: Seen) -> Observations:
+        """What the cameras saw of one person, in the frames of seen."""
+        detection, joint, image = seen.detection, seen.joint, self.frames.image[seen.frames]
 
         def values(name: str, shape: tuple[int, ...]) -> np.ndarray:
             picked = np.full((*detection.shape, *shape), np.nan)
             for t, c in np.argwhere((detection != NOBODY).any(axis=-1)).tolist():
-                array = getattr(self.by_camera[self.camera_names[c]][frames.image[t, c]], name)
+                array = getattr(self.by_camera[self.camera_names[c]][image[t, c]], name)
                 known = detection[t, c] != NOBODY
                 if array is not None:
                     picked[t, c, known] = array[detection[t, c, known], joint[t, c, known]]
@@ -224,7 +229,7 @@ class PeopleObservations:
         )
         return Observations(
             skeleton=self.skeleton,
-            time_s=frames.time_s,
+            time_s=self.frames.time_s[seen.frames],
             points2d_px=values("points2d_px", (2,)),
             confidence=np.nan_to_num(values("confidence", ())),
             points3d_m=values("points3d_m", (3,)) if has_3d else None,
@@ -238,7 +243,9 @@ class PeopleObservations:
         if unknown:
             raise ValueError(f"the recording has no camera {', '.join(unknown)}, only {', '.join(self.camera_names)}")
         images = tuple(image for image in self.images if image.camera in camera_names)
-        return PeopleObservations(self.skeleton, tuple(camera_names), images)
+        kept = [self.camera_names.index(name) for name in camera_names]
+        frames = None if self.given_frames is None else self.given_frames.subset(kept)
+        return PeopleObservations(self.skeleton, tuple(camera_names), images, frames)
 
     @cached_property
     def by_camera(self) -> dict[str, list[Detections]]:

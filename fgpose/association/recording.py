@@ -13,7 +13,7 @@ from fgpose.association.look_back import look_back
 from fgpose.association.moment import Moment
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import TrackEvent
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
@@ -29,7 +29,6 @@ class Association:
 
     observations: PeopleObservations
     rig: CameraRig
-    frames: MatchedFrames
     people: Mapping[int, Seen]
     """By the number of the person, those seen most first."""
     events: tuple[TrackEvent, ...]
@@ -41,13 +40,16 @@ class Association:
         Raises:
             KeyError: there is no such person.
         """
-        seen = self.people[person]
-        frames = MatchedFrames(self.frames.time_s[seen.frames], self.frames.image[seen.frames])
-        return self.observations.of_person(frames, seen)
+        return self.observations.of_person(self.people[person])
 
     def in_all_frames(self, person: int) -> Observations:
         """What the cameras saw of one person in the whole recording. Raises KeyError if there is no such person."""
-        return self.observations.of_person(self.frames, self.people[person].in_frames(len(self.frames.image)))
+        return self.observations.of_person(self.people[person].in_frames(len(self.frames.image)))
+
+    @property
+    def frames(self) -> MatchedFrames:
+        """Which images belong together."""
+        return self.observations.frames
 
     @cached_property
     def n_unused(self) -> int:
@@ -64,23 +66,21 @@ def associate(
     rig: CameraRig,
     config: TrackingConfig | None = None,
     progress: Progress | None = None,
-    frames: MatchedFrames | None = None,
 ) -> Association:
     """Follow everybody through all images of a recording.
 
-    Images of different cameras that belong together make a frame (see match_frames), each at its own time.
+    Images of different cameras that belong together make a frame (see PeopleObservations.frames), each at its own time.
 
     Args:
         observations: of the rig's cameras, or some of them.
         rig: the cameras.
         config: how people are told apart.
         progress: told after every frame.
-        frames: which images belong together; by default those of about the same time.
 
     Raises:
         ValueError: a camera of the observations is not in the rig.
     """
-    recording = _Frames.of(observations, rig.subset(observations.camera_names), frames)
+    recording = _Frames(rig.subset(observations.camera_names), observations.frames, observations.by_camera)
     follower = Follower(recording.rig, observations.skeleton, config)
     seen: dict[int, list[_OfImage]] = {}
     first: dict[int, tuple[int, PoseFilters]] = {}
@@ -106,7 +106,7 @@ def associate(
         by_person.setdefault(person, []).extend(seen.get(track, []))
     people = {person: _joined(own, recording.rig.n_cameras) for person, own in by_person.items() if own}
     ordered = dict(sorted(people.items(), key=lambda item: -recording.confidence(item[1])))
-    return Association(observations, recording.rig, recording.frames, ordered, tuple(follower.events))
+    return Association(observations, recording.rig, ordered, tuple(follower.events))
 
 
 _OfImage = tuple[int, int, np.ndarray, np.ndarray]
@@ -120,11 +120,6 @@ class _Frames:
     rig: CameraRig
     frames: MatchedFrames
     images: dict[str, list[Detections]]
-
-    @staticmethod
-    def of(observations: PeopleObservations, rig: CameraRig, frames: MatchedFrames | None) -> _Frames:
-        frames = frames or match_frames([observations.times_s(name) for name in rig.names])
-        return _Frames(rig, frames, observations.by_camera)
 
     def __len__(self) -> int:
         return len(self.frames.image)

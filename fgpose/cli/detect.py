@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.geometry.camera import CameraRig
-    from fgpose.monocular.detected import Detected, PersonRegion
+    from fgpose.monocular.detected import Detected
     from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
@@ -43,7 +42,6 @@ _REGION = (
     "The wanted person: a box in the first image of a camera, pixels. Give more than 1 to --people then. By default "
     "the person who is seen most."
 )
-_REGION_PATTERN = re.compile(r"(?P<camera>.+):(?P<numbers>[^:]+)")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,10 +81,11 @@ class VideoOptions:
 
     def detect(self, console: Console) -> Detected:
         """All people in all images, with a progress bar. Everything is checked before the work begins."""
+        from fgpose.association.chosen_person import PersonRegion
         from fgpose.monocular.detection import detect
 
         _quieten_decoder()
-        region = None if self.person_region is None else parse_region(self.person_region)
+        region = None if self.person_region is None else PersonRegion.parse(self.person_region)
         sources, cache = self._open(), self._cache_folder()
         if region is not None:
             sources.rig.subset([region.camera])
@@ -112,9 +111,10 @@ class VideoOptions:
 
     def wanted(self, detected: Detected, console: Console) -> FlipCorrection:
         """The wanted person as each camera saw them, with left and right corrected; prints what was found."""
+        from fgpose.association.chosen_person import PersonRegion
         from fgpose.monocular.flips import correct_flips
 
-        region = None if self.person_region is None else parse_region(self.person_region)
+        region = None if self.person_region is None else PersonRegion.parse(self.person_region)
         followed = detected.follow(0 if region is None else region)
         observations = followed.observations
         if self.frames is not None and self.frames < observations.n_frames:
@@ -180,23 +180,6 @@ class Detect(VideoOptions):
 
         outputs.check((), (self.rig,), calibration=True)
         save_rig(rig, outputs.calibration)
-
-
-def parse_region(text: str) -> PersonRegion:
-    """CAMERA:X,Y,W,H as a region. Raises ValueError if it is something else."""
-    from fgpose.monocular.detected import PersonRegion
-
-    match = _REGION_PATTERN.fullmatch(text)
-    try:
-        assert match is not None
-        x_px, y_px, width_px, height_px = (float(number) for number in match["numbers"].split(","))
-        if not (np.isfinite([x_px, y_px]).all() and width_px > 0 and height_px > 0):
-            raise ValueError
-    except (AssertionError, ValueError):
-        raise ValueError(
-            f"--person-region is CAMERA:X,Y,W,H, in pixels, as cam01:400,200,300,900; got {text!r}"
-        ) from None
-    return PersonRegion(match["camera"], x_px, y_px, width_px, height_px)
 
 
 def print_detected(console: Console, detected: Detected, cache: Path | None) -> None:

@@ -6,41 +6,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Int, Shaped
 
-from fgpose.association.main_person import associate_somehow
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
+from fgpose.association.chosen_person import PersonRegion, chosen_person
+from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
-from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
+from fgpose.people import NOBODY, Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
-
-# The person of a region has at least this share of its joints in it.
-_MIN_INSIDE = 0.5
-
-
-@dataclass(frozen=True)
-class PersonRegion:
-    """Where the wanted person is in the first image of one camera."""
-
-    camera: str
-    x_px: float
-    y_px: float
-    width_px: float
-    height_px: float
-
-    def __str__(self) -> str:
-        numbers = ",".join(f"{value:g}" for value in (self.x_px, self.y_px, self.width_px, self.height_px))
-        return f"{self.camera}:{numbers}"
-
-    def share_inside(self, points2d_px: Float[np.ndarray, "person joint 2"]) -> Float[np.ndarray, " person"]:
-        """Share of each person's known joints that lie in the region."""
-        corner_px, size_px = np.array([self.x_px, self.y_px]), np.array([self.width_px, self.height_px])
-        inside = ((points2d_px >= corner_px) & (points2d_px <= corner_px + size_px)).all(axis=-1)
-        known = np.isfinite(points2d_px).all(axis=-1)
-        return inside.sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +47,10 @@ class Detected:
     def n_images(self) -> int:
         return sum(view.n_images for view in self.views)
 
-    @cached_property
+    @property
     def frames(self) -> MatchedFrames:
         """Which images belong together. Raises ValueError if no image was looked at."""
-        pairs = zip(self.sources.clips, self.views, strict=True)
-        return match_frames([clip.times_s(view.stamps_s) for clip, view in pairs])
+        return self.people.frames
 
     def observations(self, person: int | PersonRegion = 0) -> Observations:
         """What the cameras saw of one person, see follow."""
@@ -109,10 +83,7 @@ class Detected:
         return PeopleObservations(self.skeleton, self.rig.names, tuple(images))
 
     def follow(self, person: int | PersonRegion = 0) -> FollowedPerson:
-        """What the cameras saw of one person.
-
-        People are followed through views and frames together, see associate; not needed where no image shows more than
-        one.
+        """What the cameras saw of one person, see chosen_person.
 
         Args:
             person: 0 for the one who is seen most, 1 for the next, ...; or the one in a region.
@@ -120,25 +91,8 @@ class Detected:
         Raises:
             ValueError: there is no such person, or no image was looked at.
         """
-        seen = self._seen(person)
-        observations = self.people.of_person(self.frames, seen)
-        return FollowedPerson(observations, self._problems(seen.main_detection))
-
-    def _seen(self, person: int | PersonRegion) -> Seen:
-        if person == 0 and all(image.n_people <= 1 for image in self.people.images):
-            return self.people.only(self.frames)
-        association = associate_somehow(self.people, self.rig, self.frames)
-        n_frames = len(self.frames.image)
-        everybody = [seen.in_frames(n_frames) for seen in association.people.values()]
-        if isinstance(person, PersonRegion):
-            frame, camera, candidate = self._in_region(person)
-            wanted = [seen for seen in everybody if (seen.detection[frame, camera] == candidate).any()]
-            if not wanted:
-                raise ValueError(f"region {person}: no other camera agrees on the person who is there")
-            return wanted[0]
-        if not 0 <= person < len(everybody):
-            raise ValueError(f"there is no person {person}: {len(everybody)} were found, counted from 0")
-        return everybody[person]
+        seen = chosen_person(self.people, self.rig, person)
+        return FollowedPerson(self.people.of_person(seen), self._problems(seen.main_detection))
 
     def _problems(self, chosen: Int[np.ndarray, "frame camera"]) -> Shaped[np.ndarray, "frame camera"]:
         problems = np.full(chosen.shape, "", dtype=object)
@@ -146,28 +100,3 @@ class Detected:
         for t, c in np.argwhere(chosen != NOBODY).tolist():
             problems[t, c] = people[c][self.frames.image[t, c]].problems[chosen[t, c]]
         return problems
-
-    def _in_region(self, region: PersonRegion) -> tuple[int, int, int]:
-        """Frame, camera and detection that a region means. Raises ValueError if nobody is there."""
-        self.rig.subset([region.camera])
-        camera = self.rig.names.index(region.camera)
-        with_image = np.flatnonzero(self.frames.image[:, camera] != NO_IMAGE)
-        if not with_image.size:
-            raise ValueError(f"region {region}: camera {region.camera} has no image")
-        frame = int(with_image[0])
-        points2d_px = self.people.by_camera[region.camera][self.frames.image[frame, camera]].points2d_px
-        share = region.share_inside(points2d_px)
-        best = int(np.argmax(share)) if len(share) else NOBODY
-        if best == NOBODY or share[best] < _MIN_INSIDE:
-            people = [points_px for points_px in points2d_px if np.isfinite(points_px).any()]
-            places = "; ".join(",".join(f"{value:.0f}" for value in _box(points_px)) for points_px in people)
-            raise ValueError(
-                f"region {region}: nobody is there in the first image of {region.camera}; "
-                + (f"people are at X,Y,W,H = {places}" if people else "nobody is in the whole image")
-            )
-        return frame, camera, best
-
-
-def _box(points_px: Float[np.ndarray, "joint 2"]) -> tuple[float, float, float, float]:
-    corner, size = np.nanmin(points_px, axis=0), np.nanmax(points_px, axis=0) - np.nanmin(points_px, axis=0)
-    return float(corner[0]), float(corner[1]), float(size[0]), float(size[1])

@@ -12,12 +12,11 @@ import numpy as np
 import pytest
 
 import fgpose
+from fgpose.association.chosen_person import PersonRegion
 from fgpose.cli import main
-from fgpose.cli.detect import parse_region
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations
 from fgpose.io.trajectories import load_trajectory
-from fgpose.monocular.detected import PersonRegion
 from fgpose.monocular.network import Image, People, Tracker
 
 if TYPE_CHECKING:
@@ -428,11 +427,11 @@ def test_without_weights_and_without_a_registry_the_message_says_what_to_do(
 )
 def test_a_region_that_is_none(text: str) -> None:
     with pytest.raises(ValueError, match=re.escape(repr(text))):
-        parse_region(text)
+        PersonRegion.parse(text)
 
 
 def test_a_region() -> None:
-    assert parse_region("hall:cam 1:-10,2.5,30,40") == PersonRegion("hall:cam 1", -10.0, 2.5, 30.0, 40.0)
+    assert PersonRegion.parse("hall:cam 1:-10,2.5,30,40") == PersonRegion("hall:cam 1", -10.0, 2.5, 30.0, 40.0)
 
 
 def test_a_real_network_with_files_of_ones_own_is_told_apart(tmp_path: Path) -> None:

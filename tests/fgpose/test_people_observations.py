@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
+from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.observations import Observations
 from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
 from fgpose.skeleton import Skeleton
@@ -98,7 +98,7 @@ def test_frames_of_the_recording_before_and_after_are_empty():
     np.testing.assert_array_equal(whole.joint[seen.frames], seen.joint)
 
 
-def two_frames(n_people: list[list[int]]) -> tuple[PeopleObservations, MatchedFrames]:
+def two_frames(n_people: list[list[int]]) -> PeopleObservations:
     """So many people in the images of each frame, of cameras a and b; -1: no image."""
     rng, images, number = np.random.default_rng(0), [], np.full((len(n_people), 2), NO_IMAGE)
     for t, of_frame in enumerate(n_people):
@@ -107,13 +107,13 @@ def two_frames(n_people: list[list[int]]) -> tuple[PeopleObservations, MatchedFr
                 number[t, c] = sum(image.camera == "ab"[c] for image in images)
                 images.append(Detections("ab"[c], 0.1 * t, rng.uniform(0, 100, (n, 3, 2)), np.full((n, 3), 0.5)))
     frames = MatchedFrames(0.1 * np.arange(len(n_people)), number)
-    return PeopleObservations(BODY, ("a", "b"), tuple(images)), frames
+    return PeopleObservations(BODY, ("a", "b"), tuple(images), frames)
 
 
 def test_the_only_person_is_in_every_image_that_shows_one():
-    people, frames = two_frames([[1, 0], [-1, 1], [1, 1]])
-    np.testing.assert_array_equal(people.only(frames).main_detection, [[0, NOBODY], [NOBODY, 0], [0, 0]])
-    observations = people.of_person(frames, people.only(frames))
+    people = two_frames([[1, 0], [-1, 1], [1, 1]])
+    np.testing.assert_array_equal(people.only().main_detection, [[0, NOBODY], [NOBODY, 0], [0, 0]])
+    observations = people.of_person(people.only())
     np.testing.assert_array_equal(observations.points2d_px[0, 0], people.images[0].points2d_px[0])
     np.testing.assert_array_equal(
         (observations.confidence > 0).all(axis=-1), [[True, False], [False, True], [True] * 2]
@@ -122,9 +122,9 @@ def test_the_only_person_is_in_every_image_that_shows_one():
 
 def test_joints_of_a_person_come_from_the_detections_that_are_theirs():
     """Of camera a two joints of the second detection, exchanged, and one of the first; of camera b none."""
-    people, frames = two_frames([[2, 1]])
+    people = two_frames([[2, 1]])
     seen = Seen(0, np.array([[[1, 1, 0], [NOBODY] * 3]]), np.array([[[1, 0, 2], [0, 1, 2]]]))
-    observations = people.of_person(frames, seen)
+    observations = people.of_person(seen)
     points2d_px = people.by_camera["a"][0].points2d_px
     np.testing.assert_array_equal(
         observations.points2d_px[0, 0], [points2d_px[1, 1], points2d_px[1, 0], points2d_px[0, 2]]
@@ -144,14 +144,13 @@ def test_one_person_there_and_back():
     one = Observations(BODY, 0.1 * np.arange(4), points2d_px, confidence, points3d_m, ("a", "b"), covariance3d_m2)
     people = PeopleObservations.of_one(one)
     assert len(people.images) == 8
-    frames = match_frames([people.times_s(name) for name in people.camera_names])
-    back = people.of_person(frames, people.only(frames))
+    back = people.of_person(people.only())
     for name in ("time_s", "points2d_px", "confidence", "points3d_m", "covariance3d_m2"):
         np.testing.assert_allclose(getattr(back, name), getattr(one, name))
 
 
 def test_a_subset_has_the_images_of_its_cameras():
-    people, _ = two_frames([[1, 2], [1, 1]])
+    people = two_frames([[1, 2], [1, 1]])
     subset = people.subset(["b"])
     assert subset.camera_names == ("b",)
     assert [each.n_people for each in subset.images] == [2, 1]

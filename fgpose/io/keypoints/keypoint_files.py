@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from fgpose.association.main_person import main_person
+from fgpose.association.chosen_person import main_person
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
@@ -69,17 +69,9 @@ def load_observations(
     _check_options(path, fps, person, points3d_frame, points3d_unit)
     if recording_files.is_recording(path):
         return recording_files.read(path, rig, skeleton)
-    cameras = _read_cameras(path, skeleton)
+    people = _read_people(path, rig, skeleton, person, fps, points3d_frame, points3d_unit)
     try:
-        own, fps = _in_order(cameras, rig), _needed(fps)
-        frames = _matched_frames(own, rig, fps)
-        index = 0 if person == "consistent" and _most(own) <= 1 else person
-        if isinstance(index, int):
-            own = _only(own, index)
-        people = _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
-        return (
-            main_person(people, rig, frames) if index == "consistent" else people.of_person(frames, people.only(frames))
-        )
+        return main_person(people, rig)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -101,10 +93,23 @@ def load_people(
     _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
     if recording_files.is_recording(path):
         return PeopleObservations.of_one(recording_files.read(path, rig, skeleton))
+    return _read_people(path, rig, skeleton, "consistent", fps, points3d_frame, points3d_unit)
+
+
+def _read_people(
+    path: Path,
+    rig: CameraRig,
+    skeleton: Skeleton,
+    person: Person,
+    fps: float | None,
+    points3d_frame: Points3dFrame,
+    points3d_unit: Points3dUnit,
+) -> PeopleObservations:
+    """Everybody, or one entry of every image."""
     cameras = _read_cameras(path, skeleton)
     try:
         own, fps = _in_order(cameras, rig), _needed(fps)
-        _frame_numbers(own, rig)
+        own = _only(own, person) if isinstance(person, int) else own
         return _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -218,6 +223,7 @@ def _people(
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
 ) -> PeopleObservations:
+    frames_of_file = _matched_frames(cameras, rig, fps)
     images = []
     for view, frames in zip(rig.cameras, cameras, strict=True):
         for frame, found in frames.items():
@@ -226,7 +232,7 @@ def _people(
                 points3d = points3d * _METRES[points3d_unit]
                 points3d = view.to_world_frame(points3d) if points3d_frame == "camera" else points3d
             images.append(Detections(view.name, frame / fps, found.points2d_px, found.confidence, points3d))
-    return PeopleObservations(skeleton, rig.names, tuple(images))
+    return PeopleObservations(skeleton, rig.names, tuple(images), frames_of_file)
 
 
 def _matched_frames(cameras: list[CameraDetections], rig: CameraRig, fps: float) -> MatchedFrames:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.association.main_person import associate_somehow
+from fgpose.association.chosen_person import associate_somehow
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY, PeopleObservations
 from fgpose.skeleton import Skeleton

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rooms import FPS, body_m, image
 
-from fgpose.association.main_person import associate_somehow, main_person
+from fgpose.association.chosen_person import associate_somehow, main_person
 from fgpose.association.recording import associate
 from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import CameraRig
@@ -115,7 +117,7 @@ def test_frames_in_which_no_camera_has_an_image(rig: CameraRig, skeleton: Skelet
     usual = associate(people, rig).frames
     number, time_s = usual.image.copy(), usual.time_s
     number[10] = NOBODY
-    association = associate(people, rig, frames=MatchedFrames(time_s, number))
+    association = associate(replace(people, given_frames=MatchedFrames(time_s, number)), rig)
     detection = association.people[0].main_detection
     assert (detection[10] == NOBODY).all()
     assert (np.delete(detection, 10, axis=0) == 0).all()

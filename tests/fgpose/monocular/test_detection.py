@@ -10,7 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
-from fgpose.monocular.detected import Detected, PersonRegion
+from fgpose.association.chosen_person import PersonRegion
+from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.sources import Sources, open_sources
 from fgpose.observations import Observations
