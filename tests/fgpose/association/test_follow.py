@@ -376,6 +376,7 @@ def test_the_end_confirms_nobody_against_whom_images_tell(
     assert people_of(follower) == []
 
 
+@pytest.mark.slow
 def test_the_state_does_not_grow(skeleton: Skeleton) -> None:
     """Each of 1,000 moments stands for a tenth of a second: people come and go, and are forgotten after 20 s."""
     rig = ring_rig(2)

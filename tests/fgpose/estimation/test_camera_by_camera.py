@@ -176,6 +176,7 @@ def test_other_motion_models(model: Literal["none", "random_walk"], scene: Scene
         assert observed.mean() > 0.8
 
 
+@pytest.mark.slow
 def test_a_late_image_leaves_what_is_known_of_the_others(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     """One camera hallucinates a joint for 0.4 s; another is 0.36 s late, older than what is revised."""
     n_frames, late, joint = 60, 18, 5

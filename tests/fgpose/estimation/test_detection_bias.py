@@ -145,6 +145,7 @@ def biased_scene(rig: CameraRig, skeleton: Skeleton) -> tuple[Scene, Float[np.nd
     return replace(scene, observations=observations), bias_m
 
 
+@pytest.mark.slow
 def test_joints_do_not_jump_when_a_biased_camera_loses_them(rig: CameraRig, skeleton: Skeleton) -> None:
     """Batch and online: nearer to the truth, and less of the error changes with who sees the joint."""
     scene, _ = biased_scene(rig, skeleton)

@@ -357,7 +357,7 @@ def test_online_a_hallucination_loses_its_weight(rig: fgpose.CameraRig, skeleton
     assert error_mm("markov") < 0.75 * error_mm("none")
 
 
-@pytest.mark.parametrize("online", [False, True])
+@pytest.mark.parametrize("online", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_joint_that_one_camera_sees_is_predicted(rig: CameraRig, skeleton: Skeleton, online: bool) -> None:
     """Three of four views hallucinate the right wrist for a second, each somewhere else."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_01_short.npz")
@@ -380,7 +380,7 @@ def test_a_joint_that_one_camera_sees_is_predicted(rig: CameraRig, skeleton: Ske
     assert found.observed[:, others].mean() > 0.98
 
 
-@pytest.mark.parametrize("online", [False, True])
+@pytest.mark.parametrize("online", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_joint_that_every_camera_hallucinates_is_given_up(rig: CameraRig, skeleton: Skeleton, online: bool) -> None:
     """Four views are 150 px off, each in another direction, with a confidence of 0.02, for two seconds."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")

@@ -25,6 +25,7 @@ def scene() -> CrowdScene:
     return crowd(2, 4, 4.0, 1)
 
 
+@pytest.mark.slow
 def test_everybody_is_tracked(scene: CrowdScene):
     tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
     estimates: dict[int, list[fgpose.Estimate]] = {}
@@ -44,6 +45,7 @@ def test_everybody_is_tracked(scene: CrowdScene):
     assert tracker.events() == []
 
 
+@pytest.mark.slow
 def test_images_one_by_one_are_the_same_people(scene: CrowdScene):
     tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
     people: list[fgpose.Tracked] = []
