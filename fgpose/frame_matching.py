@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.sampling import nearest
+from fgpose.sampling import mean_times_s, nearest
 
 NO_IMAGE = -1
 
@@ -31,7 +31,7 @@ class MatchedFrames:
     @property
     def frame_time_s(self) -> Float[np.ndarray, " frame"]:
         """One time per frame: the mean over the cameras where they differ."""
-        return self.time_s if self.time_s.ndim == 1 else np.nanmean(self.time_s, axis=1)
+        return self.time_s if self.time_s.ndim == 1 else mean_times_s(self.time_s)
 
     def subset(self, cameras: Sequence[int]) -> MatchedFrames:
         """All frames, with the images of some of the cameras. A frame without any of them keeps its time."""
@@ -94,4 +94,4 @@ def _shared_if_same(own_time_s: np.ndarray, clock_s: np.ndarray) -> np.ndarray:
     if np.nanmax(deviation_s) <= _SAME_TIME_S:
         return clock_s
     # Where dropped images leave frames closer together than usual, means of different cameras may change places.
-    return own_time_s if (np.diff(np.nanmean(own_time_s, axis=1)) > 0).all() else clock_s
+    return own_time_s if (np.diff(mean_times_s(own_time_s)) > 0).all() else clock_s

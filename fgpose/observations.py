@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.sampling import mean_times_s
 from fgpose.skeleton import Skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
@@ -133,7 +134,7 @@ class Observations:
         time_s = np.array(self.time_s, dtype=float)
         if time_s.shape not in ((n_frames,), (n_frames, n_cameras)):
             raise ValueError(f"time_s must be ({n_frames},) or ({n_frames}, {n_cameras}), got {time_s.shape}")
-        frame_time_s = time_s if time_s.ndim == 1 else _mean_time(time_s)
+        frame_time_s = time_s if time_s.ndim == 1 else mean_times_s(time_s)
         infinite = np.isinf(time_s).reshape(n_frames, -1).any(axis=1)
         bad = np.flatnonzero(infinite | np.isnan(frame_time_s))
         if bad.size:
@@ -158,7 +159,7 @@ class Observations:
     @cached_property
     def frame_time_s(self) -> Float[np.ndarray, " frame"]:
         """One time per frame: the mean over the cameras where each has its own clock."""
-        return self.time_s if self.time_s.ndim == 1 else _mean_time(self.time_s)
+        return self.time_s if self.time_s.ndim == 1 else mean_times_s(self.time_s)
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, "frame camera joint"]:
@@ -264,12 +265,3 @@ def _positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.nda
 
 def _default_names(n_cameras: int) -> tuple[str, ...]:
     return tuple(f"cam_{camera}" for camera in range(n_cameras))
-
-
-def _mean_time(time_s: np.ndarray) -> np.ndarray:
-    """Mean of what is known; of equal times exactly that."""
-    known = np.isfinite(time_s)
-    counts = known.sum(axis=1)
-    first_s = np.where(known, time_s, np.inf).min(axis=1, initial=np.inf)
-    later_s = np.where(known, time_s - first_s[:, None], 0.0).sum(axis=1)
-    return np.where(counts > 0, first_s + later_s / np.maximum(counts, 1), np.nan)

@@ -81,6 +81,10 @@ class Detections:
         return len(self.points2d_px)
 
 
+SeenInImage = tuple[int, int, np.ndarray, np.ndarray]
+"""Frame, camera, and for every joint of a person the number of the detection and that of its joint."""
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """Which joint of which detection is which joint of a person, from the first to the last frame that shows them."""
@@ -101,6 +105,16 @@ class Seen:
         """Of nobody."""
         shape = (n_frames, n_cameras, n_joints)
         return Seen(0, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
+
+    @staticmethod
+    def of_images(images: Sequence[SeenInImage], n_cameras: int) -> Seen:
+        """From all images that show somebody, at least one."""
+        first = min(t for t, *_ in images)
+        shape = (max(t for t, *_ in images) + 1 - first, n_cameras, len(images[0][2]))
+        seen = Seen(first, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
+        for t, c, detection, joint in images:
+            seen.detection[t - first, c], seen.joint[t - first, c] = detection, joint
+        return seen
 
     @property
     def main_detection(self) -> Int[np.ndarray, "frame camera"]:
@@ -246,6 +260,14 @@ class PeopleObservations:
         kept = [self.camera_names.index(name) for name in camera_names]
         frames = None if self.given_frames is None else self.given_frames.subset(kept)
         return PeopleObservations(self.skeleton, tuple(camera_names), images, frames)
+
+    def first_frames(self, n_frames: int) -> PeopleObservations:
+        """The images of the first frames. Raises ValueError if there is none."""
+        image = self.frames.image[:n_frames]
+        n_images = dict(zip(self.camera_names, image.max(axis=0, initial=NO_IMAGE) + 1, strict=True))
+        kept = [image for name, images in self.by_camera.items() for image in images[: n_images[name]]]
+        frames = MatchedFrames(self.frames.time_s[:n_frames], image)
+        return PeopleObservations(self.skeleton, self.camera_names, tuple(kept), frames)
 
     @cached_property
     def by_camera(self) -> dict[str, list[Detections]]:

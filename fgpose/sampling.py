@@ -30,3 +30,12 @@ def nearest(times_s: Float[np.ndarray, " time"], others_s: Float[np.ndarray, " o
 def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
     """Frames spread evenly over a long recording; all of a short one."""
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))
+
+
+def mean_times_s(time_s: Float[np.ndarray, "frame camera"]) -> Float[np.ndarray, " frame"]:
+    """One time per frame: the mean of what is known, of equal times exactly that; NaN where nothing is."""
+    known = np.isfinite(time_s)
+    counts = known.sum(axis=1)
+    first_s = np.where(known, time_s, np.inf).min(axis=1, initial=np.inf)
+    later_s = np.where(known, time_s - first_s[:, None], 0.0).sum(axis=1)
+    return np.where(counts > 0, first_s + later_s / np.maximum(counts, 1), np.nan)

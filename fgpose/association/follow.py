@@ -99,7 +99,9 @@ class Follower:
     With one camera alone the distance of people is a guess by their size: where they are in its image is followed.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: TrackingConfig | None = None) -> None:
+    def __init__(
+        self, rig: CameraRig, skeleton: Skeleton, config: TrackingConfig | None = None, lost: Lost | None = None
+    ) -> None:
         self._rig, self._skeleton, self._config = rig, skeleton, config or TrackingConfig()
         self._n_agreeing = min(2, rig.n_cameras)
         """So many cameras must agree on somebody."""
@@ -108,7 +110,7 @@ class Follower:
         self._free: dict[str, Moment] = {}
         """Of each camera the detections in its newest image that are nobody's."""
         self._n_tracks = self._n_people = 0
-        self._lost = Lost(self._config.forget_s)
+        self._lost = Lost(self._config.forget_s) if lost is None else lost
         self.person_of_track: dict[int, int] = {}
         """Who each track is that was ever confirmed; people are counted from 0 as they are confirmed."""
 

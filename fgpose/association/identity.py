@@ -19,6 +19,11 @@ _SIZE_SHARE, _OWN_M = 0.055, 0.012
 # A joint is known well enough for its bones where its standard deviation is below this.
 _KNOWN_M = 0.04
 _CORRELATED_S = 0.3  # errors of lengths from the filter are correlated over about the time of a swing
+# Log odds at which somebody is recognised, and by which the next likely must be less so.
+RECOGNISED, UNAMBIGUOUS = np.log(10.0), np.log(5.0)
+# Who was seen for so long beside a newcomer is not the newcomer. Shorter, some cameras may have gone on with the old
+# track while others agreed on a better one.
+_OVERLAP_S, _IMPOSSIBLE = 0.3, -1e3
 # Who is not seen walks about, and not in a straight line.
 _NEAR_M, _WALKS_MPS = 0.4, 0.8
 _SMALLEST_ROOM_M2 = 9.0
@@ -85,6 +90,30 @@ class Likeness:
 def _log_normal(x: Float[np.ndarray, " n"], covariance: Float[np.ndarray, "n n"]) -> float:
     _, log_determinant = np.linalg.slogdet(2 * np.pi * covariance)
     return float(-0.5 * (log_determinant + x @ np.linalg.solve(covariance, x)))
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """Where and when somebody comes, and where and when they are lost."""
+
+    begin_s: float
+    begin_m: Float[np.ndarray, 3]
+    end_s: float
+    end_m: Float[np.ndarray, 3]
+    likeness: Likeness
+
+    def log_ratio(self, later: Passage, room_m2: float) -> float:
+        """Log of the ratio of probabilities that a later passage is of the same person, and that it is of anybody.
+
+        Args:
+            later: who comes.
+            room_m2: area in which people have been.
+        """
+        away_s = later.begin_s - self.end_s
+        if away_s < -_OVERLAP_S or later.begin_s <= self.begin_s:
+            return _IMPOSSIBLE
+        place = log_ratio_of_place(self.end_m, later.begin_m, max(away_s, 0.0), room_m2)
+        return place + later.likeness.log_ratio(self.likeness)
 
 
 def log_ratio_of_place(

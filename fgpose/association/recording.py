@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from fgpose.association.follow import Follower
+from fgpose.association.linking import EverybodyLost, links
 from fgpose.association.look_back import look_back
 from fgpose.association.moment import Moment
 from fgpose.association.pose_filter import PoseFilters
@@ -17,7 +18,7 @@ from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
+from fgpose.people import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
 
 Progress = Callable[[int, int], None]
 """Called with the number of frames done and the number of frames in all."""
@@ -81,8 +82,9 @@ def associate(
         ValueError: a camera of the observations is not in the rig.
     """
     recording = _Frames(rig.subset(observations.camera_names), observations.frames, observations.by_camera)
-    follower = Follower(recording.rig, observations.skeleton, config)
-    seen: dict[int, list[_OfImage]] = {}
+    lost = EverybodyLost()
+    follower = Follower(recording.rig, observations.skeleton, config, lost)
+    seen: dict[int, list[SeenInImage]] = {}
     first: dict[int, tuple[int, PoseFilters]] = {}
     for frame in range(len(recording)):
         cameras, images = recording[frame]
@@ -93,7 +95,7 @@ def associate(
         if progress:
             progress(frame + 1, len(recording))
     follower.finish()
-    person_of = follower.person_of_track
+    person_of, recognised = _recognised(follower, lost)
     # Who was founded on images of frames before has no image of the first.
     first = {track: first[track] for track in person_of if track in first}
     used = {(t, c, int(p)) for own in seen.values() for t, c, detection, _ in own for p in detection}
@@ -101,16 +103,28 @@ def associate(
     free = ((frame, recording.free(frame, used)) for frame in reversed(with_images))
     for track, frame, c, detection, joint in look_back(free, first, observations.skeleton):
         seen.setdefault(track, []).append((frame, recording[frame][0][c], detection, joint))
-    by_person: dict[int, list[_OfImage]] = {}
+    by_person: dict[int, list[SeenInImage]] = {}
     for track, person in person_of.items():
         by_person.setdefault(person, []).extend(seen.get(track, []))
-    people = {person: _joined(own, recording.rig.n_cameras) for person, own in by_person.items() if own}
+    people = {person: Seen.of_images(own, recording.rig.n_cameras) for person, own in by_person.items() if own}
+    events = sorted([*follower.events, *recognised], key=lambda event: event.time_s)
     ordered = dict(sorted(people.items(), key=lambda item: -recording.confidence(item[1])))
-    return Association(observations, recording.rig, ordered, tuple(follower.events))
+    return Association(observations, recording.rig, ordered, tuple(events))
 
 
-_OfImage = tuple[int, int, np.ndarray, np.ndarray]
-"""Frame, camera, and for every joint of a person the number of the detection and that of its joint."""
+def _recognised(follower: Follower, lost: EverybodyLost) -> tuple[dict[int, int], list[TrackEvent]]:
+    """Who each track is, once it is known who comes back, and what there is to say of it."""
+    tracks = [*lost.tracks, *(track for track in follower.tracks if track.is_confirmed)]
+    passages = {track.person: track.passage for track in tracks}
+    identity = {person: person for person in follower.person_of_track.values()}
+    events = []
+    for link in links(passages, lost.room.area_m2):
+        identity[link.after] = identity[link.before]
+        begin_s = passages[link.after].begin_s
+        away_s = begin_s - passages[link.before].end_s
+        reason = f"as {identity[link.before]}: away for {away_s:.1f} s, log odds of place and bones {link.log_odds:.1f}"
+        events.append(TrackEvent(begin_s, link.after, "recognised", reason))
+    return {track: identity[person] for track, person in follower.person_of_track.items()}, events
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,12 +161,3 @@ class _Frames:
         numbers = range(moment.points_px.shape[1])
         taken = [[(frame, c, p) in used for p in numbers] for c in cameras]
         return moment.without(np.array(taken, dtype=bool).reshape(len(cameras), len(numbers)))
-
-
-def _joined(images: list[_OfImage], n_cameras: int) -> Seen:
-    first = min(t for t, *_ in images)
-    shape = (max(t for t, *_ in images) + 1 - first, n_cameras, len(images[0][2]))
-    seen = Seen(first, np.full(shape, NOBODY), np.zeros(shape, dtype=int))
-    for t, c, detection, joint in images:
-        seen.detection[t - first, c], seen.joint[t - first, c] = detection, joint
-    return seen

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.identity import Likeness
+from fgpose.association.identity import Likeness, Passage
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.people import NOBODY
 
@@ -77,6 +77,11 @@ class Track:
     def may_be_recognised(self, now_s: float) -> bool:
         """Whether it is still open who they are."""
         return not self.is_recognised and now_s <= self.confirmed_s + _RECOGNISED_WITHIN_S
+
+    @property
+    def passage(self) -> Passage:
+        """From where they were founded to where they are."""
+        return Passage(self.founded_s, self.founded_m, self.seen_s, self.middle_m, self.likeness)
 
     @property
     def middle_m(self) -> Float[np.ndarray, 3]:

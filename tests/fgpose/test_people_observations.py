@@ -157,3 +157,35 @@ def test_a_subset_has_the_images_of_its_cameras():
     assert people.subset(["b", "a"]).camera_names == ("b", "a")
     with pytest.raises(ValueError, match="no camera c, only a, b"):
         people.subset(["a", "c"])
+
+
+def test_frames_that_a_source_gives_are_kept():
+    people = two_frames([[1, 0], [-1, 1], [1, 1]])
+    np.testing.assert_array_equal(people.frames.image, [[0, 0], [NO_IMAGE, 1], [1, 2]])
+    alone = people.subset(["a"])
+    # Camera a has no image in the second frame, which stays a frame.
+    np.testing.assert_array_equal(alone.frames.image, [[0], [NO_IMAGE], [1]])
+    np.testing.assert_allclose(alone.frames.frame_time_s, [0.0, 0.1, 0.2])
+
+
+def test_a_frame_without_images_of_a_subset_keeps_its_time():
+    own_times_s = np.array([[0.0, 0.01], [np.nan, 0.11]])
+    subset = MatchedFrames(own_times_s, np.array([[0, 0], [NO_IMAGE, 1]])).subset([0])
+    np.testing.assert_allclose(subset.time_s, [[0.0], [0.11]])
+
+
+def test_the_first_frames_have_their_images():
+    people = two_frames([[1, 0], [-1, 1], [1, 2]])
+    first = people.first_frames(2)
+    assert [(image.camera, image.n_people) for image in first.images] == [("a", 1), ("b", 0), ("b", 1)]
+    np.testing.assert_array_equal(first.frames.image, people.frames.image[:2])
+    assert first.n_most == 1
+    assert people.n_most == 2
+
+
+def test_what_images_show_of_somebody_becomes_what_was_seen():
+    joints = np.arange(3)
+    seen = Seen.of_images([(4, 1, np.array([0, NOBODY, 0]), joints), (6, 0, np.full(3, 2), joints[::-1])], 2)
+    assert seen.first_frame == 4
+    np.testing.assert_array_equal(seen.main_detection, [[NOBODY, 0], [NOBODY, NOBODY], [2, NOBODY]])
+    np.testing.assert_array_equal(seen.joint[2, 0], [2, 1, 0])
