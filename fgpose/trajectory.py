@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
 from fgpose.skeleton import Skeleton
@@ -134,6 +134,30 @@ class Trajectory:
     def __getitem__(self, joint: str) -> Float[np.ndarray, "frame 3"]:
         """Positions of a joint by name, metres. Raises ValueError for an unknown name."""
         return self.positions_m[:, self.skeleton.index(joint)]
+
+    def in_frames(self, time_s: Float[np.ndarray, " all_frames"], frames: Int[np.ndarray, " frame"]) -> Trajectory:
+        """The same as part of more frames, in the others of which nothing is known.
+
+        Args:
+            time_s: of all frames.
+            frames: which of them these frames are.
+        """
+
+        def spread(array: np.ndarray | None, fill: float | Status = np.nan) -> np.ndarray | None:
+            if array is None:
+                return None
+            whole = np.full((len(time_s), *array.shape[1:]), fill, dtype=array.dtype)
+            whole[frames] = array
+            return whole
+
+        arrays = {name: spread(getattr(self, name)) for name in ("covariance_m2", "residual_px", "visibility")}
+        return replace(
+            self,
+            time_s=time_s,
+            positions_m=spread(self.positions_m),
+            status=spread(self.status, Status.UNOBSERVABLE),
+            **arrays,
+        )
 
     @property
     def n_frames(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool
@@ -15,7 +15,7 @@ from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
-from fgpose.trajectory import Status, Trajectory
+from fgpose.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def smooth_people(
                 progress(before + done, n_frames)
 
         smoothed = smooth(own.frames(here), association.rig, config, told)
-        trajectories[person] = _with_absences(smoothed, own, here)
+        trajectories[person] = smoothed.in_frames(own.frame_time_s, np.flatnonzero(here))
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)
@@ -77,23 +77,3 @@ def present(observations: Observations, coast_s: float) -> Bool[np.ndarray, " fr
         if observations.frame_time_s[after] - observations.frame_time_s[before] > coast_s:
             here[before + 1 : after] = False
     return here
-
-
-def _with_absences(trajectory: Trajectory, observations: Observations, here: Bool[np.ndarray, " frame"]) -> Trajectory:
-    """In all frames of the observations, although they were estimated in some of them only."""
-
-    def spread(array: np.ndarray | None, fill: float | Status = np.nan) -> np.ndarray | None:
-        if array is None:
-            return None
-        whole = np.full((len(here), *array.shape[1:]), fill, dtype=array.dtype)
-        whole[here] = array
-        return whole
-
-    arrays = {name: spread(getattr(trajectory, name)) for name in ("covariance_m2", "residual_px", "visibility")}
-    return replace(
-        trajectory,
-        time_s=observations.frame_time_s,
-        positions_m=spread(trajectory.positions_m),
-        status=spread(trajectory.status, Status.UNOBSERVABLE),
-        **arrays,
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,10 @@ class Tracked:
     state: TrackState
     """CONFIRMED, or COASTING where no camera detects them at the moment."""
     estimate: Estimate
+    """Its frame counts the updates since they were confirmed."""
+    seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    """By the camera of each of the newest images that show them: of every joint the number of the detection (or NOBODY)
+    and that of its joint there, as in people.Seen."""
 
 
 class Tracker:
@@ -87,6 +91,10 @@ class Tracker:
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)
+        in_images: dict[int, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+        for sighting in sightings:
+            for track, detection, joint in sighting.joints():
+                in_images.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
         numbers = {track.number for track in tracks}
         self._estimators = {number: each for number, each in self._estimators.items() if number in numbers}
@@ -98,7 +106,7 @@ class Tracker:
                 self._estimators[track.number] = Estimator(self.rig, self.skeleton, self.config)
             seen = [(image, of_image.get(track.number, nothing)) for image, of_image in shown]
             estimate = self._estimate(self._estimators[track.number], seen)
-            people.append(Tracked(track.person, track.state, estimate))
+            people.append(Tracked(track.person, track.state, estimate, in_images.get(track.number, {})))
         return people
 
     def _estimate(self, estimator: Estimator, seen: list[tuple[Detections, tuple[np.ndarray, np.ndarray]]]) -> Estimate:

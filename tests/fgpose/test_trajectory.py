@@ -149,3 +149,17 @@ def test_residuals_are_distances_to_the_detections(walking_scene: Scene) -> None
     # 3-4-5; rounding of pixels of order 1e3.
     np.testing.assert_allclose(residual_px[np.isfinite(residual_px)], 5.0, atol=1e-9)
     assert np.isfinite(residual_px).sum() == residual_px.size - 1
+
+
+def test_as_part_of_more_frames_nothing_is_known_of_the_others(skeleton: Skeleton) -> None:
+    known = Trajectory.from_estimates([estimate(skeleton, 0, covariance_m2=np.ones((17, 3, 3)))])
+    time_s = np.array([0.0, 0.1, 0.2])
+    whole = known.in_frames(time_s, np.array([1]))
+    np.testing.assert_array_equal(whole.time_s, time_s)
+    np.testing.assert_array_equal(whole.positions_m[1], known.positions_m[0])
+    assert np.isnan(whole.positions_m[[0, 2]]).all()
+    assert (whole.status[[0, 2]] == Status.UNOBSERVABLE).all()
+    np.testing.assert_array_equal(whole.status[1], known.status[0])
+    assert whole.covariance_m2 is not None
+    assert np.isnan(whole.covariance_m2[[0, 2]]).all()
+    assert whole.residual_px is None
