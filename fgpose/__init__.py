@@ -19,10 +19,10 @@ from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.io.keypoints import load_observations, load_people, save_observations
+from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
-from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
@@ -61,6 +61,7 @@ __all__ = [
     "load_config",
     "load_observations",
     "load_people",
+    "load_people_trajectories",
     "load_recording",
     "load_rig",
     "load_skeleton",
@@ -69,6 +70,8 @@ __all__ = [
     "refine",
     "refine_rig",
     "save_observations",
+    "save_people",
+    "save_people_observations",
     "save_rig",
     "save_trajectory",
     "self_calibrate",

@@ -125,7 +125,7 @@ class Observations:
         known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
         covariance_m2[~known] = np.nan
         wrong = known & ~np.isfinite(covariance_m2).all(axis=(-1, -2))
-        wrong |= known & ~_positive_definite(covariance_m2)
+        wrong |= known & ~positive_definite(covariance_m2)
         if wrong.any():
             raise ValueError(f"covariance3d_m2 is not positive definite at {self._where(wrong)}")
         return covariance_m2
@@ -255,7 +255,7 @@ class Observations:
         )
 
 
-def _positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.ndarray, "*shape"]:
+def positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.ndarray, "*shape"]:
     """Whether the leading minors are positive (Sylvester); False for NaN. Ten times as fast as eigenvalues."""
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
     of_two = a * e - b * d

@@ -214,15 +214,19 @@ class PeopleObservations:
         """People in the image that shows most."""
         return max(image.n_people for image in self.images)
 
-    def only(self) -> Seen:
-        """Where no image shows more than one: that person."""
+    def only(self, number: int = 0) -> Seen:
+        """One detection of every image: where no image shows more than one, that person.
+
+        Args:
+            number: of the detection; an image that has fewer shows nobody.
+        """
         frames = self.frames
         seen = Seen.nothing(len(frames.image), len(self.camera_names), self.skeleton.n_joints)
         seen.joint[:] = np.arange(self.skeleton.n_joints)
         for c, name in enumerate(self.camera_names):
             n_people = np.array([image.n_people for image in self.by_camera[name]], dtype=int)
             frame = np.flatnonzero(frames.image[:, c] != NO_IMAGE)
-            seen.detection[frame[n_people[frames.image[frame, c]] > 0], c] = 0
+            seen.detection[frame[n_people[frames.image[frame, c]] > number], c] = number
         return seen
 
     def of_person(self, seen: Seen) -> Observations:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +14,7 @@ from fgpose.io.atomic import write_bytes
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 # As many as an archive of arrays may have.
 _MAX_CELLS = (4 << 30) // 8
@@ -24,26 +27,37 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
         ValueError: the file is damaged or something else, or two columns have one name; the caller names it.
         OSError: it cannot be opened.
     """
+    with _opened(path) as file:
+        n_cells = file.metadata.num_rows * file.metadata.num_columns
+        # A few bytes can stand for any number of equal rows.
+        if n_cells > _MAX_CELLS:
+            raise ValueError(f"{n_cells} cells are more than fgpose reads")
+        table = file.read(columns)
+        # Sizes and texts inside the columns, which Arrow does not check when it reads.
+        table.validate(full=True)
+    names = table.column_names
+    if len(set(names)) < len(names):
+        raise ValueError(f"two columns are named {next(name for name in names if names.count(name) > 1)}")
+    return table
+
+
+def column_names(path: Path) -> set[str]:
+    """Names of the columns of a parquet file, whose rows are not read. Raises as read_table does."""
+    with _opened(path) as file:
+        return set(file.schema_arrow.names)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     with path.open("rb") as stream:
         try:
-            file = pq.ParquetFile(stream, page_checksum_verification=True)
-            n_cells = file.metadata.num_rows * file.metadata.num_columns
-            # A few bytes can stand for any number of equal rows.
-            if n_cells > _MAX_CELLS:
-                raise ValueError(f"{n_cells} cells are more than fgpose reads")
-            table = file.read(columns)
-            # Sizes and texts inside the columns, which Arrow does not check when it reads.
-            table.validate(full=True)
+            yield pq.ParquetFile(stream, page_checksum_verification=True)
         # Arrow's own exceptions are those of Python as well: OSError, KeyError, NotImplementedError, MemoryError, ...
         except (pa.ArrowException, ValueError, TypeError, OSError, MemoryError) as error:
             raise ValueError(f"a damaged parquet file: {error}") from None
-    names = table.column_names
-    if len(set(names)) < len(names):
-        raise ValueError(f"two columns are named {next(name for name in names if names.count(name) > 1)}")
-    return table
 
 
 def numbers(table: pa.Table, name: str) -> Float[np.ndarray, " row"]:
@@ -60,8 +74,13 @@ def numbers(table: pa.Table, name: str) -> Float[np.ndarray, " row"]:
     return column.cast(pa.float64(), safe=False).to_numpy()
 
 
-def names(table: pa.Table, name: str) -> tuple[tuple[str, ...], Int[np.ndarray, " row"]]:
+def names(table: pa.Table, name: str, *, may_lack: bool = False) -> tuple[tuple[str, ...], Int[np.ndarray, " row"]]:
     """A column of names: those that occur, in the order of their first occurrence, and the index of each row's.
+
+    Args:
+        table: of a file.
+        name: of the column.
+        may_lack: the index of a row that has none is -1 then.
 
     Raises:
         ValueError: it is missing or of another kind, or a row has none; the caller names the file.
@@ -75,15 +94,22 @@ def names(table: pa.Table, name: str) -> tuple[tuple[str, ...], Int[np.ndarray, 
         raise ValueError(f"column {name} does not contain names but {column.type}") from None
     if isinstance(encoded, pa.ChunkedArray):
         encoded = encoded.combine_chunks()
-    if encoded.null_count:
+    if encoded.null_count and not may_lack:
         raise ValueError(f"a row without a {name}")
-    return tuple(encoded.dictionary.to_pylist()), encoded.indices.to_numpy().astype(np.int64)
+    return tuple(encoded.dictionary.to_pylist()), encoded.indices.fill_null(-1).to_numpy().astype(np.int64)
 
 
 def _column(table: pa.Table, name: str) -> pa.ChunkedArray:
     if name not in table.column_names:
         raise ValueError(f"the column {name} is missing")
     return table[name]
+
+
+def nullable(values: np.ndarray) -> pa.Array:
+    """A column of numbers; null where they are NaN."""
+    import pyarrow as pa
+
+    return pa.array(values, mask=np.isnan(values))
 
 
 def metadata(table: pa.Table) -> dict[str, str]:

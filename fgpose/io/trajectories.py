@@ -1,11 +1,13 @@
-"""Result files: one function that writes and one that reads, whatever the format."""
+"""Result files of one person or several: one function that writes and one that reads, whatever the format."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from fgpose.io.atomic import check_writable
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
@@ -51,7 +53,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path, world_up: UpAxis =
     path = Path(path)
     match _extension(path):
         case ".parquet":
-            write_parquet(trajectory, path)
+            write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path)
         case ".npz":
             write_npz(trajectory, path)
         case ".trc":
@@ -67,36 +69,138 @@ def _extension(path: Path) -> str:
     return extension
 
 
+def save_people(
+    trajectories: Mapping[int, Trajectory],
+    path: str | Path,
+    world_up: UpAxis = "z",
+    time_s: Float[np.ndarray, " frame"] | None = None,
+) -> tuple[Path, ...]:
+    """Write the trajectories of several people: one table as .parquet; .npz, .trc or .c3d for each, NAME_person1.trc.
+
+    The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers are
+    those of the recording: the place of a time among all times.
+
+    Args:
+        trajectories: by the number of the person, from 0.
+        path: NAME with its extension.
+        world_up: see save_trajectory.
+        time_s: of all frames of the recording, increasing, seconds; by default those at which somebody is there.
+
+    Returns:
+        The files (see people_paths). Each appears whole or not at all.
+
+    Raises:
+        ValueError: there is nobody, somebody has no frame or one that is not the recording's, people of a table differ
+            in skeleton, cameras or in what is known of them; or as save_trajectory.
+        ImportError: C3D without ezc3d.
+        OSError: a file cannot be written.
+    """
+    path = Path(path)
+    paths = people_paths(path, trajectories)
+    if not trajectories or min(trajectories) < 0:
+        raise ValueError(
+            f"{path}: people with numbers from 0 are needed, got {', '.join(map(str, trajectories)) or 'nobody'}"
+        )
+    if path.suffix.lower() == ".parquet":
+        try:
+            write_parquet(trajectories, _frame_numbers(trajectories, time_s), path)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+        return paths
+    check_output(path)
+    for own_path, trajectory in zip(paths, trajectories.values(), strict=True):
+        save_trajectory(trajectory, own_path, world_up)
+    return paths
+
+
+def people_paths(path: str | Path, people: Iterable[int] = ()) -> tuple[Path, ...]:
+    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person.
+
+    Raises:
+        ValueError: the extension is none of EXTENSIONS.
+    """
+    path = Path(path)
+    if _extension(path) == ".parquet":
+        return (path,)
+    return tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)
+
+
+def _frame_numbers(
+    people: Mapping[int, Trajectory], time_s: Float[np.ndarray, " frame"] | None
+) -> dict[int, Int[np.ndarray, " own_frame"]]:
+    for person, trajectory in people.items():
+        if not trajectory.n_frames or not _increases(trajectory.time_s):
+            raise ValueError(f"person {person} must have frames whose time_s increases")
+    all_s = np.unique(np.concatenate([each.time_s for each in people.values()])) if time_s is None else time_s
+    if not _increases(all_s):
+        raise ValueError("time_s of the recording must increase")
+    frames = {person: np.searchsorted(all_s, trajectory.time_s) for person, trajectory in people.items()}
+    for person, frame in frames.items():
+        own_s = people[person].time_s
+        unknown = np.append(all_s, np.nan)[frame] != own_s
+        if unknown.any():
+            raise ValueError(f"person {person} has a frame at {own_s[unknown][0]:.6g} s, the recording has none then")
+    return frames
+
+
+def _increases(time_s: Float[np.ndarray, " frame"]) -> bool:
+    return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0).all())
+
+
 def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up: UpAxis = "z") -> Trajectory:
     """Read a trajectory that save_trajectory wrote, or anyone's TRC or C3D file; the content says which.
 
     Args:
+        path: the file.
         skeleton: wanted joints and their order, by name. Joints that the file lacks are NaN and unobservable; the
             file's others are left out. By default the file's own: of TRC and C3D its markers, without bones.
         world_up: which axis points up in the world wanted, for TRC and C3D.
 
     Raises:
-        ValueError: the file is empty, damaged or of another kind, or has no joint of the skeleton; the message names
-            the file.
+        ValueError: the file is empty, damaged or of another kind, holds several people, or has no joint of the
+            skeleton; the message names the file.
         ImportError: C3D without ezc3d.
         OSError: the file cannot be read.
+    """
+    people = load_people_trajectories(path, skeleton, world_up)
+    if len(people) > 1:
+        raise ValueError(
+            f"{path}: one trajectory is needed, the file holds those of people {', '.join(map(str, people))}; "
+            "load_people_trajectories reads them all"
+        )
+    return next(iter(people.values()))
+
+
+def load_people_trajectories(
+    path: str | Path, skeleton: Skeleton | None = None, world_up: UpAxis = "z"
+) -> dict[int, Trajectory]:
+    """Read everybody in a table of save_people, by number, in the order of the file; or a file of one person.
+
+    Who is alone in a file is person 0 if it does not say. Arguments and errors as of load_trajectory.
     """
     path = Path(path)
     kind = _kind(path)
     try:
-        match kind:
-            case "parquet":
-                trajectory = read_parquet(path)
-            case "npz":
-                trajectory = read_npz(path)
-            case "TRC":
-                trajectory = read_trc(path, world_up)
-            case _:
-                trajectory = read_c3d(path, world_up)
-        _check_finite(trajectory)
-        return trajectory if skeleton is None else _in_order_of(skeleton, trajectory)
+        people = _read(path, kind, world_up)
+        for trajectory in people.values():
+            _check_finite(trajectory)
+        if skeleton is None:
+            return people
+        return {person: _in_order_of(skeleton, trajectory) for person, trajectory in people.items()}
     except ValueError as error:
         raise ValueError(f"{path}: not a readable {kind} trajectory: {error}") from None
+
+
+def _read(path: Path, kind: str, world_up: UpAxis) -> dict[int, Trajectory]:
+    match kind:
+        case "parquet":
+            return read_parquet(path)
+        case "npz":
+            return {0: read_npz(path)}
+        case "TRC":
+            return {0: read_trc(path, world_up)}
+        case _:
+            return {0: read_c3d(path, world_up)}
 
 
 def _kind(path: Path) -> str:

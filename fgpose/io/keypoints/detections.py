@@ -30,13 +30,6 @@ class ImageDetections:
     points3d: Float[np.ndarray, "person joint 3"] | None = None
     """As in the file: its own unit and frame."""
 
-    def only(self, person: int) -> ImageDetections:
-        """With one of the people, nobody if there are not so many."""
-        one = slice(person, person + 1)
-        return ImageDetections(
-            self.points2d_px[one], self.confidence[one], None if self.points3d is None else self.points3d[one]
-        )
-
 
 CameraDetections = dict[int, ImageDetections]
 """The images of one camera by frame number."""

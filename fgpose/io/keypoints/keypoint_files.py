@@ -11,7 +11,7 @@ from fgpose.association.chosen_person import main_person
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
-from fgpose.io.keypoints import camera_files, image_files, recording_files
+from fgpose.io.keypoints import camera_files, image_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
@@ -44,7 +44,7 @@ def load_observations(
     - A folder with one sub-folder per camera (``cam01_json`` or ``cam01``) and in it one JSON file per image, of
       OpenPose or MMPose; the frame number is the last number in the file name.
     - A folder with one file per camera (``cam01.json``), of MMPose, COCO results or MeTRAbs (JSON or npz).
-    - A recording written by save_observations, npz or parquet.
+    - A recording written by save_observations or save_people_observations, npz or parquet.
 
     A frame that one camera lacks was not seen by it; where the numbers leave out a frame in all cameras, nobody saw it.
     Camera names are compared without case, underscores, hyphens and ``_json``.
@@ -67,13 +67,11 @@ def load_observations(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, person, points3d_frame, points3d_unit)
+    if people_files.is_people(path):
+        return _one_of(path, people_files.read(path, rig, skeleton), rig, person)
     if recording_files.is_recording(path):
         return recording_files.read(path, rig, skeleton)
-    people = _read_people(path, rig, skeleton, person, fps, points3d_frame, points3d_unit)
-    try:
-        return main_person(people, rig)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    return _one_of(path, _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit), rig, person)
 
 
 def load_people(
@@ -87,30 +85,42 @@ def load_people(
 ) -> PeopleObservations:
     """The keypoints of everybody in a recording, of the formats of load_observations; arguments and errors as there.
 
-    A recording written by save_observations is of one person.
+    A recording written by save_observations is of one person, one written by save_people_observations of everybody.
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
+    if people_files.is_people(path):
+        return people_files.read(path, rig, skeleton)
     if recording_files.is_recording(path):
         return PeopleObservations.of_one(recording_files.read(path, rig, skeleton))
-    return _read_people(path, rig, skeleton, "consistent", fps, points3d_frame, points3d_unit)
+    return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit)
 
 
 def _read_people(
     path: Path,
     rig: CameraRig,
     skeleton: Skeleton,
-    person: Person,
     fps: float | None,
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
 ) -> PeopleObservations:
-    """Everybody, or one entry of every image."""
+    """Everybody in the formats of others."""
     cameras = _read_cameras(path, skeleton)
     try:
         own, fps = _in_order(cameras, rig), _needed(fps)
-        own = _only(own, person) if isinstance(person, int) else own
         return _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _one_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
+    """What the cameras saw of the person wanted."""
+    try:
+        if person == "consistent":
+            return main_person(people, rig)
+        if person >= max(people.n_most, 1):
+            raise ValueError(f"there is no person {person}: at most {people.n_most} in an image, counted from 0")
+        return people.of_person(people.only(person))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -129,11 +139,6 @@ def _needed(fps: float | None) -> float:
     if fps is None:
         raise ValueError("these keypoints have no times; give the frames per second (fps, or --fps)")
     return fps
-
-
-def _most(cameras: list[CameraDetections]) -> int:
-    """People in one image."""
-    return max((len(image.confidence) for camera in cameras for image in camera.values()), default=0)
 
 
 def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
@@ -242,11 +247,3 @@ def _matched_frames(cameras: list[CameraDetections], rig: CameraRig, fps: float)
     for c, frames in enumerate(cameras):
         image[np.searchsorted(numbers, sorted(frames)), c] = np.arange(len(frames))
     return MatchedFrames(numbers / fps, image)
-
-
-def _only(cameras: list[CameraDetections], person: int) -> list[CameraDetections]:
-    """One entry of every image. Raises ValueError if none has so many."""
-    most = _most(cameras)
-    if person >= max(most, 1):
-        raise ValueError(f"there is no person {person}: at most {most} in an image, counted from 0")
-    return [{frame: image.only(person) for frame, image in camera.items()} for camera in cameras]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,26 +12,27 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
 from fgpose.io.camera_names import match_cameras
 from fgpose.io.content import first_bytes
-from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
-from fgpose.io.tables import names, numbers, read_table, write_table
+from fgpose.io.keypoints.detection_columns import (
+    detection_columns,
+    detections_of,
+    joint_indices,
+    repeated_row,
+    require_columns,
+)
+from fgpose.io.tables import names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
-if TYPE_CHECKING:
-    import pyarrow
-
 _REQUIRED_ARRAYS = ("time_s", "points2d_px", "confidence", "camera_names", "joints")
-_REQUIRED_COLUMNS = ("frame", "time_s", "camera", "joint", "x_px", "y_px", "confidence")
 # Rows without a detection may be left out, but not nearly all.
 _MAX_CELLS_PER_ROW = 1000
-_COLUMNS_3D = ("x_m", "y_m", "z_m")
 
 
 def is_recording(path: Path) -> bool:
     """Whether a file is a recording of ours, by its content. Raises OSError if it cannot be read."""
     if path.is_dir():
         return False
-    if _is_parquet(path):
+    if is_parquet(path):
         return True
     try:
         return _is_npz(path) and "points2d_px" in array_names(path)
@@ -47,7 +47,7 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> Observations:
         ValueError: the file is damaged, of another skeleton or other cameras; the message names the file.
     """
     try:
-        observations = _read_parquet(path, skeleton) if _is_parquet(path) else _read_npz(path, skeleton)
+        observations = _read_parquet(path, skeleton) if is_parquet(path) else _read_npz(path, skeleton)
         matched = match_cameras(observations.camera_names, rig.names)
         in_order = observations.subset([matched[name] for name in rig.names])
         return replace(in_order, camera_names=rig.names)
@@ -58,7 +58,7 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> Observations:
 def camera_names(path: Path) -> tuple[str, ...]:
     """The cameras of a recording; nothing else is read. Raises ValueError, which names the file, if it is damaged."""
     try:
-        if _is_parquet(path):
+        if is_parquet(path):
             return names(read_table(path, ["camera"]), "camera")[0]
         return texts(read_arrays(path, ["camera_names"]), "camera_names")
     except ValueError as error:
@@ -121,7 +121,8 @@ def _read_npz(path: Path, skeleton: Skeleton) -> Observations:
     return Observations(skeleton=skeleton, camera_names=cameras, **found)
 
 
-def _is_parquet(path: Path) -> bool:
+def is_parquet(path: Path) -> bool:
+    """By its content. Raises OSError if it cannot be read."""
     return first_bytes(path, 4) == b"PAR1"
 
 
@@ -137,35 +138,20 @@ def _write_parquet(observations: Observations, path: Path) -> None:
     time_s = observations.time_s if observations.time_s.ndim == 2 else observations.time_s[:, None]
     columns = {
         "frame": pa.array(frame),
-        "time_s": _nullable(np.broadcast_to(time_s, (n_frames, n_cameras))[frame, camera]),
+        "time_s": nullable(np.broadcast_to(time_s, (n_frames, n_cameras))[frame, camera]),
         "camera": pa.DictionaryArray.from_arrays(camera.astype(np.int32), list(observations.camera_names)),
         "joint": pa.DictionaryArray.from_arrays(joint.astype(np.int32), list(observations.skeleton.joints)),
     }
-    for axis, name in enumerate(("x_px", "y_px")):
-        columns[name] = _nullable(observations.points2d_px[..., axis].ravel().astype(np.float32))
-    columns["confidence"] = pa.array(observations.confidence.ravel().astype(np.float32))
-    if observations.points3d_m is not None:
-        for axis, name in enumerate(_COLUMNS_3D):
-            columns[name] = _nullable(observations.points3d_m[..., axis].ravel().astype(np.float32))
-    if observations.covariance3d_m2 is not None:
-        for name, entry in COVARIANCE_COLUMNS.items():
-            columns[name] = _nullable(observations.covariance3d_m2[(..., *entry)].ravel().astype(np.float32))
+    arrays = observations.per_detection(lambda array: array)
+    columns |= {name: nullable(values) for name, values in detection_columns(arrays).items()}
     write_table(path, pa.table(columns))
-
-
-def _nullable(values: np.ndarray) -> pyarrow.Array:
-    import pyarrow as pa
-
-    return pa.array(values, mask=np.isnan(values))
 
 
 def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
     table = read_table(path)
-    missing = [name for name in _REQUIRED_COLUMNS if name not in table.column_names]
-    if missing:
-        raise ValueError(f"the column {', '.join(missing)} is missing")
+    require_columns(table, ("frame", "time_s", "camera", "joint"))
     cameras, camera = names(table, "camera")
-    joint = _joint_indices(table, skeleton)
+    joint = joint_indices(table, skeleton)
     frames, frame = np.unique(numbers(table, "frame"), return_inverse=True)
     if not np.isfinite(frames).all():
         raise ValueError("a row without a frame")
@@ -173,30 +159,18 @@ def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
     if math.prod(shape) > _MAX_CELLS_PER_ROW * table.num_rows:
         raise ValueError(f"{table.num_rows} rows for {shape[0]} frames, {shape[1]} cameras and {shape[2]} joints")
     _refuse_repeated(frame, camera, joint, frames, cameras, skeleton)
-    has_3d, has_covariance = (set(group) <= set(table.column_names) for group in (_COLUMNS_3D, COVARIANCE_COLUMNS))
 
-    def spread(*columns: str) -> np.ndarray:
-        array = np.full((*shape, len(columns)), np.nan)
-        array[frame, camera, joint] = np.stack([numbers(table, name) for name in columns], axis=-1)
+    def spread(column: np.ndarray) -> np.ndarray:
+        array = np.full(shape, np.nan)
+        array[frame, camera, joint] = column
         return array
 
     return Observations(
         skeleton=skeleton,
         time_s=_times(numbers(table, "time_s"), frame, camera, shape[:2]),
-        points2d_px=spread("x_px", "y_px"),
-        confidence=np.nan_to_num(spread("confidence")[..., 0]),
-        points3d_m=spread(*_COLUMNS_3D) if has_3d else None,
-        covariance3d_m2=symmetric(lambda name: spread(name)[..., 0]) if has_covariance else None,
         camera_names=cameras,
+        **detections_of(table, spread),
     )
-
-
-def _joint_indices(table: pyarrow.Table, skeleton: Skeleton) -> np.ndarray:
-    joints, index = names(table, "joint")
-    unknown = [joint for joint in joints if joint not in skeleton.joints]
-    if unknown:
-        raise ValueError(f"joint {', '.join(unknown)} is not one of skeleton {skeleton.name}")
-    return np.array([skeleton.index(joint) for joint in joints], dtype=int)[index]
 
 
 def _refuse_repeated(
@@ -207,10 +181,8 @@ def _refuse_repeated(
     cameras: tuple[str, ...],
     skeleton: Skeleton,
 ) -> None:
-    cell = (frame * len(cameras) + camera) * skeleton.n_joints + joint
-    cells, counts = np.unique(cell, return_counts=True)
-    if (counts > 1).any():
-        row = int(np.flatnonzero(cell == cells[counts > 1][0])[0])
+    row = repeated_row((frame * len(cameras) + camera) * skeleton.n_joints + joint)
+    if row is not None:
         raise ValueError(
             f"two rows for camera {cameras[camera[row]]}, joint {skeleton.joints[joint[row]]}, "
             f"frame {frames[frame[row]]:g}"

@@ -8,7 +8,7 @@ import shutil
 import sys
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,13 @@ from fgpose.benchmark.predictions import load_predictions
 from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.io.keypoints import load_observations, save_observations
+from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
 from fgpose.io.skeletons import load_skeleton
-from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.monocular.detection_cache import ViewDetections, load_detections, store_detections
 from fgpose.monocular.network import People
 from fgpose.observations import Observations
+from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import LIMBS, Skeleton
 from fgpose.synthetic import motion_from_npz, ring_rig
 from fgpose.trajectory import Convergence, Status, Trajectory
@@ -73,6 +74,16 @@ def trajectory() -> Trajectory:
     )
 
 
+def assert_same(actual: Any, expected: Any) -> None:
+    """Of two dataclasses of arrays: every field is the same, exactly."""
+    for field in fields(expected):
+        a, b = getattr(actual, field.name), getattr(expected, field.name)
+        if isinstance(b, np.ndarray):
+            np.testing.assert_array_equal(a, b, err_msg=field.name)
+        else:
+            assert a == b, field.name
+
+
 def rig() -> CameraRig:
     cameras = ring_rig().cameras[:2]
     return CameraRig(cameras)
@@ -94,6 +105,21 @@ def recording() -> Observations:
         camera_names=rig().names,
         covariance3d_m2=np.broadcast_to(0.01 * np.eye(3), (*points3d_m.shape, 3)).copy(),
     )
+
+
+def everybody() -> PeopleObservations:
+    """Two people and nobody by turns; the cameras take turns too."""
+    of_one, images = recording(), []
+    for t, c in np.ndindex(N_FRAMES, 2):
+        n_people = 2 * ((t + c) % 2)
+        two = of_one.per_detection(lambda array, t=t, c=c, n=n_people: array[[t, t - 1], c][:n])
+        images.append(Detections(rig().names[c], (2 * t + c) / 100, **two))
+    return PeopleObservations(STICK, rig().names, tuple(images))
+
+
+def _make_people_trajectories(folder: Path) -> None:
+    late = replace(trajectory(), time_s=trajectory().time_s + 1 / 50, convergence=None)
+    save_people({3: trajectory(), 1: late}, folder / "people.parquet")
 
 
 def _people(frame: int, camera: int) -> list[dict[str, Any]]:
@@ -276,6 +302,10 @@ def _read_recording(path: Path) -> Observations:
     return load_observations(path, rig(), STICK)
 
 
+def _read_people(path: Path) -> PeopleObservations:
+    return load_people(path, rig(), STICK)
+
+
 FORMATS = {
     each.name: each
     for each in (
@@ -283,6 +313,7 @@ FORMATS = {
         Format("trajectory npz", "npz", _result(".npz"), _one(load_trajectory)),
         Format("trajectory trc", "text", _result(".trc"), _one(load_trajectory)),
         Format("trajectory c3d", "c3d", _result(".c3d"), _one(load_trajectory)),
+        Format("people trajectories parquet", "parquet", _make_people_trajectories, _one(load_people_trajectories)),
         Format("rig toml", "toml", lambda folder: save_rig(rig(), folder / "rig.toml"), _one(load_rig)),
         Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
         Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),
@@ -307,6 +338,18 @@ FORMATS = {
             "parquet",
             lambda folder: save_observations(recording(), folder / "seen.parquet"),
             _one(_read_recording),
+        ),
+        Format(
+            "people npz",
+            "npz",
+            lambda folder: save_people_observations(everybody(), folder / "seen.npz"),
+            _one(_read_people),
+        ),
+        Format(
+            "people parquet",
+            "parquet",
+            lambda folder: save_people_observations(everybody(), folder / "seen.parquet"),
+            _one(_read_people),
         ),
         Format("motion npz", "npz", _make_motion, _one(motion_from_npz)),
         Format("predictions npz", "npz", _make_predictions, _one(load_predictions)),

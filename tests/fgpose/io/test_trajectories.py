@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from small_files import assert_same
 
 from fgpose.config import Config, MotionConfig, OnlineConfig
 from fgpose.io.atomic import check_writable, replacing
@@ -61,15 +62,6 @@ def trajectory() -> Trajectory:
 def bare(trajectory: Trajectory) -> Trajectory:
     """Positions alone."""
     return Trajectory(trajectory.skeleton, trajectory.time_s, trajectory.positions_m, trajectory.status)
-
-
-def assert_same(actual: Trajectory, expected: Trajectory) -> None:
-    for field in dataclasses.fields(Trajectory):
-        a, b = getattr(actual, field.name), getattr(expected, field.name)
-        if isinstance(b, np.ndarray):
-            np.testing.assert_array_equal(a, b, err_msg=field.name)
-        else:
-            assert a == b, field.name
 
 
 @pytest.mark.parametrize("extension", [".parquet", ".npz"])
