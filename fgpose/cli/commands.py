@@ -153,7 +153,9 @@ class Evaluate:
     """Compare a result with a reference: errors in millimetres, jitter in m/s^3, and a table of the joints.
 
     Any trajectory files: parquet, npz, TRC, C3D. Joints are matched by name, frames by time. Nothing is interpolated,
-    and only PA-MPJPE aligns the poses.
+    and only PA-MPJPE aligns the poses. Where one of the files has several people: who was found, told apart and posed
+    how well (recall, precision, MOTA, IDF1, HOTA, MPJPE, PCP), over all frames of the reference, and a table of its
+    people.
 
     Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
     """
@@ -165,10 +167,19 @@ class Evaluate:
     offset_s: Annotated[float, arg(metavar="SECONDS")] = 0.0
     """Added to the reference's times, for a reference with a clock of its own, seconds."""
 
+    match_m: Annotated[float, arg(metavar="METRES")] = 0.5
+    """Several people: the mean distance of the joints below which an estimated person may be a true one, metres."""
+
     def run(self) -> None:
         from fgpose.assessment.evaluation import evaluate
-        from fgpose.cli.tables import print_evaluation
-        from fgpose.io.trajectories import load_trajectory
+        from fgpose.assessment.people import evaluate_people
+        from fgpose.cli.tables import print_evaluation, print_people_evaluation
+        from fgpose.io.trajectories import load_people_trajectories
 
-        estimate, reference = load_trajectory(self.estimate), load_trajectory(self.reference)
-        print_evaluation(new_console(), evaluate(estimate, reference, self.offset_s))
+        estimate, reference = load_people_trajectories(self.estimate), load_people_trajectories(self.reference)
+        if len(estimate) == len(reference) == 1:
+            one, true = next(iter(estimate.values())), next(iter(reference.values()))
+            print_evaluation(new_console(), evaluate(one, true, self.offset_s))
+        else:
+            people = evaluate_people(estimate, reference, truth_offset_s=self.offset_s, match_m=self.match_m)
+            print_people_evaluation(new_console(), people)

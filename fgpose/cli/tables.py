@@ -12,6 +12,7 @@ from rich.table import Table
 
 from fgpose.assessment.evaluation import Evaluation
 from fgpose.assessment.metrics import jitter_mps3
+from fgpose.assessment.people import PeopleEvaluation
 from fgpose.calibration.rig_refinement import RigRefinement
 from fgpose.calibration.time_offsets import TimeOffsets
 from fgpose.pipeline import Result, Source
@@ -144,6 +145,45 @@ def _evaluation_table(evaluation: Evaluation) -> Table:
     table = new_table("", "value")
     for label, value in rows:
         table.add_row(label, _number(value))
+    return table
+
+
+def print_people_evaluation(console: Console, evaluation: PeopleEvaluation) -> None:
+    """How well people were found, told apart and posed, then one line per true person."""
+    console.print(
+        f"{evaluation.n_frames} frames, {evaluation.n_frames_empty} of them without an estimate; "
+        f"{evaluation.n_people} people, {evaluation.n_identities} estimated"
+    )
+    console.print(_people_evaluation_table(evaluation))
+    people = new_table("person", "frames", "recall [%]", "switches", "fragmented", "MPJPE [mm]", "PCP [%]")
+    for person in evaluation.people:
+        people.add_row(
+            *map(str, (person.identity, person.n_frames)),
+            _number(100 * person.recall),
+            *map(str, (person.switches, person.fragmentations)),
+            *map(_number, (person.mpjpe_mm, 100 * person.pcp)),
+        )
+    console.print(people)
+
+
+def _people_evaluation_table(evaluation: PeopleEvaluation) -> Table:
+    table = new_table("", "value")
+    rows: dict[str, float] = {
+        "recall [%]": 100 * evaluation.recall,
+        "precision [%]": 100 * evaluation.precision,
+        "F1 [%]": 100 * evaluation.f1,
+        "MOTA [%]": 100 * evaluation.mota,
+        "ID switches": evaluation.switches,
+        "fragmentations": evaluation.fragmentations,
+        "IDF1 [%]": 100 * evaluation.idf1,
+        "HOTA [%]": 100 * evaluation.hota,
+        "MPJPE, absolute [mm]": evaluation.mpjpe_mm,
+        "joints missing [%]": 100 * evaluation.share_missing,
+        "PCP [%]": 100 * evaluation.pcp,
+        "joints on the wrong person [%]": 100 * evaluation.wrong_person,
+    }
+    for label, value in rows.items():
+        table.add_row(label, str(value) if isinstance(value, int) else _number(value))
     return table
 
 
