@@ -30,7 +30,11 @@ class SmoothedPeople:
 
 
 def smooth_people(
-    observations: PeopleObservations, rig: CameraRig, config: Config | None = None, progress: Progress | None = None
+    observations: PeopleObservations,
+    rig: CameraRig,
+    config: Config | None = None,
+    progress: Progress | None = None,
+    association: Association | None = None,
 ) -> SmoothedPeople:
     """Tell everybody apart, then smooth each as fgpose.smooth does one person.
 
@@ -40,6 +44,7 @@ def smooth_people(
         config: see fgpose.config; the section [tracking] says how people are told apart.
         progress: told after every frame of the association and of each person; of how many in all changes once it is
             known how many people there are.
+        association: who is who in these observations, where that is known; by default see associate.
 
     Raises:
         ValueError: a camera of the observations is not in the rig.
@@ -48,7 +53,7 @@ def smooth_people(
         UserWarning: as fgpose.smooth.
     """
     config = config or Config()
-    association = associate(observations, rig, config.tracking, progress)
+    association = association or associate(observations, rig, config.tracking, progress)
     n_done = n_frames = len(association.frames.image)
     n_frames += sum(len(seen.detection) for seen in association.people.values())
     trajectories: dict[int, Trajectory] = {}
