@@ -114,7 +114,7 @@ def _pairs(
     origin_m = np.stack([camera.position_m for camera in moment.cameras.cameras])
     camera, detection = np.moveaxis(candidates[pairs], -1, 0)
     (origin_a_m, origin_b_m), (a, b) = np.moveaxis(origin_m[camera], 1, 0), np.moveaxis(rays[camera, detection], 1, 0)
-    joints_m, distance_m = _meeting(origin_a_m, a, origin_b_m, b)
+    joints_m, distance_m = meeting(origin_a_m, a, origin_b_m, b)
     n_known = np.isfinite(distance_m).sum(axis=1)
     spread_m = np.sqrt(2) * SIGMA_M
     peak = np.log(2 * _UNRELATED_M / (np.sqrt(2 * np.pi) * spread_m))
@@ -132,13 +132,18 @@ def _rays(camera: Camera, points_px: Float[np.ndarray, "*points 2"]) -> Float[np
     return ray / np.linalg.norm(ray, axis=-1, keepdims=True)
 
 
-def _meeting(
+def meeting(
     a_m: Float[np.ndarray, "pair 3"],
     a: Float[np.ndarray, "pair joint 3"],
     b_m: Float[np.ndarray, "pair 3"],
     b: Float[np.ndarray, "pair joint 3"],
 ) -> tuple[Float[np.ndarray, "pair joint 3"], Float[np.ndarray, "pair joint"]]:
-    """Where two rays are nearest to each other, and how near; NaN where they are parallel or go apart."""
+    """Where two rays are nearest to each other, and how near; NaN where they are parallel or go apart.
+
+    Args:
+        a_m, b_m: where the rays of each pair start, world frame.
+        a, b: unit vectors along them.
+    """
     apart_m = (a_m - b_m)[:, None]
     cosine, along_a, along_b = np.sum(a * b, -1), np.sum(a * apart_m, -1), np.sum(b * apart_m, -1)
     sin2 = np.asarray(1 - cosine**2)

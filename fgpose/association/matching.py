@@ -91,7 +91,7 @@ def match(
     joint = np.tile(np.arange(n_joints), (n_cameras, n_people, 1))
     exchanged = mirrored[camera, person, own]
     joint[camera[exchanged], person[exchanged]] = mirror
-    _hand_over(detection, joint, chosen, likelihood.probability, mirrored, mirror)
+    hand_over(detection, joint, chosen, likelihood.probability, mirrored, mirror)
     taken = np.zeros((n_cameras, n_detections), dtype=bool)
     taken[camera, own] = True
     fits_somebody = (likelihood.fits & (chosen != NOBODY)[..., None]).any(axis=1)
@@ -130,7 +130,7 @@ def _gain(
     return gain
 
 
-def _hand_over(
+def hand_over(
     detection: np.ndarray,
     joint: np.ndarray,
     chosen: np.ndarray,

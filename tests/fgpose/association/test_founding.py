@@ -151,7 +151,7 @@ def test_the_pairs_that_are_tried_are_bounded(
 ) -> None:
     """200 candidates in each of four images are 240,000 pairs."""
     tried: list[int] = []
-    meeting, best_supported = founding._meeting, founding._best_supported
+    meeting, best_supported = founding.meeting, founding._best_supported
 
     def count_meeting(a_m: np.ndarray, *others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         tried.append(len(a_m))
@@ -163,7 +163,7 @@ def test_the_pairs_that_are_tried_are_bounded(
         supported.append(len(pairs))
         return best_supported(pairs, *others)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(founding, "_meeting", count_meeting)
+    monkeypatch.setattr(founding, "meeting", count_meeting)
     monkeypatch.setattr(founding, "_best_supported", count_supported)
     person_m = body_m(skeleton)
     founded = found(crowded(rig, 200, np.random.default_rng(0), person_m), None, skeleton)
