@@ -22,7 +22,7 @@ from fgpose.benchmark.plot_style import (
     new_figure,
     shown,
 )
-from fgpose.benchmark.scores import COVERAGE_LEVELS
+from fgpose.benchmark.scores import COVERAGE_LEVELS, Score
 from fgpose.benchmark.summary import FEWEST_RECORDINGS, Interval, Summaries, variants_of
 from fgpose.io.atomic import write_bytes
 from fgpose.io.skeletons import load_skeleton
@@ -179,7 +179,13 @@ def error_of_joints(summaries: Summaries) -> Figure | None:
     """Mean absolute error of each joint, left and right together, occluded; None without this variant."""
     styles = shown(summaries, [_OCCLUDED])
     n_joints = max(
-        (len(score.joint_mm) for method in styles for score in summaries[_OCCLUDED, method].scores), default=0
+        (
+            len(score.joint_mm)
+            for method in styles
+            for score in summaries[_OCCLUDED, method].scores
+            if isinstance(score, Score)
+        ),
+        default=0,
     )
     if n_joints == 0:
         return None

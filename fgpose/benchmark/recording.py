@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+
+RecordingT = TypeVar("RecordingT")
+ResultT = TypeVar("ResultT")
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +57,10 @@ class Result:
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(Generic[RecordingT, ResultT]):
     """One line of the tables."""
 
     name: str
     group: str
-    """per-frame, linear, peer, ours, oracle or file: which lines are compared with which."""
-    solve: Callable[[Recording], Result]
+    """per-frame, linear, baseline, peer, ours, oracle or file: which lines are compared with which."""
+    solve: Callable[[RecordingT], ResultT]

@@ -9,42 +9,69 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 import fgpose_factors
-from fgpose.benchmark.recording import Method, Recording
-from fgpose.benchmark.scores import Score, load_scores, save_scores, score
-from fgpose.benchmark.variants import VERSION, find_variant, record
+from fgpose.benchmark.recording import Method, ResultT
+from fgpose.benchmark.scores import Scored, load_scores, save_scores
 
 _Value = TypeVar("_Value")
-Progress = Callable[[Score], None]
-"""Told every score as soon as it is known."""
 
 _FOLDER = Path(__file__).parent
 _SOLVER_SOURCES = (_FOLDER.parent, Path(fgpose_factors.__file__).parent)
 _OTHER_ROOMS = {"benchmark", "cli", "monocular", "viewer"}  # of fgpose; no solver uses them
-_OWN_SOURCES = ("methods.py", "linear.py", "scores.py")
 _PEER_SOURCES = ("peer.py", "peer_server.py", "peer_methods.py", "scores.py")
-_WARM_UP = "clean", "cmu_02_03_short", 15  # the shortest clip; enough to import and compile everything
 _AHEAD = 2  # recordings wait for workers, not workers for recordings; more would only fill memory
 
-_warm: set[str] = set()
-"""Methods that this process has used."""
+_warm: set[tuple[str, str]] = set()
+"""Benchmarks and methods that this process has used."""
+
+
+@runtime_checkable
+class _Named(Protocol):
+    """A recording, of whatever."""
+
+    @property
+    def clip(self) -> str: ...
+
+    @property
+    def variant(self) -> str: ...
+
+
+_Recording = TypeVar("_Recording", bound=_Named)
+_Score = TypeVar("_Score", bound=Scored)
+
+
+@dataclass(frozen=True)
+class Benchmark(Generic[_Recording, ResultT, _Score]):
+    """What is measured on recordings of one kind."""
+
+    name: str
+    version: int
+    """Of the recordings: scores of another version are measured again."""
+    score: Callable[[_Recording, ResultT, Method[_Recording, ResultT]], _Score]
+    """Refuses a result with ValueError."""
+    kind: type[_Score]
+    warm_up: Callable[[], _Recording]
+    """A short recording: enough to import and compile everything."""
+    sources: tuple[str, ...]
+    """Code of the benchmark that scores depend on: files and folders beside this one."""
 
 
 def run(
-    recordings: Iterable[Recording],
-    methods: Sequence[Method],
+    benchmark: Benchmark[_Recording, ResultT, _Score],
+    recordings: Iterable[_Recording],
+    methods: Sequence[Method[_Recording, ResultT]],
     cache: Path | None,
-    progress: Progress | None = None,
+    progress: Callable[[_Score], None] | None = None,
     n_workers: int = 2,
-) -> list[Score]:
+) -> list[_Score]:
     """Every method on every recording.
 
     Each score is written into the cache as soon as it is known: an interrupted run continues where it was, and a second
@@ -52,6 +79,7 @@ def run(
     of the benchmark, the source code of fgpose (for aniposelib only the code that calls it).
 
     Args:
+        benchmark: what is measured.
         recordings: taken one by one.
         methods: with different names; picklable, unless there are no workers.
         cache: folder, made if absent; None: measure everything.
@@ -67,10 +95,10 @@ def run(
     """
     if len({method.name for method in methods}) != len(methods):
         raise ValueError(f"two methods have one name: {', '.join(method.name for method in methods)}")
-    scores: dict[int, Score] = {}
-    pending: dict[Future[Score], int] = {}
+    scores: dict[int, _Score] = {}
+    pending: dict[Future[_Score], int] = {}
 
-    def keep(index: int, known: Score) -> None:
+    def keep(index: int, known: _Score) -> None:
         scores[index] = known
         if progress:
             progress(known)
@@ -81,28 +109,32 @@ def run(
                 keep(pending.pop(future), future.result())
 
     with _executor(n_workers) as executor:
-        for index, (recording, method, path) in enumerate(_pairs(recordings, methods, cache)):
+        for index, (recording, method, path) in enumerate(_pairs(benchmark, recordings, methods, cache)):
             if path is not None and path.exists():
-                keep(index, load_scores(path)[0])
+                keep(index, load_scores(path, benchmark.kind)[0])
                 continue
             finish(_AHEAD * n_workers)
-            pending[executor.submit(_measure, recording, method, path)] = index
+            pending[executor.submit(_measure, benchmark, recording, method, path)] = index
         finish(0)
     return [scores[index] for index in sorted(scores)]
 
 
 def _pairs(
-    recordings: Iterable[Recording], methods: Sequence[Method], cache: Path | None
-) -> Iterator[tuple[Recording, Method, Path | None]]:
+    benchmark: Benchmark[_Recording, ResultT, _Score],
+    recordings: Iterable[_Recording],
+    methods: Sequence[Method[_Recording, ResultT]],
+    cache: Path | None,
+) -> Iterator[tuple[_Recording, Method[_Recording, ResultT], Path | None]]:
     for recording in recordings:
         content = None if cache is None else _digest(recording)
         for method in methods:
-            path = None if cache is None else cache / _file_name(recording, method, content)
+            path = None if cache is None else cache / _file_name(benchmark, recording, method, content)
             yield recording, method, path
 
 
-def _file_name(recording: Recording, method: Method, content: object) -> str:
-    key = repr((VERSION, content, method.name, method.group, _source_digest(of_peer=method.group == "peer")))
+def _file_name(benchmark: Benchmark, recording: _Named, method: Method, content: object) -> str:
+    sources = _source_digest(_PEER_SOURCES) if method.group == "peer" else _source_digest(benchmark.sources, ours=True)
+    key = repr((benchmark.version, content, method.name, method.group, sources))
     return f"{recording.variant}-{recording.clip}-{hashlib.sha256(key.encode()).hexdigest()[:24]}.json"
 
 
@@ -120,17 +152,21 @@ def _digest(value: object) -> str:
 
 
 @lru_cache
-def _source_digest(*, of_peer: bool) -> str:
-    """Of the code that a score depends on, whatever made the recording."""
-    paths = [_FOLDER / name for name in (_PEER_SOURCES if of_peer else _OWN_SOURCES)]
-    if not of_peer:
+def _source_digest(names: tuple[str, ...], *, ours: bool = False) -> str:
+    """Of the code that a score depends on, whatever made the recording: of this folder, and of ours the solvers."""
+    paths = [path for name in names for path in _modules(_FOLDER / name)]
+    if ours:
         paths += [path for folder in _SOLVER_SOURCES for path in _sources(folder)]
     return hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
 
 
+def _modules(path: Path) -> list[Path]:
+    return sorted(path.rglob("*.py")) if path.is_dir() else [path]
+
+
 def _sources(folder: Path) -> list[Path]:
     """Of a package and its rooms."""
-    return [path for path in sorted(folder.rglob("*.py")) if path.relative_to(folder).parts[0] not in _OTHER_ROOMS]
+    return [path for path in _modules(folder) if path.relative_to(folder).parts[0] not in _OTHER_ROOMS]
 
 
 @contextmanager
@@ -165,22 +201,27 @@ def _become_worker() -> None:
     threadpool_limits(limits=1)
 
 
-def _measure(recording: Recording, method: Method, path: Path | None) -> Score:
-    _warm_up(method)
+def _measure(
+    benchmark: Benchmark[_Recording, ResultT, _Score],
+    recording: _Recording,
+    method: Method[_Recording, ResultT],
+    path: Path | None,
+) -> _Score:
+    _warm_up(benchmark, method)
     try:
         result = method.solve(recording)
     except ValueError as error:
         raise ValueError(f"{method.name}, {recording.clip} ({recording.variant}): {error}") from None
-    known = score(recording, result, method)
+    known = benchmark.score(recording, result, method)
     if path is not None:
         save_scores([known], path)
     return known
 
 
-def _warm_up(method: Method) -> None:
+def _warm_up(benchmark: Benchmark[_Recording, ResultT, _Score], method: Method[_Recording, ResultT]) -> None:
     """Imports, compilation and the start of another process happen once: they do not count as a method's time."""
-    if method.group == "file" or method.name in _warm:
+    name = benchmark.name, method.name
+    if method.group == "file" or name in _warm:
         return
-    _warm.add(method.name)
-    variant, clip, n_frames = _WARM_UP
-    method.solve(record(find_variant(variant), clip, n_frames))
+    _warm.add(name)
+    method.solve(benchmark.warm_up())

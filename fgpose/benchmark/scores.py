@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -29,13 +29,22 @@ COVERAGE_LEVELS = (0.5, 0.9, 0.99)
 
 
 @dataclass(frozen=True)
-class Score:
-    """How good one method was on one recording. Lengths in mm; NaN where a number does not exist."""
+class Scored:
+    """What was scored: one method on one recording."""
 
     variant: str
     clip: str
     method: str
     group: str
+
+
+_Scored = TypeVar("_Scored", bound=Scored)
+
+
+@dataclass(frozen=True)
+class Score(Scored):
+    """How good one method was on one recording. Lengths in mm; NaN where a number does not exist."""
+
     mpjpe_mm: float
     """Absolute, over the joints that the method gives."""
     relative_mpjpe_mm: float
@@ -62,7 +71,7 @@ class Score:
     """Largest error of an estimated time offset, in frames."""
 
 
-def score(recording: Recording, result: Result, method: Method) -> Score:
+def score(recording: Recording, result: Result, method: Method[Recording, Result]) -> Score:
     """How good a method's result is, by the definitions of fgpose.assessment.metrics.
 
     Raises:
@@ -127,8 +136,8 @@ def _offset_error_frames(recording: Recording, result: Result) -> float:
     return float(np.abs(result.offsets_s - recording.true_offsets_s).max() * recording.fps)
 
 
-def save_scores(scores: Sequence[Score], path: Path) -> None:
-    """Write scores as a JSON list of objects with the fields of Score; NaN becomes null.
+def save_scores(scores: Sequence[Scored], path: Path) -> None:
+    """Write scores as a JSON list of objects with their fields; NaN becomes null.
 
     Raises:
         OSError: the file cannot be written.
@@ -137,8 +146,8 @@ def save_scores(scores: Sequence[Score], path: Path) -> None:
     write_text(path, json.dumps(objects, indent=1, allow_nan=False) + "\n")
 
 
-def load_scores(path: Path) -> list[Score]:
-    """Read what save_scores has written.
+def load_scores(path: Path, kind: type[_Scored]) -> list[_Scored]:
+    """Read what save_scores has written of scores of one kind.
 
     Raises:
         ValueError: the file is not such a list.
@@ -146,7 +155,7 @@ def load_scores(path: Path) -> list[Score]:
     """
     text = path.read_text(encoding="utf-8")
     try:
-        return [_from_json(item) for item in json.loads(text)]
+        return [_from_json(item, kind) for item in json.loads(text)]
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"{path}: not a list of scores: {error!r}") from None
 
@@ -157,11 +166,11 @@ def _to_json(value: Any) -> Any:
     return None if isinstance(value, float) and np.isnan(value) else value
 
 
-def _from_json(item: dict[str, Any]) -> Score:
-    names = {field.name for field in fields(Score)}
+def _from_json(item: dict[str, Any], kind: type[_Scored]) -> _Scored:
+    names = {field.name for field in fields(kind)}
     if set(item) != names:
         raise KeyError(*sorted(set(item) ^ names))
-    return Score(**{name: _number(value) for name, value in item.items()})
+    return kind(**{name: _number(value) for name, value in item.items()})
 
 
 def _number(value: Any) -> Any:

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.metrics import mean_known
-from fgpose.benchmark.scores import Score
+from fgpose.benchmark.scores import Scored
 
-GROUPS = ("per-frame", "linear", "peer", "file", "ours", "oracle")
+GROUPS = ("per-frame", "linear", "baseline", "peer", "file", "ours", "oracle")
 """The order in which they are shown; unknown ones follow."""
 OTHERS = ("per-frame", "linear", "peer")
 """What ours is compared with."""
@@ -48,14 +48,14 @@ class Summary:
     variant: str
     method: str
     group: str
-    scores: tuple[Score, ...]
+    scores: tuple[Scored, ...]
     """In the order of the names of the clips."""
 
     def mean(self, number: str, index: int = 0) -> float:
-        """Mean of a number of Score over the recordings that have it; NaN where none has.
+        """Mean of a number of the scores over the recordings that have it; NaN where none has.
 
         Args:
-            number: name of a field of Score.
+            number: name of a field of the scores.
             index: which of them, for a field that holds several.
         """
         return float(mean_known(np.array(list(self.by_clip(number, index).values()))))
@@ -66,7 +66,7 @@ class Summary:
         return _interval(known, np.ones_like(known))
 
     def by_clip(self, number: str, index: int = 0) -> dict[str, float]:
-        """A number of Score on every recording; NaN where the score does not hold so many."""
+        """A number of the scores on every recording; NaN where the score does not hold so many."""
         return {score.clip: _number(score, number, index) for score in self.scores}
 
 
@@ -74,13 +74,13 @@ Summaries = dict[tuple[str, str], Summary]
 """By variant and method."""
 
 
-def summarise(scores: Iterable[Score]) -> Summaries:
+def summarise(scores: Iterable[Scored]) -> Summaries:
     """The scores gathered by variant and method: variants in order of appearance, methods by group and appearance.
 
     Raises:
         ValueError: there are no scores, a method has two scores of one recording, or a method is in two groups.
     """
-    gathered: dict[tuple[str, str], dict[str, Score]] = {}
+    gathered: dict[tuple[str, str], dict[str, Scored]] = {}
     groups: dict[str, str] = {}
     for score in scores:
         clips = gathered.setdefault((score.variant, score.method), {})
@@ -104,7 +104,7 @@ def _rank(group: str) -> int:
     return GROUPS.index(group) if group in GROUPS else len(GROUPS)
 
 
-def _summary(clips: dict[str, Score]) -> Summary:
+def _summary(clips: dict[str, Scored]) -> Summary:
     first = next(iter(clips.values()))
     return Summary(first.variant, first.method, first.group, tuple(clips[clip] for clip in sorted(clips)))
 
@@ -146,7 +146,7 @@ def paired_ratio(ours: Summary, other: Summary, number: str = "mpjpe_mm", index:
     return _interval(known[:, 0], known[:, 1])
 
 
-def _number(score: Score, number: str, index: int) -> float:
+def _number(score: Scored, number: str, index: int) -> float:
     value = getattr(score, number)
     if not isinstance(value, tuple):
         return float(value)

@@ -28,7 +28,9 @@ Cells = Mapping[str, str]
 
 
 @dataclass(frozen=True)
-class _Column:
+class Column:
+    """A number of the methods, as a column of a table."""
+
     title: str
     text: Callable[[Summary], str]
     cost: Callable[[Summary], float] | None = None
@@ -51,8 +53,13 @@ def absolute_errors(summaries: Summaries) -> str:
 def all_numbers(summaries: Summaries, variant: str) -> str:
     """Every number of every method on one variant."""
     entries = entries_of(summaries, variant)
-    columns = {column.title: _cells(column, entries) for column in (_error_column(entries), *_COLUMNS)}
-    return _by_method({method: entry.group for method, entry in entries.items()}, columns)
+    return of_methods(entries, (_error_column(entries), *_COLUMNS))
+
+
+def of_methods(entries: Mapping[str, Summary], columns: Sequence[Column]) -> str:
+    """Some numbers of all methods on one variant."""
+    cells = {column.title: _cells(column, entries) for column in columns}
+    return _by_method({method: entry.group for method, entry in entries.items()}, cells)
 
 
 def comparison(summaries: Summaries, method: str) -> str:
@@ -67,8 +74,8 @@ def comparison(summaries: Summaries, method: str) -> str:
             rows.append(
                 [
                     words(variant),
-                    f"{other.method}, {_fixed(other.mean('mpjpe_mm'))}" if other else NONE,
-                    _fixed(ours.mean("mpjpe_mm")),
+                    f"{other.method}, {fixed(other.mean('mpjpe_mm'))}" if other else NONE,
+                    fixed(ours.mean("mpjpe_mm")),
                     _ratio(ours, other, "mpjpe_mm"),
                     _ratio(ours, best_other(summaries, variant, "p95_mm"), "p95_mm"),
                     _ratio(ours, best_other(summaries, variant, groups=(_ORACLE,)), "mpjpe_mm"),
@@ -99,7 +106,7 @@ def of_family(summaries: Summaries, variants: Sequence[str]) -> str:
 
 
 def _mean_and_tail(entry: Summary | None) -> str:
-    return f"{_fixed(entry.mean('mpjpe_mm'))}, {_fixed(entry.mean('p95_mm'))}" if entry else NONE
+    return f"{fixed(entry.mean('mpjpe_mm'))}, {fixed(entry.mean('p95_mm'))}" if entry else NONE
 
 
 def calibration(summaries: Summaries, number: str) -> str | None:
@@ -123,7 +130,7 @@ def calibration(summaries: Summaries, number: str) -> str | None:
         max(np.abs(values - _NOMINAL).max() for (_, owner), values in shares.items() if owner == method)
         for method in methods
     ]
-    rows.append(["*largest deviation*", *(f"*{_fixed(float(points))}*" for points in worst)])
+    rows.append(["*largest deviation*", *(f"*{fixed(float(points))}*" for points in worst)])
     return _markdown(["variant", *methods], rows) if methods else None
 
 
@@ -133,7 +140,7 @@ def time_offsets(summaries: Summaries) -> str | None:
     errors = {key: entry.by_clip("offset_error_frames").values() for key, entry in summaries.items()}
     known = {key: finite for key, values in errors.items() if (finite := [v for v in values if np.isfinite(v)])}
     methods = [method for method in methods_of(summaries) if any(method == key[1] for key in known)]
-    cells = {key: f"{_fixed(float(np.mean(values)), 2)} ({_fixed(max(values), 2)})" for key, values in known.items()}
+    cells = {key: f"{fixed(float(np.mean(values)), 2)} ({fixed(max(values), 2)})" for key, values in known.items()}
     rows = [
         [words(variant), *(cells.get((variant, method), NONE) for method in methods)]
         for variant in variants_of(summaries)
@@ -152,7 +159,7 @@ def words(variant: str) -> str:
     return variant.replace("_", " ")
 
 
-def _cells(column: _Column, entries: Mapping[str, Summary]) -> Cells:
+def _cells(column: Column, entries: Mapping[str, Summary]) -> Cells:
     texts = {method: column.text(entry) for method, entry in entries.items()}
     top = None
     if column.cost is not None:
@@ -167,32 +174,32 @@ def _cells(column: _Column, entries: Mapping[str, Summary]) -> Cells:
     }
 
 
-def _error_column(entries: Mapping[str, Summary]) -> _Column:
+def _error_column(entries: Mapping[str, Summary]) -> Column:
     n_recordings = len({score.clip for entry in entries.values() for score in entry.scores})
 
     def note(entry: Summary) -> str:
         error_mm = entry.interval("mpjpe_mm")
-        width = f" ±{_fixed(error_mm.half_width)}" if np.isfinite(error_mm.half_width) else ""
+        width = f" ±{fixed(error_mm.half_width)}" if np.isfinite(error_mm.half_width) else ""
         return width + (FEWER if error_mm.n_recordings < n_recordings else "")
 
-    return _Column("absolute", lambda e: _fixed(e.mean("mpjpe_mm")), lambda e: e.mean("mpjpe_mm"), note)
+    return Column("absolute", lambda e: fixed(e.mean("mpjpe_mm")), lambda e: e.mean("mpjpe_mm"), note)
 
 
-def _lower_is_better(title: str, number: str, decimals: int = 1) -> _Column:
-    return _Column(title, lambda e: _fixed(e.mean(number), decimals), lambda e: e.mean(number))
+def lower_is_better(title: str, number: str, decimals: int = 1) -> Column:
+    return Column(title, lambda e: fixed(e.mean(number), decimals), lambda e: e.mean(number))
 
 
 _COLUMNS = (
-    _lower_is_better("relative", "relative_mpjpe_mm"),
-    _lower_is_better("median", "median_mm"),
-    _lower_is_better("95 %", "p95_mm"),
-    _Column("PCK", lambda e: _fixed(100 * e.mean("pck_150mm")), lambda e: -e.mean("pck_150mm")),
-    _Column("missing", lambda e: _fixed(100 * e.mean("missing_share"))),
-    _lower_is_better("accel.", _ACCELERATION, 2),
-    _lower_is_better("bones", "bone_spread_mm"),
-    _Column("ms", lambda e: _significant(e.mean("ms_per_frame"))),
-    _Column("50/90/99 %", lambda e: _slashed(_coverage(e, "coverage"))),
-    _Column("NEES", lambda e: _significant(e.mean("nees"))),
+    lower_is_better("relative", "relative_mpjpe_mm"),
+    lower_is_better("median", "median_mm"),
+    lower_is_better("95 %", "p95_mm"),
+    Column("PCK", lambda e: fixed(100 * e.mean("pck_150mm")), lambda e: -e.mean("pck_150mm")),
+    Column("missing", lambda e: fixed(100 * e.mean("missing_share"))),
+    lower_is_better("accel.", _ACCELERATION, 2),
+    lower_is_better("bones", "bone_spread_mm"),
+    Column("ms", lambda e: significant(e.mean("ms_per_frame"))),
+    Column("50/90/99 %", lambda e: _slashed(_coverage(e, "coverage"))),
+    Column("NEES", lambda e: significant(e.mean("nees"))),
 )
 _NOMINAL = 100 * np.array(COVERAGE_LEVELS)  # percent
 
@@ -207,14 +214,14 @@ def _ratio(ours: Summary | None, other: Summary | None, number: str) -> str:
         return NONE
     ratio = paired_ratio(ours, other, number)
     interval = f" ({ratio.low:.2f}–{ratio.high:.2f})" if np.isfinite(ratio.half_width) else ""
-    return _fixed(ratio.value, 2) + interval
+    return fixed(ratio.value, 2) + interval
 
 
-def _fixed(value: float, decimals: int = 1) -> str:
+def fixed(value: float, decimals: int = 1) -> str:
     return NONE if np.isnan(value) else f"{value:.{decimals}f}"
 
 
-def _significant(value: float) -> str:
+def significant(value: float) -> str:
     """Three digits, or all before the point."""
     if np.isnan(value):
         return NONE

@@ -134,6 +134,7 @@ class Open:
         return [method for method in every if not (self.quick and method.name in _NOT_QUICK)]
 
     def _scores(self, variants: Sequence[Variant], methods: Sequence[Method]) -> list[Score]:
+        from fgpose.benchmark.open_benchmark import OPEN
         from fgpose.benchmark.runner import run
         from fgpose.benchmark.variants import MAX_FRAMES, TEST_CLIPS, TUNING_CLIPS, recordings
 
@@ -156,7 +157,7 @@ class Open:
             for _, group in groupby(variants, lambda variant: [method.name for method in chosen[variant]]):
                 together = list(group)
                 every = recordings(together, clips, max_frames)
-                scores += run(every, chosen[together[0]], cache, advance, self.workers)
+                scores += run(OPEN, every, chosen[together[0]], cache, advance, self.workers)
             return scores
 
     def _methods_on(self, variant: Variant, methods: Sequence[Method]) -> list[Method]:
@@ -181,10 +182,10 @@ class Report:
 
 def _report(folder: Path, command: str) -> None:
     from fgpose.benchmark.report import write_report
-    from fgpose.benchmark.scores import load_scores
+    from fgpose.benchmark.scores import Score, load_scores
 
     console = new_console()
-    for path in write_report(load_scores(folder / _SCORES), folder, command):
+    for path in write_report(load_scores(folder / _SCORES, Score), folder, command):
         console.print(f"wrote {path}", soft_wrap=True)
 
 

@@ -47,7 +47,7 @@ def test_other_arguments_stay_as_they_are(arguments):
 def test_quick_from_arguments_to_report(tiny, folder, capsys):
     chosen = ("--variants", "clean", "--methods", "DLT", "fgpose batch", "--workers", "1")
     parsed("--quick", "--output", str(folder), *chosen).run()
-    scores = load_scores(folder / "scores.json")
+    scores = load_scores(folder / "scores.json", Score)
     assert [(score.method, score.variant) for score in scores] == [("DLT", "clean"), ("fgpose batch", "clean")] * 2
     assert all(0 < score.mpjpe_mm < 50 for score in scores)
     report = (folder / "report.md").read_text(encoding="utf-8")
@@ -139,7 +139,7 @@ def test_quick_leaves_out_the_slowest_method_unless_it_is_named():
 def test_the_other_families_run_few_methods_unless_more_are_named(folder, monkeypatch):
     asked: list[tuple[list[str], list[str]]] = []
 
-    def nothing(recordings: Iterable[Recording], methods: list[Method], *_: object) -> list[Score]:
+    def nothing(_: object, recordings: Iterable[Recording], methods: list[Method], *__: object) -> list[Score]:
         names = sorted({recording.variant for recording in recordings})
         asked.append((names, [method.name for method in methods]))
         return []
@@ -165,7 +165,7 @@ def test_an_ablation_is_of_the_standard_family():
 def test_the_ablation_removes_one_ingredient_at_a_time(tiny, folder):
     chosen = ("--variants", "clean", "--methods", "as it is", "no motion model", "--workers", "1")
     parsed("--ablation", "--quick", "--output", str(folder), *chosen).run()
-    whole, without = (score for score in load_scores(folder / "scores.json") if score.clip == "cmu_01_01_a")
+    whole, without = (score for score in load_scores(folder / "scores.json", Score) if score.clip == "cmu_01_01_a")
     assert (whole.method, without.method) == ("as it is", "no motion model")
     # Without a motion model every frame keeps its noise: several times the acceleration error, on 12 frames too.
     assert without.acceleration_mm_per_frame2 > 2 * whole.acceleration_mm_per_frame2

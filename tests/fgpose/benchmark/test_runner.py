@@ -6,6 +6,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,12 +14,13 @@ import pytest
 
 from fgpose.benchmark import runner
 from fgpose.benchmark.methods import find_methods, methods
+from fgpose.benchmark.open_benchmark import OPEN
 from fgpose.benchmark.recording import Method, Recording, Result
-from fgpose.benchmark.runner import run
 from fgpose.benchmark.scores import Score
 from fgpose.benchmark.variants import TUNING_CLIPS, find_variant, record, recordings
 
 N_FRAMES = 6
+run = partial(runner.run, OPEN)
 
 
 @pytest.fixture(autouse=True)
@@ -118,14 +120,13 @@ def test_no_cache_solves_again_and_writes_nothing(three, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_has_changed_is_measured_anew(three, tmp_path, monkeypatch):
+def test_what_has_changed_is_measured_anew(three, tmp_path):
     (method,), (solver,) = counting(0.01)
     run(three, [method], tmp_path, n_workers=0)
     moved = replace(three[0], truth_m=three[0].truth_m + 1e-9)
     run([moved, three[1]], [method], tmp_path, n_workers=0)
     assert solver.n_solved == {three[0].clip: 2, three[1].clip: 1, three[2].clip: 1}
-    monkeypatch.setattr(runner, "VERSION", 0)
-    run(three[1:2], [method], tmp_path, n_workers=0)
+    runner.run(replace(OPEN, version=0), three[1:2], [method], tmp_path, n_workers=0)
     assert solver.n_solved[three[1].clip] == 2
 
 

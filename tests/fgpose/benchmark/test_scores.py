@@ -138,7 +138,7 @@ def test_scores_survive_the_disk(recording, tmp_path):
     scores = [scored(recording, errors(recording, np.full(3, 0.01))), scored(recording, np.full(3, np.nan))]
     save_scores(scores, path)
     assert "NaN" not in path.read_text(encoding="utf-8")
-    for before, after in zip(scores, load_scores(path), strict=True):
+    for before, after in zip(scores, load_scores(path, Score), strict=True):
         for name, value in asdict(before).items():
             np.testing.assert_equal(getattr(after, name), value, name)
 
@@ -148,4 +148,4 @@ def test_another_file_is_refused(text, tmp_path):
     path = tmp_path / "scores.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=r"scores\.json: not a list of scores"):
-        load_scores(path)
+        load_scores(path, Score)
