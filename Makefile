@@ -10,7 +10,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-quick soak format clean
+.PHONY: demo demo-video test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -57,7 +57,11 @@ soak: $(STAMP)
 benchmark-accuracy: $(STAMP) $(PEER)
 	$(BIN)/fgpose benchmark --output out/benchmark
 
-# A part of it, whose errors must be those that are stored. After a change that is meant to change them:
+# Who is who among several people, and their poses.
+benchmark-people: $(STAMP)
+	$(BIN)/fgpose benchmark people --output out/benchmark-people
+
+# A part of the benchmark of accuracy, whose errors must be those that are stored. After a change that is meant to change them:
 # .venv/bin/fgpose benchmark --quick --output out/benchmark-quick --store tests/data/benchmark_quick.json
 benchmark-quick: $(STAMP)
 	$(BIN)/fgpose benchmark --quick --output out/benchmark-quick --check tests/data/benchmark_quick.json

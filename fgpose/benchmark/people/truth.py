@@ -1,0 +1,50 @@
+"""Who is who in a simulated crowd, as if association were solved."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fgpose.association.recording import Association
+from fgpose.benchmark.people.recording import PeopleRecording
+from fgpose.frame_matching import NO_IMAGE
+from fgpose.people import NOBODY, Seen
+
+
+def true_association(recording: PeopleRecording) -> Association:
+    """Each person has their detections, those whose left and right are interchanged turned round.
+
+    A joint that shows somebody else is left out; one that is hallucinated stays, for association cannot know. Of
+    doubled detections the first is taken.
+    """
+    scene, rig, frames = recording.scene, recording.rig, recording.frames
+    n_joints = scene.observations.skeleton.n_joints
+    people = [Seen.nothing(len(frames.image), rig.n_cameras, n_joints) for _ in range(scene.motion.n_people)]
+    number = {(image.camera, image.time_s): n for n, image in enumerate(scene.observations.images)}
+    for c, name in enumerate(rig.names):
+        images = scene.observations.by_camera[name]
+        for t in np.flatnonzero(frames.image[:, c] != NO_IMAGE).tolist():
+            n = number[name, images[frames.image[t, c]].time_s]
+            # The last is the first of the image.
+            for detection in reversed(range(len(scene.who[n]))):
+                if (person := int(scene.who[n][detection])) >= 0:
+                    _give(people[person], t, c, detection, recording, n)
+    there = {person: seen for person, seen in enumerate(people) if (seen.detection != NOBODY).any()}
+    return Association(scene.observations, rig, frames, {person: _cut(seen) for person, seen in there.items()}, ())
+
+
+def _give(seen: Seen, t: int, c: int, detection: int, recording: PeopleRecording, n: int) -> None:
+    """Note in place that a detection of image n shows somebody."""
+    scene = recording.scene
+    person, n_joints = scene.who[n][detection], scene.observations.skeleton.n_joints
+    label = scene.observations.skeleton.mirror if scene.flipped[n][detection] else np.arange(n_joints)
+    shows = scene.joint_of[n][detection][label]
+    known = scene.observations.images[n].confidence[detection][label] > 0
+    seen.detection[t, c] = np.where(known & ((shows == person) | (shows < 0)), detection, NOBODY)
+    seen.joint[t, c] = label
+
+
+def _cut(seen: Seen) -> Seen:
+    """From the first to the last frame that shows them."""
+    frames = np.flatnonzero((seen.detection != NOBODY).any(axis=(1, 2)))
+    inside = slice(int(frames[0]), int(frames[-1]) + 1)
+    return Seen(inside.start, seen.detection[inside], seen.joint[inside])

@@ -1,0 +1,112 @@
+"""The benchmark of several people. The docstrings are what --help prints."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import arg
+
+from fgpose.cli.options import new_console, progress_bar
+
+if TYPE_CHECKING:
+    from fgpose.benchmark.people.recording import PeopleMethod
+    from fgpose.benchmark.people.scores import PeopleScore
+    from fgpose.benchmark.people.variants import PeopleVariant
+
+_OUTPUT = Path("out/benchmark-people")
+_QUICK_VARIANTS = ("4_people_5_cameras", "4_people_3_cameras_low", "4_people_5_cameras_unsynchronised")
+# As much as fits into 90 seconds on two cores.
+_QUICK_CLIPS = 1
+_QUICK_S = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class People:
+    """Several people: who is who, and their poses, in simulated crowds.
+
+    2 to 8 people walk, work, pass each other, leave and come back, hidden by each other and by furniture, seen by 3 to
+    8 cameras, high and low, synchronous or not. fgpose in batch and online, the batch that is told who is who, and what
+    others published. Takes less than 25 minutes on two cores. Writes scores.json and report.md into the output folder.
+    Finished results are kept there in the folder cache, so an interrupted run continues where it was. Results that a
+    change of the code affects are measured again.
+
+    Example: fgpose benchmark people --quick
+    """
+
+    quick: bool = False
+    """Three variants, the first 5 s of one clip: for a first look."""
+    ablation: bool = False
+    """Instead of the methods: fgpose's batch with one part of the association removed or replaced at a time."""
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
+    """Folder for the results; it is made if it is absent."""
+    variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these variants."""
+    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these methods."""
+    clips: Literal["test", "tuning"] = "test"
+    """test: the crowds on which results are stated. tuning: those on which defaults may be chosen."""
+    workers: Annotated[int, arg(metavar="N")] = 2
+    """Number of processes."""
+    cache: bool = True
+    """Keep finished results, and use those that were kept. --no-cache measures everything and keeps nothing."""
+
+    def run(self) -> None:
+        from fgpose.benchmark.people.report import write_report
+        from fgpose.benchmark.scores import save_scores
+        from fgpose.io.atomic import check_writable
+
+        if self.workers < 0:
+            raise ValueError(f"--workers must not be negative, got {self.workers}")
+        variants, methods = self._variants(), self._methods()
+        check_writable(self.output)
+        scores = self._scores(variants, methods)
+        save_scores(scores, self.output / "scores.json")
+        path = write_report(scores, self.output, self._command())
+        new_console().print(f"wrote {path}", soft_wrap=True)
+
+    def _variants(self) -> list[PeopleVariant]:
+        from fgpose.benchmark.people.variants import VARIANTS, find_variant
+
+        every = _QUICK_VARIANTS if self.quick else tuple(variant.name for variant in VARIANTS)
+        return [find_variant(name) for name in dict.fromkeys(self.variants or every)]
+
+    def _methods(self) -> list[PeopleMethod]:
+        from fgpose.benchmark.methods import find_methods
+        from fgpose.benchmark.people.ablation import ablations
+        from fgpose.benchmark.people.methods import METHODS
+
+        every = ablations() if self.ablation else list(METHODS)
+        return find_methods(tuple(dict.fromkeys(self.methods)), every) if self.methods else every
+
+    def _scores(self, variants: Sequence[PeopleVariant], methods: Sequence[PeopleMethod]) -> list[PeopleScore]:
+        from fgpose.benchmark.people.benchmark import PEOPLE
+        from fgpose.benchmark.people.variants import DURATION_S, TEST_CLIPS, TUNING_CLIPS, recordings
+        from fgpose.benchmark.runner import run
+
+        clips = TEST_CLIPS if self.clips == "test" else TUNING_CLIPS
+        clips, duration_s = (clips[:_QUICK_CLIPS], _QUICK_S) if self.quick else (clips, DURATION_S)
+        total = len(variants) * len(clips) * len(methods)
+        done = 0
+        with progress_bar("benchmark", "results") as progress:
+
+            def advance(_: PeopleScore) -> None:
+                nonlocal done
+                done += 1
+                progress(done, total)
+
+            progress(0, total)
+            cache = self.output / "cache" if self.cache else None
+            every = recordings(variants, clips, duration_s)
+            return run(PEOPLE, every, methods, cache, advance, self.workers)
+
+    def _command(self) -> str:
+        """What gives the same numbers again."""
+        words = ["fgpose benchmark people", *(["--quick"] * self.quick), *(["--ablation"] * self.ablation)]
+        words += [f"--clips {self.clips}"] if self.clips != "test" else []
+        for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
+            words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
+        return " ".join(words)
