@@ -6,7 +6,7 @@ The library has no switches for its parts: while a method runs, another function
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from fgpose.association import matching
+from fgpose.association import recording as whole_recording
 from fgpose.association.pose_filter import Expected, PoseFilters
 from fgpose.benchmark.people.methods import POSITIONS_ONLY, TOLD, batch
 from fgpose.benchmark.people.recording import PeopleMethod, PeopleRecording, PeopleResult
 from fgpose.benchmark.recording import Method
-from fgpose.config import Config
 
 # With this spread a joint 4 to 5 m away fits a person up to about 60 px, the threshold of Chen et al. (2020).
 _FIXED_PX = 20.0
@@ -26,12 +26,11 @@ _FIXED_PX = 20.0
 
 def ablations() -> list[PeopleMethod]:
     """The batch without a change, then with each change alone; last, the batch that is told who is who."""
-    at_once = POSITIONS_ONLY.replace(tracking={"forget_s": 1e-6})
     return [
         Method("as it is", "ours", partial(batch, POSITIONS_ONLY)),
         Method("fixed gates", "ours", _Changed(fixed_gates)),
         Method("no hand-over of joints", "ours", _Changed(no_hand_over)),
-        Method("no recognition", "ours", _Changed(nullcontext, at_once)),
+        Method("no recognition", "ours", _Changed(no_recognition)),
         TOLD,
     ]
 
@@ -41,11 +40,10 @@ class _Changed:
     """The batch while something is changed."""
 
     change: Callable[[], AbstractContextManager[None]]
-    config: Config = POSITIONS_ONLY
 
     def __call__(self, recording: PeopleRecording) -> PeopleResult:
         with self.change():
-            return batch(self.config, recording)
+            return batch(POSITIONS_ONLY, recording)
 
 
 @contextmanager
@@ -75,3 +73,8 @@ def fixed_gates() -> AbstractContextManager[None]:
 def no_hand_over() -> AbstractContextManager[None]:
     """A detection is of one person as a whole."""
     return _replaced(matching, "hand_over", lambda *_: None)
+
+
+def no_recognition() -> AbstractContextManager[None]:
+    """Who comes back is somebody new."""
+    return _replaced(whole_recording, "links", lambda *_: [])

@@ -19,15 +19,18 @@ from fgpose.trajectory import Trajectory, joint_status
 
 @dataclass(frozen=True, eq=False)
 class PeopleRecording:
-    """A recording of several people whose truth is known. Methods see the observations, the rig and which images belong
-    together; the rest is for scoring and for the method that is told who is who."""
+    """A recording of several people whose truth is known. Methods see the observations and the rig; the rest is for
+    scoring and for the method that is told who is who."""
 
     clip: str
     """Name of the draw of people, of their motion and of the errors."""
     variant: str
     scene: CrowdScene
-    frames: MatchedFrames
-    """Images of about the same time; the people are asked for at the times of these frames."""
+
+    @property
+    def frames(self) -> MatchedFrames:
+        """Images of about the same time; the people are asked for at the times of these frames."""
+        return self.observations.frames
 
     @property
     def observations(self) -> PeopleObservations:

@@ -29,7 +29,7 @@ def true_association(recording: PeopleRecording) -> Association:
                 if (person := int(scene.who[n][detection])) >= 0:
                     _give(people[person], t, c, detection, recording, n)
     there = {person: seen for person, seen in enumerate(people) if (seen.detection != NOBODY).any()}
-    return Association(scene.observations, rig, frames, {person: _cut(seen) for person, seen in there.items()}, ())
+    return Association(scene.observations, rig, {person: _cut(seen) for person, seen in there.items()}, ())
 
 
 def _give(seen: Seen, t: int, c: int, detection: int, recording: PeopleRecording, n: int) -> None:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fgpose.benchmark.people.recording import PeopleRecording
-from fgpose.frame_matching import match_frames
 from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import (
     Box,
@@ -125,8 +124,7 @@ def record(variant: PeopleVariant, clip: str, duration_s: float = DURATION_S) ->
     n_frames = int(duration_s * _TRUTH_FPS) + 1
     motion = crowd_motion(variant.n_people, n_frames, _TRUTH_FPS, walks, works, seed, CrowdPlan(), variant.furniture)
     scene = simulate_crowd(motion, _rig(variant), DetectionNoise(), Occlusion(), CrowdErrors(), seed, variant.times)
-    frames = match_frames([scene.observations.times_s(name) for name in scene.rig.names])
-    return PeopleRecording(clip, variant.name, scene, frames)
+    return PeopleRecording(clip, variant.name, scene)
 
 
 def _rig(variant: PeopleVariant) -> CameraRig:

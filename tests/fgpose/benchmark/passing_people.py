@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.benchmark.people.recording import PeopleRecording
-from fgpose.frame_matching import match_frames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import Detections, PeopleObservations
@@ -58,8 +57,7 @@ def recorded(
 ) -> PeopleRecording:
     """What the cameras deliver; without errors all joints exactly, those behind somebody too."""
     scene = simulate_crowd(motion, room(n_cameras), noise, EXACT_BEHIND_OTHERS, errors, 0, times)
-    frames = match_frames([scene.observations.times_s(name) for name in scene.rig.names])
-    return PeopleRecording("passing", "exact", scene, frames)
+    return PeopleRecording("passing", "exact", scene)
 
 
 def changed(recording: PeopleRecording, change: Callable[[Detections], Detections]) -> PeopleRecording:
