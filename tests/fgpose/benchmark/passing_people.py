@@ -34,7 +34,7 @@ def room(n_cameras: int) -> CameraRig:
     return ring_rig(n_cameras, 5.0, 2.7, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
 
 
-def passing(n_people: int = 3, n_frames: int = 21) -> CrowdMotion:
+def passing(n_people: int = 3, n_frames: int = 15) -> CrowdMotion:
     """In the middle of the recording the first two are 0.6 m apart."""
     skeleton = load_skeleton("h36m_17")
     circle_m = walking(int(2 * np.pi / _SPEED_RADPS * _FPS) + n_frames, _FPS, skeleton)

@@ -1,10 +1,14 @@
 from __future__ import annotations
 
+import pickle
 from pathlib import Path
 
 import pytest
 import tyro
 
+from fgpose.benchmark.people.ablation import ablations
+from fgpose.benchmark.people.benchmark import PEOPLE
+from fgpose.benchmark.people.methods import METHODS
 from fgpose.benchmark.people.scores import PeopleScore
 from fgpose.benchmark.scores import load_scores
 from fgpose.cli import benchmark_people
@@ -47,6 +51,13 @@ def test_quick_from_arguments_to_report(tmp_path: Path, capsys: pytest.CaptureFi
     assert len(kept) == 2
     people("--quick", "--clips", "tuning", "--output", str(tmp_path), *chosen).run()
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").iterdir()} == kept
+
+
+def test_other_processes_can_be_given_the_work():
+    methods = [*METHODS, *ablations()]
+    sent = pickle.loads(pickle.dumps((PEOPLE, methods)))
+    assert [method.name for method in sent[1]] == [method.name for method in methods]
+    assert sent[0].score is PEOPLE.score
 
 
 @pytest.mark.usefixtures("_tiny")
