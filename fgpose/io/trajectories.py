@@ -16,6 +16,7 @@ from fgpose.io.markers import UpAxis
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.parquet import read_parquet, write_parquet
 from fgpose.io.trc import read_trc, write_trc
+from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -132,14 +133,15 @@ def _frame_numbers(
         if not trajectory.n_frames or not _increases(trajectory.time_s):
             raise ValueError(f"person {person} must have frames whose time_s increases")
     all_s = np.unique(np.concatenate([each.time_s for each in people.values()])) if time_s is None else time_s
-    if not _increases(all_s):
+    if not len(all_s) or not _increases(all_s):
         raise ValueError("time_s of the recording must increase")
-    frames = {person: np.searchsorted(all_s, trajectory.time_s) for person, trajectory in people.items()}
+    frames = {person: nearest(trajectory.time_s, all_s) for person, trajectory in people.items()}
     for person, frame in frames.items():
         own_s = people[person].time_s
-        unknown = np.append(all_s, np.nan)[frame] != own_s
-        if unknown.any():
-            raise ValueError(f"person {person} has a frame at {own_s[unknown][0]:.6g} s, the recording has none then")
+        # Two ways to take the mean over the clocks of cameras differ in their last digits.
+        other = (np.abs(all_s[frame] - own_s) > TIME_ROUNDING_S) | (np.diff(frame, prepend=-1) == 0)
+        if other.any():
+            raise ValueError(f"person {person} has a frame at {own_s[other][0]:.6g} s, the recording has none then")
     return frames
 
 

@@ -88,6 +88,9 @@ def test_frames_are_those_of_the_recording(people, tmp_path):
     save_people(people, path, time_s=np.arange(12) / 50)
     frame = {row["frame"] for row in pq.read_table(path).to_pylist() if row["person"] == 11}
     assert frame == {8, 9}
+    # The last digits of a time depend on the order of a sum.
+    save_people(people, path, time_s=np.nextafter(np.arange(12) / 50, 1.0))
+    assert {row["frame"] for row in pq.read_table(path).to_pylist() if row["person"] == 11} == frame
     assert_same(load_people_trajectories(path)[11], people[11])
 
 
@@ -165,6 +168,9 @@ def test_a_frame_that_the_recording_lacks_is_named(people, tmp_path):
         save_people(people, tmp_path / "result.parquet", time_s=np.arange(5) / 50)
     with pytest.raises(ValueError, match="time_s of the recording must increase"):
         save_people(people, tmp_path / "result.parquet", time_s=np.zeros(5))
+    one = dataclasses.replace(people[5], time_s=np.array([0.1, 0.1 + 1e-9]))
+    with pytest.raises(ValueError, match=r"person 5 has a frame at 0\.1 s, the recording has none then"):
+        save_people({5: one}, tmp_path / "result.parquet", time_s=np.arange(9) / 50)
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
