@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.recording import NullRecording, Recording, UpAxis
+from fgpose.viewer.recording import NullRecording, Recording
+from fgpose.viewer.session import UpAxis
 
 
 def open_recording(
@@ -58,12 +60,18 @@ def open_recording(
     pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
     if path is None and not live:
         return NullRecording()
-    try:
+    with _rerun_needed():
         from fgpose.viewer.rerun_recording import RerunRecording
+        from fgpose.viewer.rerun_session import Target
+    target = Target(None if path is None else Path(path), port if live else None, endless)
+    return RerunRecording(target, (rig, skeleton, tuple(trajectories)), up, pictures)
+
+
+@contextmanager
+def _rerun_needed() -> Iterator[None]:
+    try:
+        yield
     except ModuleNotFoundError as error:
         if error.name != "rerun":
             raise
         raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'") from None
-    file, served_at = None if path is None else Path(path), port if live else None
-    scene = (rig, skeleton, tuple(trajectories))
-    return RerunRecording(file, scene, port=served_at, endless=endless, up=up, pictures=pictures)

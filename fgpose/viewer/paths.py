@@ -46,6 +46,7 @@ def view(camera_name: str) -> str:
 
 
 def trajectory(name: str) -> str:
+    """Of a result, or of a person."""
     return join(WORLD, name)
 
 

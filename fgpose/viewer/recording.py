@@ -1,28 +1,22 @@
-"""The interface through which the rest of fgpose shows its data. Does not import Rerun."""
+"""The interface through which the rest of fgpose shows one person. Does not import Rerun."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import TracebackType
-from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from fgpose.observations import Observations
 from fgpose.trajectory import Estimate, Trajectory
+from fgpose.viewer.session import Session
 
-UpAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
-
-class Recording:
+class Recording(Session):
     """Takes everything that can be shown of one person's recording; this one shows nothing.
 
     ``fgpose.viewer.open_recording`` gives one that does. All of them are context managers.
     """
-
-    viewer_url: str | None = None
-    """Where a viewer connects (``rerun URL``) while a live recording is open."""
 
     def log_observations(
         self,
@@ -69,30 +63,6 @@ class Recording:
     def log_update_times(self, time_s: Float[np.ndarray, " frame"], update_ms: Float[np.ndarray, " frame"]) -> None:
         """Show how long the estimator took for each frame, milliseconds."""
 
-    def wants_image(self, camera: str, frame: int) -> bool:
-        """Whether log_image would show the picture of a frame: ask before reading or converting one.
-
-        Raises:
-            ValueError: the camera is unknown.
-        """
-        return False
-
-    def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
-        """Show one camera's picture, undistorted as its points are, shrunk and compressed; see open_recording.
-
-        A picture beyond the limit of the recording is left out. The limit is divided among the cameras.
-
-        Args:
-            camera: its name in the rig.
-            frame: number of the frame, counted from 0.
-            time_s: its time.
-            image: RGB, as the camera took it.
-
-        Raises:
-            ValueError: the camera is unknown, or the size of the picture differs from that of the calibration.
-            OSError: the disk is full, or so slow that pictures would pile up in memory.
-        """
-
     def log_estimate(
         self,
         estimate: Estimate,
@@ -116,28 +86,6 @@ class Recording:
         Raises:
             ValueError: as the methods for whole recordings.
         """
-
-    def close(self) -> None:
-        """Write the rest and give the file its name. Closing again does nothing.
-
-        Raises:
-            OSError: the file could not be written to its end; none is left.
-        """
-
-    def discard(self) -> None:
-        """Close without leaving a file; an older one of the same name stays as it was."""
-
-    def __enter__(self) -> Recording:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        # Ctrl-C is how a live session ends: its file is kept.
-        if kind is None or issubclass(kind, KeyboardInterrupt):
-            self.close()
-        else:
-            self.discard()
 
 
 class NullRecording(Recording):

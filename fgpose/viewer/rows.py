@@ -28,6 +28,11 @@ class Rows:
     frames: Int[np.ndarray, " row"] | None = None
     """Index of each row's frame, where there are fewer rows than frames."""
 
+    @property
+    def n_bytes(self) -> int:
+        """About the memory that it takes in the recording."""
+        return sum(values.nbytes for values in self.fields.values() if isinstance(values, np.ndarray))
+
     def send(
         self, stream: rr.RecordingStream, frame: Int[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]
     ) -> None:
@@ -102,12 +107,22 @@ def scalar_rows(path: str, values: Float[np.ndarray, "frame ..."]) -> Rows:
 
 
 def status_rows(path: str, status: np.ndarray, before: int = Status.OBSERVED) -> Rows:
-    """The frames in which the status (T,) of a joint changes, and its new status. Observed is shown as a gap: one sees
-    at a glance when a joint was missing.
+    """The status (T,) of a joint. Observed is shown as a gap: one sees at a glance when a joint was missing."""
+    names = np.array(["" if each == Status.OBSERVED else each.name.lower() for each in sorted(Status)])
+    return change_rows(path, names[status], str(names[before]))
+
+
+def change_rows(path: str, states: np.ndarray, before: str = "") -> Rows:
+    """The frames in which a state changes, and the new state.
+
+    Args:
+        path: of the entity.
+        states: (T,) names; an empty one is a gap.
+        before: that of the frame before the first.
     """
-    changes = np.flatnonzero(status != np.concatenate([[before], status[:-1]]))
-    names = ["" if value == Status.OBSERVED else Status(value).name.lower() for value in status[changes]]
-    return Rows(path, rr.StateChange, np.ones(len(changes), dtype=int), {"state": names}, changes)
+    changes = np.flatnonzero(states != np.concatenate([[before], states[:-1]]))
+    fields = {"state": states[changes].tolist()}
+    return Rows(path, rr.StateChange, np.ones(len(changes), dtype=int), fields, changes)
 
 
 def document_rows(path: str, texts: list[str]) -> Rows:

@@ -1,9 +1,9 @@
-"""Videos of people made of three coloured squares each, and a network that finds them."""
+"""Videos of people made of three coloured squares each, and a network that finds them; Rerun as tests want it."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -153,3 +153,12 @@ def squares_network() -> SquaresNetwork:
 @pytest.fixture(scope="session")
 def video_writer() -> Callable[[Path, list[Image], float], Path]:
     return write_video
+
+
+@pytest.fixture(scope="module")
+def strict_and_silent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Rerun raises instead of logging, and finds no home to write analytics into."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("HOME", str(tmp_path_factory.mktemp("home")))
+        patch.setattr("rerun.error_utils._strict_mode", True)
+        yield

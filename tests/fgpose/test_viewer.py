@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, rows, static_value, values, view_origins
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
@@ -18,30 +18,12 @@ from fgpose.trajectory import Estimate, Status, Trajectory
 from fgpose.viewer import NullRecording, Recording, open_recording
 
 pytest.importorskip("rerun")
+pytestmark = pytest.mark.usefixtures("strict_and_silent")
 
 N_FRAMES = 6
 SKELETON = load_skeleton("coco_17")
 LEFT_WRIST = SKELETON.index("left_wrist")
 LEFT_ELBOW = SKELETON.index("left_elbow")
-# What is logged in single precision differs by 2^-24 of its size: 1e-3 px of 2000, 1e-6 m of 10.
-PIXEL_TOLERANCE = 1e-3
-METRE_TOLERANCE = 1e-6
-
-
-@pytest.fixture(autouse=True, scope="module")
-def strict_and_silent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Rerun raises instead of logging, and finds no home to write analytics into."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("HOME", str(tmp_path_factory.mktemp("home")))
-        patch.setattr("rerun.error_utils._strict_mode", True)
-        yield
-
-
-def camera(name: str, x_m: float) -> Camera:
-    """A camera at (x, -4, 1) that looks along the world's y axis, z up, with a visible lens distortion."""
-    K = np.array([[900.0, 0, 320], [0, 880.0, 240], [0, 0, 1]])
-    R = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    return Camera.from_world_to_camera(name, (640, 480), K, R, -R @ np.array([x_m, -4.0, 1.0]), (-0.1, 0.02, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
@@ -96,38 +78,6 @@ def estimate_of(trajectory: Trajectory, frame: int, smoothed: Estimate | None = 
         trajectory.residual_px[frame],
         smoothed,
     )
-
-
-def entities(path: Path) -> set[str]:
-    """Those that show something in some frame. What is static, the look of an entity, is there without any data."""
-    from rerun.chunk import RrdReader
-
-    chunks = RrdReader(path).stream().to_chunks()
-    return {str(chunk.entity_path) for chunk in chunks if "frame" in chunk.to_record_batch().schema.names}
-
-
-def rows(path: Path, entity: str, component: str) -> dict[int, tuple[float, Any]]:
-    """By frame: time in seconds and the component's values."""
-    from rerun.chunk import RrdReader
-
-    found = {}
-    for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
-        batch = chunk.to_record_batch()
-        if "frame" not in batch.schema.names or component not in batch.schema.names:
-            continue
-        times = batch["time"].cast("int64").to_pylist()
-        for frame, nanoseconds, value in zip(
-            batch["frame"].to_pylist(), times, batch[component].to_pylist(), strict=True
-        ):
-            if value is not None:
-                found[frame] = (nanoseconds / 1e9, value)
-    return found
-
-
-def values(path: Path, entity: str, component: str) -> list[np.ndarray]:
-    """The component's values in every frame, in order."""
-    found = rows(path, entity, component)
-    return [np.array(found[frame][1]) for frame in sorted(found)]
 
 
 @pytest.fixture(scope="module")
@@ -248,14 +198,14 @@ def test_reprojections_and_detections_are_undistorted_pixels(
 def test_the_cameras_stand_where_they_see_what_they_see(batch_file: Path, rig: CameraRig) -> None:
     """Pose and pinhole as they are shown, against the rig without lens distortion."""
     points_m = true_positions_m()[0]
-    for camera, path in zip(rig.cameras, (r"/world/camera/cam\ 1", "/world/camera/cam_2"), strict=True):
+    for seen_by, path in zip(rig.cameras, (r"/world/camera/cam\ 1", "/world/camera/cam_2"), strict=True):
         # Matrices are stored column by column.
         rotation = np.reshape(static_value(batch_file, path, "Transform3D:mat3x3"), (3, 3)).T
         position_m = np.array(static_value(batch_file, path, "Transform3D:translation"))
         K = np.reshape(static_value(batch_file, f"{path}/image", "Pinhole:image_from_camera"), (3, 3)).T
         projected = (points_m - position_m) @ rotation @ K.T
         # Single precision: 1e-7 of 500 px and of metres times 200 px/m.
-        np.testing.assert_allclose(projected[:, :2] / projected[:, 2:], camera.project(points_m), atol=PIXEL_TOLERANCE)
+        np.testing.assert_allclose(projected[:, :2] / projected[:, 2:], seen_by.project(points_m), atol=PIXEL_TOLERANCE)
         assert static_value(batch_file, f"{path}/image", "Pinhole:resolution") == [640, 480]
 
 
@@ -359,16 +309,6 @@ def pictures(path: Path, camera: str) -> dict[int, np.ndarray]:
     return found
 
 
-def static_value(path: Path, entity: str, component: str) -> Any:
-    from rerun.chunk import RrdReader
-
-    for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
-        batch = chunk.to_record_batch()
-        if component in batch.schema.names:
-            return batch[component].to_pylist()[0][0]
-    raise AssertionError(f"{entity} has no {component}")
-
-
 def image_with_dots(size_px: tuple[int, int], dots_px: np.ndarray) -> np.ndarray:
     """White dots, 10 px wide, on black; the centre of a pixel is at whole numbers."""
     x, y = np.meshgrid(np.arange(size_px[0]), np.arange(size_px[1]))
@@ -436,16 +376,7 @@ def test_points_are_drawn_above_the_pictures(batch_file: Path) -> None:
 
 
 def test_layout_has_a_view_of_every_camera_and_every_view_shows_something(batch_file: Path) -> None:
-    from rerun.chunk import RrdReader
-
-    reader = RrdReader(batch_file)
-    origins: dict[str, set[str]] = {}
-    for chunk in reader.stream(store=reader.blueprints()[0]).to_chunks():
-        batch = chunk.to_record_batch()
-        if "ViewBlueprint:class_identifier" in batch.schema.names:
-            kinds, at = batch["ViewBlueprint:class_identifier"], batch["ViewBlueprint:space_origin"]
-            for (kind,), (where,) in zip(kinds.to_pylist(), at.to_pylist(), strict=True):
-                origins.setdefault(kind, set()).add("/" + where.removeprefix("/"))
+    origins = view_origins(batch_file)
     assert origins["2D"] == {r"/world/camera/cam\ 1/image", "/world/camera/cam_2/image"}
     assert origins["3D"] == {"/world"}
     assert {"/plots/weight", "/plots/reprojection_px/smoothed", "/plots/update_ms"} <= origins["TimeSeries"]
@@ -509,7 +440,7 @@ def test_without_a_number_of_frames_pictures_end_at_the_limit(tmp_path: Path, ri
 def test_pictures_do_not_pile_up_in_memory(
     tmp_path: Path, rig: CameraRig, noise_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fgpose.viewer.rerun_recording._UNFLUSHED_BYTES", 2.5 * noise_bytes)
+    monkeypatch.setattr("fgpose.viewer.rerun_session._UNFLUSHED_BYTES", 2.5 * noise_bytes)
     with open_recording(tmp_path / "out.rrd", rig, SKELETON) as recording:
         for frame in range(12):
             recording.log_image("cam_2", frame, frame / 50, noise())
@@ -760,9 +691,10 @@ def test_recording_to_nowhere_takes_everything(
 def test_every_recording_takes_the_same_calls() -> None:
     from fgpose.viewer.rerun_recording import RerunRecording
 
-    calls = {name for name in vars(Recording) if name.startswith("log_")} | {"close", "discard", "wants_image"}
-    assert calls <= set(vars(RerunRecording))
-    assert {name for name in vars(RerunRecording) if not name.startswith("_")} <= calls | {"viewer_url"}
+    for shown, kind in ((RerunRecording, Recording),):
+        calls = {name for name in dir(kind) if name.startswith("log_")} | {"close", "discard", "wants_image"}
+        assert all(getattr(shown, name) is not getattr(kind, name) for name in calls)
+        assert {name for name in dir(shown) if not name.startswith("_")} <= calls | {"viewer_url", "server_mb"}
 
 
 def test_viewer_is_loaded_only_when_a_recording_is_opened() -> None:

@@ -1,0 +1,98 @@
+"""What every recording opens with: 3D scene and cameras above, time series below."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.viewer import palette, paths
+from fgpose.viewer.scene import up_vector, viewing_distance_m, viewing_target_m
+from fgpose.viewer.session import UpAxis
+
+# High enough to see the floor, low enough that nobody is foreshortened.
+_EYE_ELEVATION_RAD = math.radians(22)
+# The eye is as far away as the cameras: those on the other side are then in view, with their pictures.
+_EYE_DISTANCE_SHARE = 1.0
+# A third of that in the pictures (scene.py), see _small.
+_FRUSTUM_DETECTION_RADIUS = rr.Radius.ui_points(1.2)
+
+_Overrides = dict[Any, list[Any]]
+"""How entities look in a view, by their paths."""
+
+
+def layout(
+    rig: CameraRig, up: UpAxis, plots: rrb.Horizontal, *, following: bool, hidden: Sequence[str] = ()
+) -> rrb.Blueprint:
+    """3D scene and cameras above, time series below.
+
+    Args:
+        rig: the cameras.
+        up: the world axis that points up.
+        plots: the time series.
+        following: always show the newest frame (live); otherwise begin at the first one.
+        hidden: paths of what the images do not show, unless it is asked for.
+    """
+    overrides: _Overrides = {path: [rrb.EntityBehavior(visible=False)] for path in hidden}
+    images = [_image_view(name, overrides) for name in rig.names]
+    grid = rrb.Grid(contents=images, grid_columns=_image_columns(rig))
+    top = rrb.Horizontal(_scene_view(rig, up, overrides), grid, column_shares=[1, 1])
+    return rrb.Blueprint(
+        rrb.Vertical(top, plots, row_shares=[2, 1]),
+        rrb.TimePanel(state="collapsed", timeline="frame", play_state="following" if following else "paused"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _scene_view(rig: CameraRig, up: UpAxis, overrides: _Overrides) -> rrb.Spatial3DView:
+    position_m, target_m = _eye(rig, up)
+    return rrb.Spatial3DView(
+        origin=paths.WORLD,
+        name="Scene",
+        background=palette.BACKGROUND,
+        line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, stroke_width=0.5, color=palette.GRID),
+        eye_controls=rrb.EyeControls3D(position=position_m, look_target=target_m, eye_up=up_vector(up)),
+        overrides=overrides | _small(rig.names),
+    )
+
+
+def _small(cameras: Sequence[str]) -> _Overrides:
+    """Detections in a frustum are drawn smaller than elsewhere: the picture is small there, and they would hide the
+    person."""
+    return {paths.detections(camera): [rr.Points2D.from_fields(radii=_FRUSTUM_DETECTION_RADIUS)] for camera in cameras}
+
+
+def _image_view(camera: str, overrides: _Overrides) -> rrb.Spatial2DView:
+    own = {path: looks for path, looks in overrides.items() if path.startswith(f"{paths.image(camera)}/")}
+    return rrb.Spatial2DView(origin=paths.image(camera), name=camera, background=palette.BACKGROUND, overrides=own)
+
+
+def _image_columns(rig: CameraRig) -> int:
+    """Columns of the grid of pictures: upright ones stand side by side."""
+    upright = np.mean([camera.size_px[0] < camera.size_px[1] for camera in rig.cameras]) > 0.5
+    return min(rig.n_cameras, 4) if upright else math.ceil(math.sqrt(rig.n_cameras))
+
+
+def _eye(rig: CameraRig, up: UpAxis) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
+    """Position and target of the eye: in the widest gap between two cameras, so that none of them hides the person."""
+    vertical = up_vector(up)
+    target_m = viewing_target_m(rig)
+    first = np.roll(vertical, 1)
+    second = np.cross(vertical, first)
+    offsets_m = np.stack([camera.position_m - target_m for camera in rig.cameras])
+    azimuth = np.sort(np.arctan2(offsets_m @ second, offsets_m @ first))
+    gaps = np.diff(np.append(azimuth, azimuth[0] + 2 * np.pi))
+    # With one camera the gap is the whole circle, and its middle is behind the person: stand beside the camera instead.
+    middle = azimuth[np.argmax(gaps)] + (gaps.max() / 2 if len(azimuth) > 1 else 0.5)
+    outward = np.cos(_EYE_ELEVATION_RAD) * (np.cos(middle) * first + np.sin(middle) * second)
+    outward = outward + np.sin(_EYE_ELEVATION_RAD) * vertical
+    return target_m + _EYE_DISTANCE_SHARE * viewing_distance_m(rig) * outward, target_m
