@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
+from fgpose.viewer.people_recording import PeopleRecording
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import NullRecording, Recording
 from fgpose.viewer.session import UpAxis
@@ -65,6 +66,43 @@ def open_recording(
         from fgpose.viewer.rerun_session import Target
     target = Target(None if path is None else Path(path), port if live else None, endless)
     return RerunRecording(target, (rig, skeleton, tuple(trajectories)), up, pictures)
+
+
+def open_people_recording(
+    path: str | Path | None,
+    rig: CameraRig,
+    skeleton: Skeleton,
+    *,
+    live: bool = False,
+    port: int = 9876,
+    endless: bool = False,
+    up: UpAxis = "+z",
+    image_width_px: int | None = 640,
+    jpeg_quality: int = 80,
+    image_limit_mb: float | None = 1000.0,
+    n_frames: int | None = None,
+) -> PeopleRecording:
+    """Open a recording of several people, who need not be known yet; close it, or use it in a ``with`` block.
+
+    Args:
+        path: as are the others, as in open_recording.
+
+    Returns:
+        A recording; one that shows nothing when there is neither a path nor live.
+
+    Raises:
+        ValueError: an option is out of its range.
+        ImportError: Rerun is not installed; the message says how to.
+        OSError: the file cannot be written, or the port is taken.
+    """
+    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
+    if path is None and not live:
+        return PeopleRecording()
+    with _rerun_needed():
+        from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
+        from fgpose.viewer.rerun_session import Target
+    target = Target(None if path is None else Path(path), port if live else None, endless)
+    return RerunPeopleRecording(target, rig, skeleton, up, pictures)
 
 
 @contextmanager

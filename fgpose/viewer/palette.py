@@ -33,6 +33,22 @@ _TRAJECTORIES: dict[str, Colour] = {
 # Of Okabe and Ito, one for each limb; predicted is orange, unobservable red, as a warning.
 LIMBS: tuple[Colour, ...] = ((86, 180, 233), (240, 228, 66), (0, 158, 115), (230, 110, 30))
 STATUS: dict[str, Colour] = {"predicted": (230, 159, 0), "unobservable": (190, 60, 40)}
+# Of people, again from the beginning if they are more: near those of Okabe and Ito, but brighter, and further from each
+# other and from grey (20 in CIELAB at least, however one sees colours).
+_PEOPLE: tuple[Colour, ...] = (
+    (86, 180, 233),
+    (231, 152, 0),
+    (71, 236, 166),
+    (231, 157, 190),
+    (248, 232, 68),
+    (60, 100, 255),
+    (222, 78, 30),
+    (255, 255, 255),
+)
+# Detections that are nobody's, somebody who is away, and what is no person where colours stand for people.
+NOBODY: Colour = (112, 112, 112)
+AWAY: Colour = (52, 56, 66)
+PLAIN: Colour = (130, 142, 162)
 # For factors that belong to no camera, again from the beginning if they are more.
 _OTHER_FACTORS: tuple[Colour, ...] = ((255, 255, 255), (240, 228, 66), (230, 110, 30), (220, 60, 60))
 # Viridis at 0, 1/4, 1/2, 3/4 and 1; linear between them nobody sees a difference.
@@ -43,6 +59,11 @@ _DARKEST = 0.2
 
 def camera_colour(camera: int) -> Colour:
     return _CAMERAS[camera % len(_CAMERAS)]
+
+
+def person_colour(person: int) -> Colour:
+    """The same wherever the person is shown."""
+    return _PEOPLE[person % len(_PEOPLE)]
 
 
 def trajectory_colour(name: str, index: int) -> Colour:

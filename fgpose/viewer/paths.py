@@ -14,6 +14,10 @@ RESIDUAL = "plots/residual"
 UPDATE_MS = "plots/update_ms"
 STATUS = "status"
 RESIDUAL_TABLE = "residuals"
+N_PEOPLE = "plots/people"
+UNUSED = "plots/unused"
+TRACKS = "tracks"
+EVENTS = "events"
 
 
 def join(*parts: str) -> str:
@@ -48,6 +52,16 @@ def view(camera_name: str) -> str:
 def trajectory(name: str) -> str:
     """Of a result, or of a person."""
     return join(WORLD, name)
+
+
+def person(number: int) -> str:
+    """Of a person, in place of the name of a result. The viewer shows a space in a path as a backslash and a space."""
+    return f"person_{number}"
+
+
+def label(number: int) -> str:
+    """Of the number of a person."""
+    return f"{trajectory(person(number))}/label"
 
 
 def limb_names(skeleton: Skeleton) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.trajectory import Estimate, Status, Trajectory
-from fgpose.viewer import NullRecording, Recording, open_recording
+from fgpose.viewer import NullRecording, PeopleRecording, Recording, open_recording
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")
@@ -689,9 +689,10 @@ def test_recording_to_nowhere_takes_everything(
 
 
 def test_every_recording_takes_the_same_calls() -> None:
+    from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
     from fgpose.viewer.rerun_recording import RerunRecording
 
-    for shown, kind in ((RerunRecording, Recording),):
+    for shown, kind in ((RerunRecording, Recording), (RerunPeopleRecording, PeopleRecording)):
         calls = {name for name in dir(kind) if name.startswith("log_")} | {"close", "discard", "wants_image"}
         assert all(getattr(shown, name) is not getattr(kind, name) for name in calls)
         assert {name for name in dir(shown) if not name.startswith("_")} <= calls | {"viewer_url", "server_mb"}

@@ -1,0 +1,28 @@
+"""The times of the frames that a recording has so far."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+
+class Clock:
+    """Learns the frames of a recording as they are logged, in any order."""
+
+    def __init__(self) -> None:
+        self._time_s: dict[int, float] = {}
+        self.last_frame = -1
+        """The last that has been logged; -1: none has."""
+
+    def learn(self, first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
+        """Times of frames from first_frame on."""
+        frames = range(first_frame, first_frame + len(time_s))
+        self._time_s |= dict(zip(frames, time_s.tolist(), strict=True))
+        self.last_frame = max(self.last_frame, *frames, -1)
+
+    def time_s(self, frame: int) -> float:
+        """Of a frame between the first and the last; interpolated if it has not been logged."""
+        if frame in self._time_s:
+            return self._time_s[frame]
+        known = sorted(self._time_s)
+        return float(np.interp(frame, known, [self._time_s[each] for each in known]))

@@ -1,0 +1,124 @@
+"""From the arrays of several people to the rows of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float
+
+from fgpose.association.recording import Association
+from fgpose.association.track import TrackEvent
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.sampling import nearest
+from fgpose.trajectory import Status, Trajectory
+from fgpose.viewer import paths
+from fgpose.viewer.body import body_rows, median_of_known
+from fgpose.viewer.owners import OwnedDetections
+from fgpose.viewer.palette import person_colour
+from fgpose.viewer.people_scene import detection_class
+from fgpose.viewer.presence import Presence, presence
+from fgpose.viewer.rows import Rows, change_rows, scalar_rows
+
+_UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
+_LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
+
+
+def association_rows(association: Association, rig: CameraRig) -> Iterator[Rows]:
+    """Detections in every camera, how many of them are nobody's, lives of the tracks, how many people there are.
+
+    Args:
+        association: of the whole recording.
+        rig: its cameras, in its order.
+    """
+    n_frames = len(association.frames.image)
+    for c, camera in enumerate(rig.cameras):
+        detections = OwnedDetections.of(association, c)
+        yield _detection_rows(detections, camera, n_frames)
+        n_unused = detections.n_unused(n_frames).astype(float)
+        yield scalar_rows(paths.join(paths.UNUSED, camera.name), n_unused)
+    n_people = np.zeros(n_frames)
+    for person in association.people:
+        state = presence(association, person)
+        n_people += (state == Presence.SEEN) | (state == Presence.PREDICTED)
+        names = np.array(["", *(each.name.lower() for each in list(Presence)[1:])])
+        yield change_rows(paths.join(paths.TRACKS, paths.person(person)), names[state])
+    yield scalar_rows(paths.N_PEOPLE, n_people)
+    if association.events:
+        yield _event_rows(association.events, association.frames.frame_time_s)
+
+
+def _detection_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> Rows:
+    n_parts = 1 + len(detections.points2d_px) // _UNDISTORTED_AT_ONCE
+    parts_px = np.array_split(detections.points2d_px, n_parts)
+    points_px = np.concatenate([camera.undistort(part_px) for part_px in parts_px])
+    known = np.isfinite(points_px).all(axis=-1)
+    detection, joint = np.nonzero(known)
+    fields = {
+        "positions": points_px[known],
+        "keypoint_ids": joint.astype(np.uint16),
+        "class_ids": detection_class(detections.owner[known]),
+    }
+    lengths = np.bincount(detections.frame[detection], minlength=n_frames)
+    return Rows(paths.detections(camera.name), rr.Points2D, lengths, fields)
+
+
+def _event_rows(events: Sequence[TrackEvent], frame_time_s: Float[np.ndarray, " frame"]) -> Rows:
+    frames = nearest(np.array([event.time_s for event in events]), frame_time_s)
+    fields = {
+        "text": [f"person {event.person} {event.what}: {event.reason}" for event in events],
+        "level": [event.what for event in events],
+        "color": [person_colour(event.person) for event in events],
+    }
+    return Rows(paths.EVENTS, rr.TextLog, np.ones(len(events), dtype=int), fields, frames)
+
+
+def person_rows(
+    person: int,
+    trajectory: Trajectory,
+    rig: CameraRig,
+    up: Float[np.ndarray, 3],
+    before: np.ndarray | None = None,
+) -> Iterator[Rows]:
+    """Somebody's body, their number above it, and their reprojection error over all cameras.
+
+    Args:
+        person: their number.
+        trajectory: one frame or more.
+        rig: the cameras.
+        up: of length 1.
+        before: (J,) status in the frame before the first, if they were there.
+    """
+    name = paths.person(person)
+    yield from body_rows(name, trajectory, rig, person_colour(person), before=before)
+    label_m = _above(trajectory.positions_m, up)
+    known = np.isfinite(label_m).all(axis=-1)
+    yield Rows(paths.label(person), rr.Points3D, known.astype(int), {"positions": label_m[known]})
+    if trajectory.residual_px is not None:
+        error_px = median_of_known(trajectory.residual_px.reshape(trajectory.n_frames, -1))
+        yield scalar_rows(paths.join(paths.REPROJECTION_PX, name), error_px)
+
+
+def _above(positions_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, 3]) -> Float[np.ndarray, "frame 3"]:
+    """Over the middle of the joints, above the highest; NaN where none is known."""
+    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    count = np.count_nonzero(known, axis=1, keepdims=True)
+    middle_m = np.where(known[..., None], positions_m, 0.0).sum(axis=1) / np.where(count > 0, count, np.nan)
+    highest_m = np.where(known, positions_m @ up, -np.inf).max(axis=1, keepdims=True)
+    return middle_m + (highest_m + _LABEL_ABOVE_M - middle_m @ up[:, None]) * up
+
+
+def nobody(trajectory: Trajectory) -> Trajectory:
+    """One frame of the same person in which they are not there: nothing is known, and nothing is missing."""
+    skeleton, n_joints = trajectory.skeleton, trajectory.skeleton.n_joints
+    has_covariance, has_residuals = trajectory.covariance_m2 is not None, trajectory.residual_px is not None
+    return Trajectory(
+        skeleton=skeleton,
+        time_s=trajectory.time_s[-1:],
+        positions_m=np.full((1, n_joints, 3), np.nan),
+        status=np.full((1, n_joints), Status.OBSERVED),
+        covariance_m2=np.full((1, n_joints, 3, 3), np.nan) if has_covariance else None,
+        residual_px=np.full((1, len(trajectory.camera_names), n_joints), np.nan) if has_residuals else None,
+        camera_names=trajectory.camera_names,
+    )

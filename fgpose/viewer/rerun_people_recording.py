@@ -1,0 +1,112 @@
+"""The recording of several people in Rerun."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from fgpose.association.recording import Association
+from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Trajectory
+from fgpose.viewer.clock import Clock
+from fgpose.viewer.people_blueprint import people_blueprint
+from fgpose.viewer.people_content import association_rows, nobody, person_rows
+from fgpose.viewer.people_recording import PeopleRecording
+from fgpose.viewer.people_scene import log_annotations, log_people_scene, log_person_styles
+from fgpose.viewer.pictures import PictureOptions
+from fgpose.viewer.rerun_session import RerunSession, Target
+from fgpose.viewer.scene import up_vector
+from fgpose.viewer.session import UpAxis
+
+
+@dataclass(frozen=True, eq=False)
+class _Last:
+    """The last frame in which somebody has been shown."""
+
+    frame: int
+    status: np.ndarray
+    """(J,) of their joints in it."""
+    after: Trajectory
+    """What is shown in the frame after it, if there is one: otherwise they would stay where they were."""
+
+
+class RerunPeopleRecording(RerunSession, PeopleRecording):
+    """See PeopleRecording and open_people_recording."""
+
+    server_mb: ClassVar[float] = 1024.0  # 20,000 frames of 8 people in 8 cameras take half of it
+
+    def __init__(
+        self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
+    ) -> None:
+        self._up = up_vector(up)
+        self._people: set[int] = set()
+        self._clock = Clock()
+        self._last: dict[int, _Last] = {}
+        layout = people_blueprint(rig, up, following=target.port is not None)
+        super().__init__(target, rig, skeleton, layout, pictures)
+        log_people_scene(self._open_stream, rig, skeleton, up)
+
+    def log_association(self, association: Association) -> None:
+        self._check_skeleton("the association", association.observations.skeleton)
+        cameras = self._rig.subset(association.rig.names)
+        self._introduce(association.people)
+        time_s = association.frames.frame_time_s
+        self._send(association_rows(association, cameras), time_s)
+        self._pass(0, time_s)
+
+    def log_person(self, person: int, trajectory: Trajectory, first_frame: int = 0) -> None:
+        self._check_person(person, trajectory, first_frame)
+        self._introduce([person])
+        before = self._last.get(person)
+        if before is not None and before.frame + 1 == first_frame:
+            del self._last[person]
+        else:
+            before = None
+        self._pass(first_frame, trajectory.time_s)
+        status = None if before is None else before.status
+        rows = person_rows(person, trajectory, self._rig, self._up, status)
+        self._send(rows, trajectory.time_s, first_frame)
+        last_frame = first_frame + trajectory.n_frames - 1
+        self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), nobody(trajectory))
+        self._end()
+
+    def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
+        super().log_image(camera, frame, time_s, image)
+        self._pass(frame, np.array([time_s]))
+
+    def _introduce(self, people: Iterable[int]) -> None:
+        new = set(people) - self._people
+        if not new:
+            return
+        self._people |= new
+        log_annotations(self._open_stream, self._skeleton, sorted(self._people))
+        for person in sorted(new):
+            log_person_styles(self._open_stream, self._rig, self._skeleton, person)
+
+    def _pass(self, first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
+        """These frames are part of the recording."""
+        self._clock.learn(first_frame, time_s)
+        self._end()
+
+    def _end(self) -> None:
+        """Whoever was shown last in a frame before the last one disappears."""
+        over = {person: last for person, last in self._last.items() if last.frame < self._clock.last_frame}
+        for person, last in over.items():
+            frame = last.frame + 1
+            rows = person_rows(person, last.after, self._rig, self._up, last.status)
+            self._send(rows, np.array([self._clock.time_s(frame)]), frame)
+            del self._last[person]
+
+    def _check_person(self, person: int, trajectory: Trajectory, first_frame: int) -> None:
+        if person < 0 or first_frame < 0:
+            raise ValueError(f"people and frames are counted from 0, got person {person} from frame {first_frame} on")
+        if trajectory.n_frames == 0:
+            raise ValueError(f"the trajectory of person {person} has no frame")
+        self._check_skeleton(f"the trajectory of person {person}", trajectory.skeleton)
+        if trajectory.residual_px is not None:
+            self._rig.subset(trajectory.camera_names)
