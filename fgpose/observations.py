@@ -111,11 +111,7 @@ class Observations:
             )
         self._refuse_infinite("points3d_m", points3d_m)
         points3d_m[np.isnan(points3d_m).any(axis=-1)] = np.nan
-        extent_m = np.nanmedian(np.abs(points3d_m)) if np.isfinite(points3d_m).any() else 0.0
-        if extent_m > _MAX_PLAUSIBLE_M:
-            raise ValueError(
-                f"points3d_m has a median coordinate of {extent_m:.0f} m: these look like millimetres; divide by 1000"
-            )
+        refuse_millimetres(points3d_m)
         return points3d_m
 
     def _checked_covariance(self, points3d_m: np.ndarray) -> np.ndarray:
@@ -261,6 +257,15 @@ def positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.ndar
     of_two = a * e - b * d
     determinant = of_two * i - (a * f - c * d) * h + (b * f - c * e) * g
     return np.asarray((a > 0) & (of_two > 0) & (determinant > 0))
+
+
+def refuse_millimetres(points3d_m: np.ndarray) -> None:
+    """Raise ValueError if the coordinates are those of a hall of a hundred metres or more."""
+    extent_m = np.nanmedian(np.abs(points3d_m)) if np.isfinite(points3d_m).any() else 0.0
+    if extent_m > _MAX_PLAUSIBLE_M:
+        raise ValueError(
+            f"points3d_m has a median coordinate of {extent_m:.0f} m: these look like millimetres; divide by 1000"
+        )
 
 
 def _default_names(n_cameras: int) -> tuple[str, ...]:

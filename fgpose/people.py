@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
-from fgpose.observations import Observations
+from fgpose.observations import Observations, refuse_millimetres
 from fgpose.skeleton import Skeleton
 
 NOBODY = -1
@@ -55,6 +55,8 @@ class Detections:
             self._check_shape(name, shape)
         known = np.isfinite(points2d_px).all(axis=-1) & (confidence != 0)
         self._refuse(np.asarray(np.isinf(points2d_px).any(axis=-1)), "a pixel that is infinite")
+        if self.points3d_m is not None:
+            self._refuse(np.asarray(np.isinf(self.points3d_m).any(axis=-1)), "a 3D coordinate that is infinite")
         self._refuse(known & ~((confidence >= 0) & (confidence <= 1)), "a confidence outside [0, 1]")
         points2d_px[~known], confidence[~known] = np.nan, 0.0
         for name, array in (("points2d_px", points2d_px), ("confidence", confidence)):
@@ -135,8 +137,8 @@ class PeopleObservations:
     """A recording of any number of people: the images of all cameras, each at its own time.
 
     Raises:
-        ValueError: there is no image, an image is of a camera or of a number of joints that is not the recording's, or
-            a camera has two images at one time.
+        ValueError: there is no image, an image is of a camera or of a number of joints that is not the recording's, a
+            camera has two images at one time, or a length is implausible (millimetres where metres are meant).
     """
 
     skeleton: Skeleton
@@ -167,6 +169,9 @@ class PeopleObservations:
             if before.get(image.camera) == image.time_s:
                 raise ValueError(f"{image}: the camera has two images at this time")
             before[image.camera] = image.time_s
+        in_3d = [image.points3d_m for image in ordered if image.points3d_m is not None]
+        if in_3d:
+            refuse_millimetres(np.concatenate(in_3d))
 
     @cached_property
     def frames(self) -> MatchedFrames:

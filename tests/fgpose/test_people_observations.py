@@ -42,6 +42,16 @@ def test_a_bad_image_is_named(points2d_px: np.ndarray, confidence: np.ndarray, m
         Detections("a", 1.0, points2d_px, confidence)
 
 
+def test_infinite_and_implausible_3d_is_named():
+    points2d_px, confidence, points3d_m = np.zeros((1, 3, 2)), np.ones((1, 3)), np.ones((1, 3, 3))
+    points3d_m[0, 2, 1] = np.inf
+    with pytest.raises(ValueError, match="person 0, joint number 2: a 3D coordinate that is infinite"):
+        Detections("a", 1.0, points2d_px, confidence, points3d_m)
+    in_mm = Detections("a", 1.0, points2d_px, confidence, np.full((1, 3, 3), 1500.0))
+    with pytest.raises(ValueError, match="1500 m: these look like millimetres"):
+        PeopleObservations(BODY, ("a", "b"), (in_mm,))
+
+
 def test_an_image_has_a_time():
     with pytest.raises(ValueError, match="camera a: the time of an image is not finite"):
         image(time_s=np.nan)
