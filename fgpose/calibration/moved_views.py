@@ -8,6 +8,7 @@ import numpy as np
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+from fgpose.people import PeopleObservations
 
 
 def moved_with_cameras(observations: Observations, before: CameraRig, after: CameraRig) -> Observations:
@@ -15,10 +16,28 @@ def moved_with_cameras(observations: Observations, before: CameraRig, after: Cam
     points3d_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
     if points3d_m is None:
         return observations
-    moves = [new.world_T_camera @ old.camera_T_world for old, new in zip(before.cameras, after.cameras, strict=True)]
-    R, t_m = np.stack(moves)[:, None, :3, :3], np.stack(moves)[:, None, :3, 3]
+    moves = _moves(before, after)
+    R, t_m = moves[:, None, :3, :3], moves[:, None, :3, 3]
     return replace(
         observations,
         points3d_m=(R @ points3d_m[..., None])[..., 0] + t_m,
         covariance3d_m2=None if covariance_m2 is None else R @ covariance_m2 @ R.swapaxes(-1, -2),
     )
+
+
+def people_moved_with_cameras(people: PeopleObservations, before: CameraRig, after: CameraRig) -> PeopleObservations:
+    """The same of everybody."""
+    moves = dict(zip(before.names, _moves(before, after), strict=True))
+    images = []
+    for image in people.images:
+        points3d_m, covariance_m2 = image.points3d_m, image.covariance3d_m2
+        R, t_m = moves[image.camera][:3, :3], moves[image.camera][:3, 3]
+        moved = image if points3d_m is None else replace(image, points3d_m=points3d_m @ R.T + t_m)
+        images.append(moved if covariance_m2 is None else replace(moved, covariance3d_m2=R @ covariance_m2 @ R.T))
+    return replace(people, images=tuple(images))
+
+
+def _moves(before: CameraRig, after: CameraRig) -> np.ndarray:
+    """(C, 4, 4) of each camera, in the world frame."""
+    pairs = zip(before.cameras, after.cameras, strict=True)
+    return np.stack([new.world_T_camera @ old.camera_T_world for old, new in pairs])

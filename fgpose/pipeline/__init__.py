@@ -1,5 +1,11 @@
 """From a recording on disk to results on disk and in the viewer. Prints nothing."""
 
+from fgpose.pipeline.people import PeopleResult as PeopleResult
+from fgpose.pipeline.people import PeopleSource as PeopleSource
+from fgpose.pipeline.people import run_smooth_people as run_smooth_people
+from fgpose.pipeline.people import run_track_people as run_track_people
+from fgpose.pipeline.people_results import show_people as show_people
+from fgpose.pipeline.people_results import write_people as write_people
 from fgpose.pipeline.results import OutputError as OutputError
 from fgpose.pipeline.results import Outputs as Outputs
 from fgpose.pipeline.results import Result as Result
@@ -8,6 +14,7 @@ from fgpose.pipeline.results import write_all as write_all
 from fgpose.pipeline.results import write_outputs as write_outputs
 from fgpose.pipeline.run import OnUpdate as OnUpdate
 from fgpose.pipeline.run import Progress as Progress
+from fgpose.pipeline.run import load_people_source as load_people_source
 from fgpose.pipeline.run import load_source as load_source
 from fgpose.pipeline.run import run_refine as run_refine
 from fgpose.pipeline.run import run_smooth as run_smooth

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -22,10 +22,12 @@ from fgpose.io.trajectories import check_output, save_trajectory
 from fgpose.pipeline.source import Source
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
-from fgpose.viewer import Recording, open_recording
+from fgpose.viewer import PeopleRecording, Recording, open_people_recording, open_recording
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 WorldUp = Literal["z", "y"]
+AnyResult = TypeVar("AnyResult")
+AnyRecording = TypeVar("AnyRecording", Recording, PeopleRecording)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,17 +141,24 @@ class Outputs:
             ImportError: Rerun is not installed.
             OSError: the port is taken, or the file cannot be written.
         """
-        return open_recording(
-            self.path("rrd") if "rrd" in self.formats else None,
-            rig,
-            skeleton,
-            trajectories,
-            live=self.live_port is not None,
-            port=self.live_port or 0,
-            up="+z" if self.world_up == "z" else "+y",
-            image_width_px=self.image_width_px,
-            n_frames=n_frames,
-        )
+        return open_recording(self._rrd, rig, skeleton, trajectories, n_frames=n_frames, **self._viewer_options)
+
+    def open_people_viewer(self, rig: CameraRig, skeleton: Skeleton, n_frames: int | None = None) -> PeopleRecording:
+        """The same for several people."""
+        return open_people_recording(self._rrd, rig, skeleton, n_frames=n_frames, **self._viewer_options)
+
+    @property
+    def _rrd(self) -> Path | None:
+        return self.path("rrd") if "rrd" in self.formats else None
+
+    @property
+    def _viewer_options(self) -> dict[str, Any]:
+        return {
+            "live": self.live_port is not None,
+            "port": self.live_port or 0,
+            "up": "+z" if self.world_up == "z" else "+y",
+            "image_width_px": self.image_width_px,
+        }
 
 
 def _require_rerun() -> None:
@@ -202,7 +211,7 @@ def write_outputs(
         if name in result.trajectories
     }
     if viewer is not None:
-        writers["the viewer"] = partial(_show_or_discard, result, viewer, display)
+        writers["the viewer"] = partial(show_or_discard, result, viewer, display)
     elif "rrd" in outputs.formats:
         writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, display)
     return write_all(writers)
@@ -233,11 +242,13 @@ def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path,
 def _write_rrd(result: Result, outputs: Outputs, display: Callable[[Result, Recording], None]) -> None:
     observations, names = result.source.observations, tuple(result.trajectories)
     recording = outputs.open_viewer(result.source.rig, observations.skeleton, names, observations.n_frames)
-    _show_or_discard(result, recording, display)
+    show_or_discard(result, recording, display)
     recording.close()
 
 
-def _show_or_discard(result: Result, recording: Recording, display: Callable[[Result, Recording], None]) -> None:
+def show_or_discard(
+    result: AnyResult, recording: AnyRecording, display: Callable[[AnyResult, AnyRecording], None]
+) -> None:
     """Closing a recording that is shown by half would leave half a file."""
     try:
         display(result, recording)

@@ -18,8 +18,9 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import load_rig
 from fgpose.io.camera_names import seen_cameras
-from fgpose.io.keypoints import keypoint_cameras, load_observations
+from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people
 from fgpose.observations import Observations
+from fgpose.pipeline.people import PeopleSource
 from fgpose.pipeline.results import Result
 from fgpose.pipeline.source import Source
 from fgpose.skeleton import Skeleton
@@ -42,6 +43,7 @@ def load_source(
     unit: Literal["auto", "m", "mm"] = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
+    person: Person = "consistent",
 ) -> Source:
     """Read a recording: load_rig and load_observations, which say what is read and what each argument means.
 
@@ -50,21 +52,50 @@ def load_source(
         calibration: file of the cameras.
         skeleton: what the keypoints are.
         cameras: use only these, in this order. The calibration may then have cameras that the keypoints lack.
+        person: who, of several people.
 
     Raises:
         ValueError: something is wrong with a file, or a camera is unknown; the message names it.
         OSError: a file cannot be read.
     """
-    rig = load_rig(calibration, unit)
-    if cameras:
-        rig.subset(cameras)
-        # All cameras that saw something, also those not wanted: together they tell best which person is the subject.
-        seen = seen_cameras(keypoint_cameras(keypoints), rig.names)
-        rig = rig.subset(name for name in rig.names if name in seen or name in cameras)
+    rig = _rig(keypoints, calibration, unit, cameras)
     observations = load_observations(
-        keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit
+        keypoints,
+        rig,
+        skeleton,
+        fps=fps,
+        person=person,
+        points3d_frame=points3d_frame,
+        points3d_unit=points3d_unit,
     )
     return Source(rig, observations).subset(cameras)
+
+
+def load_people_source(
+    keypoints: Path,
+    calibration: Path,
+    skeleton: str | Path | Skeleton,
+    *,
+    cameras: tuple[str, ...] = (),
+    fps: float | None = None,
+    unit: Literal["auto", "m", "mm"] = "auto",
+    points3d_frame: Literal["camera", "world"] = "camera",
+    points3d_unit: Literal["mm", "m"] = "mm",
+) -> PeopleSource:
+    """Everybody in a recording, see load_source."""
+    rig = _rig(keypoints, calibration, unit, cameras)
+    people = load_people(keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit)
+    return PeopleSource(rig, people).subset(cameras)
+
+
+def _rig(keypoints: Path, calibration: Path, unit: Literal["auto", "m", "mm"], cameras: tuple[str, ...]) -> CameraRig:
+    """The cameras wanted, and all others that saw something: together they tell best who is who."""
+    rig = load_rig(calibration, unit)
+    if not cameras:
+        return rig
+    rig.subset(cameras)
+    seen = seen_cameras(keypoint_cameras(keypoints), rig.names)
+    return rig.subset(name for name in rig.names if name in seen or name in cameras)
 
 
 def run_smooth(source: Source, config: Config, progress: Progress | None = None, *, compare: bool = True) -> Result:

@@ -29,6 +29,10 @@ class Source:
             self._evidence[config] = gather(self.observations, self.rig, config)
         return self._evidence[config]
 
+    def first_frames(self, n_frames: int) -> Source:
+        """The beginning of the recording."""
+        return Source(self.rig, self.observations.frames(slice(0, n_frames)))
+
     def subset(self, cameras: tuple[str, ...]) -> Source:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
         return Source(self.rig.subset(cameras), self.observations.subset(cameras)) if cameras else self

@@ -1,5 +1,6 @@
 """Keypoints: read from the formats of 2D and monocular 3D pose estimators, and whole recordings in our own."""
 
+from fgpose.io.keypoints.keypoint_files import Person as Person
 from fgpose.io.keypoints.keypoint_files import keypoint_cameras as keypoint_cameras
 from fgpose.io.keypoints.keypoint_files import load_observations as load_observations
 from fgpose.io.keypoints.keypoint_files import load_people as load_people

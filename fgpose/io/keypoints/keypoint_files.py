@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from fgpose.association.chosen_person import main_person
+from fgpose.association.chosen_person import PersonRegion, chosen_person, main_person
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
@@ -20,7 +20,7 @@ from fgpose.skeleton import Skeleton
 
 Points3dFrame = Literal["camera", "world"]
 Points3dUnit = Literal["mm", "m"]
-Person = Literal["consistent"] | int
+Person = Literal["consistent"] | int | PersonRegion
 
 _METRES = {"mm": 1e-3, "m": 1.0}
 # No camera is faster, nobody's motion can be followed with one that is slower.
@@ -54,8 +54,8 @@ def load_observations(
         rig: the cameras; the result has them in this order.
         skeleton: what the keypoints are: a built-in skeleton, a TOML file or a Skeleton.
         fps: frames per second; needed for every format but our own, whose files contain times. Frame n is at n / fps.
-        person: of several people in an image, consistent takes the one that views and frames agree on; a number takes
-            that entry of every image.
+        person: of several people, consistent takes the one who is seen most, as views and frames agree; a number
+            takes that entry of every image; a region takes the person who is in it.
         points3d_frame: frame of the 3D joints of MeTRAbs: of each camera, or of the world if it was given extrinsics.
         points3d_unit: their unit.
 
@@ -118,6 +118,8 @@ def _one_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Pers
     try:
         if person == "consistent":
             return main_person(people, rig)
+        if isinstance(person, PersonRegion):
+            return people.of_person(chosen_person(people, rig, person))
         if person >= max(people.n_most, 1):
             raise ValueError(f"there is no person {person}: at most {people.n_most} in an image, counted from 0")
         return people.of_person(people.only(person))
@@ -155,8 +157,8 @@ def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
 def _check_options(path: Path, fps: float | None, person: Person, frame: str, unit: str) -> None:
     if fps is not None and not (_MIN_FPS <= fps <= _MAX_FPS):
         raise ValueError(f"{path}: fps must be a number from {_MIN_FPS:g} to {_MAX_FPS:g}, got {fps:g}")
-    if person != "consistent" and (not isinstance(person, int) or person < 0):
-        raise ValueError(f"{path}: person must be consistent or an index from 0, got {person!r}")
+    if person != "consistent" and not isinstance(person, PersonRegion) and (not isinstance(person, int) or person < 0):
+        raise ValueError(f"{path}: person must be consistent, a region or an index from 0, got {person!r}")
     if frame not in ("camera", "world") or unit not in _METRES:
         raise ValueError(
             f"{path}: points3d_frame is camera or world and points3d_unit mm or m, got {frame!r} and {unit!r}"
