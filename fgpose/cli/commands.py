@@ -12,6 +12,7 @@ from fgpose.cli.calibration import calibrated
 from fgpose.cli.options import ParameterOptions, RecordingOptions, new_console, progress_bar
 
 if TYPE_CHECKING:
+    from fgpose.cli.options import AnySource
     from fgpose.observations import Observations
     from fgpose.pipeline import OnUpdate, Outputs, Source
     from fgpose.trajectory import Estimate
@@ -22,15 +23,10 @@ if TYPE_CHECKING:
 class EstimatorOptions(ParameterOptions, RecordingOptions):
     """What smooth, track and refine have in common."""
 
-    def load(self) -> Source:
-        return calibrated(
-            super().load(),
-            self.parameters,
-            self.outputs(self.keypoints),
-            new_console(),
-            poses=self.refine_calibration,
-            clocks=self.estimate_time_offsets,
-        )
+    def prepared(self, source: AnySource) -> AnySource:
+        outputs, console = self.outputs(self.keypoints), new_console()
+        wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
+        return calibrated(source, self.parameters, outputs, console, **wanted)
 
     def checked_outputs(self, *saved: str) -> Outputs:
         """Where the results go, once it is certain that they can be written there."""
@@ -44,21 +40,26 @@ class EstimatorOptions(ParameterOptions, RecordingOptions):
 class Smooth(EstimatorOptions):
     """Smooth a whole recording: the most probable motion given all frames.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. With --solver.no-covariance it is faster and
-    does not state how uncertain each joint is.
+    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Of several people, all are in NAME.parquet, and
+    each has a NAME_personN.trc. With --solver.no-covariance it is faster and does not state how uncertain each joint
+    is.
 
     Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --motion.max-unseen-s 5
     """
 
     def run(self) -> None:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer
-        from fgpose.pipeline import run_smooth
+        from fgpose.cli.live import live_viewer, opener
+        from fgpose.cli.people import estimate_people
+        from fgpose.pipeline import PeopleSource, run_smooth, run_smooth_people
 
         outputs = self.checked_outputs("smoothed")
-        source = self.load()
+        source = self.load_people()
+        if isinstance(source, PeopleSource):
+            estimate_people(source, self.parameters, outputs, run_smooth_people, "smoothing")
+            return
         names = ("fused", "refined", "smoothed") if outputs.shown else ("smoothed",)
-        with live_viewer(source, names, outputs) as viewer:
+        with live_viewer(outputs, opener(source, names, outputs)) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
             deliver(result, outputs, viewer)
@@ -76,12 +77,14 @@ class Refine(EstimatorOptions):
 
     def run(self) -> None:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer
+        from fgpose.cli.live import live_viewer, opener
         from fgpose.pipeline import run_refine
 
+        if self.people == "all":
+            raise ValueError("refine estimates one person: use --people 1 or --person-region; smooth takes everybody")
         outputs = self.checked_outputs("refined")
         source = self.load()
-        with live_viewer(source, ("fused", "refined"), outputs) as viewer:
+        with live_viewer(outputs, opener(source, ("fused", "refined"), outputs)) as viewer:
             with progress_bar("refining") as progress:
                 result = run_refine(source, self.parameters, progress)
             deliver(result, outputs, viewer)
@@ -99,12 +102,16 @@ class Track(EstimatorOptions):
 
     def run(self) -> None:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer
-        from fgpose.pipeline import run_track, show
+        from fgpose.cli.live import live_viewer, opener
+        from fgpose.cli.people import estimate_people
+        from fgpose.pipeline import PeopleSource, run_track, run_track_people, show
 
         outputs = self.checked_outputs("smoothed", "online")
-        source = self.load()
-        with live_viewer(source, ("smoothed", "online"), outputs, grows=True) as viewer:
+        source = self.load_people()
+        if isinstance(source, PeopleSource):
+            estimate_people(source, self.parameters, outputs, run_track_people, "tracking")
+            return
+        with live_viewer(outputs, opener(source, ("smoothed", "online"), outputs), grows=True) as viewer:
             on_update = None if viewer is None else self._frame_display(source, viewer)
             with progress_bar("tracking") as progress:
                 result = run_track(source, self.parameters, progress, on_update)
@@ -125,9 +132,9 @@ class Track(EstimatorOptions):
 class Info(RecordingOptions):
     """Report on a recording before solving it: what is seen, and what is probably wrong.
 
-    Which cameras see what, how well they agree, whether a calibration is wrong, a camera was moved or is late, left and
-    right are exchanged, or millimetres are taken for metres. Takes some seconds. Nothing is written. Errors are pixels
-    of the undistorted image.
+    How many people there seem to be, and when; which cameras see what, how well they agree, whether a calibration is
+    wrong, a camera was moved or is late, left and right are exchanged, or millimetres are taken for metres. Takes some
+    seconds. Nothing is written. Errors are pixels of the undistorted image.
 
     Example: fgpose info pose/ --rig Calib.toml --skeleton body_25b --fps 60
     """
@@ -139,13 +146,20 @@ class Info(RecordingOptions):
         from fgpose.assessment.recording_info import recording_info
         from fgpose.calibration.camera_faults import camera_faults
         from fgpose.cli.info_tables import print_info
+        from fgpose.cli.people import associated
+        from fgpose.cli.people_tables import print_association
+        from fgpose.pipeline import PeopleSource
 
-        source = self.load()
+        source, console = self.load_people(), new_console()
+        if isinstance(source, PeopleSource):
+            print_association(console, associated(source))
+            console.print("Of the person who is seen most:")
+            source = source.one()
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
             # Time offsets and small moves can only be judged where the calibration is roughly right.
             faults = () if info.suspected_calibration else camera_faults(source.observations, source.rig)
-        print_info(new_console(), info, faults)
+        print_info(console, info, faults)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from fgpose.cli.live import wait_for_viewers
 from fgpose.cli.options import new_console
+from fgpose.cli.people_tables import print_people
 from fgpose.cli.tables import print_result
-from fgpose.pipeline import OutputError, Outputs, Result, show, write_outputs
-from fgpose.viewer import Recording
+from fgpose.pipeline import OutputError, Outputs, PeopleResult, Result, show, show_people, write_outputs, write_people
+from fgpose.viewer import PeopleRecording, Recording
 
 Summary = Callable[[Result, tuple[Path, ...]], None]
 """Prints a summary of a result and the files that it is in."""
@@ -28,11 +29,30 @@ def deliver(
         OutputError: a file could not be written; the others were, and the result has been summed up.
     """
     summary = summary or (lambda result, written: print_result(new_console(), result, written))
-    try:
-        written = write_outputs(result, outputs, viewer, display)
-    except OutputError as error:
-        summary(result, error.written)
-        raise
-    summary(result, written)
+    _deliver(lambda: write_outputs(result, outputs, viewer, display), lambda written: summary(result, written))
     if viewer is not None:
         wait_for_viewers(outputs)
+
+
+def deliver_people(
+    result: PeopleResult,
+    outputs: Outputs,
+    viewer: PeopleRecording | None = None,
+    display: Callable[[PeopleResult, PeopleRecording], None] = show_people,
+) -> None:
+    """The same for several people. Raises OutputError as deliver."""
+    _deliver(
+        lambda: write_people(result, outputs, viewer, display),
+        lambda written: print_people(new_console(), result, written),
+    )
+    if viewer is not None:
+        wait_for_viewers(outputs)
+
+
+def _deliver(write: Callable[[], tuple[Path, ...]], summary: Callable[[tuple[Path, ...]], None]) -> None:
+    try:
+        written = write()
+    except OutputError as error:
+        summary(error.written)
+        raise
+    summary(written)

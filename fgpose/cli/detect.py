@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.options import PEOPLE, REGION, first_frames, new_console, progress_bar, wanted_region
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
-    from fgpose.pipeline import Outputs
+    from fgpose.pipeline import Outputs, PeopleSource, Source
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _VIDEOS = (
@@ -38,10 +38,10 @@ _MODEL = (
     "blazepose-lite, blazepose-full or blazepose-heavy, the faster first, which are fetched at the first use; or an "
     "ONNX file, see --network."
 )
-_REGION = (
-    "The wanted person: a box in the first image of a camera, pixels. Give more than 1 to --people then. By default "
-    "the person who is seen most."
+_MAX_PEOPLE = (
+    "How many people to find in each image at most. More take longer; fewer than there are, and some are not estimated."
 )
+_MOST_PEOPLE = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,10 +65,12 @@ class VideoOptions:
     """ONNX file that finds the people: YOLOX, needed for every network but blazepose."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """Skeleton of the joints of a metrabs file."""
-    people: Annotated[int, arg(metavar="N")] = 1
-    """How many people to find in each image at most: the wanted person and all who come near. More take longer."""
+    people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
     person_region: Annotated[
-        str | None, arg(metavar="CAMERA:X,Y,W,H", help=_REGION, help_behavior_hint="(default: none)")
+        str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
+    ] = None
+    max_people: Annotated[
+        int | None, arg(metavar="N", help=_MAX_PEOPLE, help_behavior_hint="(default: 8, with --people 1: 1)")
     ] = None
     jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
     """How many cameras to work on at the same time."""
@@ -81,11 +83,10 @@ class VideoOptions:
 
     def detect(self, console: Console) -> Detected:
         """All people in all images, with a progress bar. Everything is checked before the work begins."""
-        from fgpose.association.chosen_person import PersonRegion
         from fgpose.monocular.detection import detect
 
         _quieten_decoder()
-        region = None if self.person_region is None else PersonRegion.parse(self.person_region)
+        region = wanted_region(self.people, self.person_region)
         sources, cache = self._open(), self._cache_folder()
         if region is not None:
             sources.rig.subset([region.camera])
@@ -99,29 +100,33 @@ class VideoOptions:
         """The network, fetched if need be."""
         from fgpose.monocular.networks import open_network
 
+        most = 1 if self.people == "1" and self.person_region is None else _MOST_PEOPLE
         with new_console(stderr=True).status("opening the network") as status:
             return open_network(
                 self.model,
                 kind=self.network,
                 detector=self.detector,
                 skeleton=self.skeleton,
-                max_people=self.people,
+                max_people=most if self.max_people is None else self.max_people,
                 progress=status.update,
             )
 
-    def wanted(self, detected: Detected, console: Console) -> FlipCorrection:
-        """The wanted person as each camera saw them, with left and right corrected; prints what was found."""
+    def wanted(self, detected: Detected, console: Console) -> Source | PeopleSource:
+        """Everybody, or the wanted person as each camera saw them, with left and right corrected; prints what was
+        found."""
         from fgpose.association.chosen_person import PersonRegion
         from fgpose.monocular.flips import correct_flips
+        from fgpose.pipeline import PeopleSource, Source
 
+        one = self.people == "1" or self.person_region is not None
+        if self.people == "all" or (not one and detected.people.n_most > 1):
+            return first_frames(PeopleSource(detected.rig, detected.people), self.frames)
         region = None if self.person_region is None else PersonRegion.parse(self.person_region)
         followed = detected.follow(0 if region is None else region)
-        observations = followed.observations
-        if self.frames is not None and self.frames < observations.n_frames:
-            observations = observations.frames(slice(0, self.frames))
+        observations = first_frames(Source(detected.rig, followed.observations), self.frames).observations
         corrected = correct_flips(observations, detected.rig)
         print_views(console, corrected, followed.problems[: observations.n_frames])
-        return corrected
+        return Source(detected.rig, corrected.observations)
 
     def _open(self) -> Sources:
         from fgpose.io.calibration import load_rig
@@ -137,9 +142,9 @@ class VideoOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Detect(VideoOptions):
-    """Detect the joints of a person in videos, without estimating anything from them.
+    """Detect the joints of people in videos, without estimating anything from them.
 
-    Writes NAME.parquet: for each frame, camera and joint the pixels, the confidence, the absolute 3D joint that the
+    Writes NAME.parquet: for each image, person and joint the pixels, the confidence, the absolute 3D joint that the
     view alone gives, and its covariance. fgpose smooth, track, refine and info read it. If a video has another size
     than its calibration, the calibration for this size is written as NAME_calibration.toml: use it in these commands.
 
@@ -156,8 +161,8 @@ class Detect(VideoOptions):
 
     def run(self) -> None:
         from fgpose.io.calibration import load_rig
-        from fgpose.io.keypoints import save_observations
-        from fgpose.pipeline import Outputs, write_all
+        from fgpose.io.keypoints import save_observations, save_people_observations
+        from fgpose.pipeline import Outputs, PeopleSource, write_all
 
         console = new_console()
         # dict: each format once.
@@ -165,9 +170,15 @@ class Detect(VideoOptions):
         outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)))
         outputs.check(("detected",), (self.rig,))
         detected = self.detect(console)
-        observations = self.wanted(detected, console).observations
+        source = self.wanted(detected, console)
+        if isinstance(source, PeopleSource):
+            n_images, n_people = len(source.people.images), sum(image.n_people for image in source.people.images)
+            console.print(f"{n_people} detections of people in {n_images} images, up to {source.people.n_most} in one")
+            save: Callable[[Path], object] = partial(save_people_observations, source.people)
+        else:
+            save = partial(save_observations, source.observations)
         writers: dict[Path | str, Callable[[], object]] = {
-            path: partial(save_observations, observations, path) for path in outputs.trajectory_paths(("detected",))
+            path: partial(save, path) for path in outputs.trajectory_paths(("detected",))
         }
         calibrated = load_rig(self.rig, self.unit).subset(detected.rig.names)
         if any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, detected.rig.cameras, strict=True)):

@@ -3,24 +3,34 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from typing import TypeVar
 
 from fgpose.cli.options import new_console
 from fgpose.pipeline import OutputError, Outputs, Source
 from fgpose.viewer import Recording
+from fgpose.viewer.session import Session
+
+AnyRecording = TypeVar("AnyRecording", bound=Session)
+
+
+def opener(source: Source, trajectories: tuple[str, ...], outputs: Outputs) -> Callable[[], Recording]:
+    """Opens a recording of one person, in which these trajectories will be shown."""
+    observations = source.observations
+    return partial(outputs.open_viewer, source.rig, observations.skeleton, trajectories, observations.n_frames)
 
 
 @contextmanager
 def live_viewer(
-    source: Source, trajectories: tuple[str, ...], outputs: Outputs, *, grows: bool = False
-) -> Iterator[Recording | None]:
+    outputs: Outputs, open_viewer: Callable[[], AnyRecording], *, grows: bool = False
+) -> Iterator[AnyRecording | None]:
     """A recording that viewers can connect to at once, also written to the .rrd file if wanted; None without --live.
 
     Args:
-        source: the recording.
-        trajectories: names of those that will be shown.
         outputs: where the results go.
+        open_viewer: opens the recording.
         grows: it is shown frame by frame, so that after Ctrl-C the file has the frames so far.
 
     Raises:
@@ -30,8 +40,7 @@ def live_viewer(
     if outputs.live_port is None:
         yield None
         return
-    observations = source.observations
-    with outputs.open_viewer(source.rig, observations.skeleton, trajectories, observations.n_frames) as recording:
+    with open_viewer() as recording:
         new_console(stderr=True).print(
             f"Viewers of this computer connect with: rerun {recording.viewer_url}\n"
             f"From another one, first: ssh -L {_port(recording)}:localhost:{_port(recording)} THIS_COMPUTER",
@@ -49,7 +58,7 @@ def live_viewer(
             raise
 
 
-def _port(recording: Recording) -> str:
+def _port(recording: Session) -> str:
     return (recording.viewer_url or "").rpartition(":")[2].partition("/")[0]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 from tyro.conf import Positional, arg
 
@@ -16,7 +16,10 @@ from fgpose.config import Config
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fgpose.pipeline import Outputs, Progress, Source
+    from fgpose.association.chosen_person import PersonRegion
+    from fgpose.pipeline import Outputs, PeopleSource, Progress, Source
+
+    AnySource = TypeVar("AnySource", Source, PeopleSource)
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 
@@ -29,6 +32,11 @@ _SKELETON = (
     "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or your "
     "own TOML file."
 )
+PEOPLE = (
+    "all: tell everybody apart and estimate each. 1: only the person who is seen most. auto: all where an image shows "
+    "more than one."
+)
+REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,22 +59,47 @@ class RecordingOptions:
     """Use these cameras only."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
     """Use only this many frames, from the beginning."""
+    people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
+    person_region: Annotated[
+        str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
+    ] = None
 
     def load(self) -> Source:
-        """Read the recording. Raises ValueError and OSError as pipeline.load_source."""
+        """Read the recording of one person. Raises ValueError and OSError as pipeline.load_source."""
+        return self.prepared(self._one())
+
+    def load_people(self) -> Source | PeopleSource:
+        """Read the recording: of everybody, or of one person, as is wanted and as many as there are."""
+        from fgpose.pipeline import load_people_source
+
+        if self.people == "1" or self._region() is not None:
+            return self.prepared(self._one())
+        everybody = first_frames(load_people_source(*self._files, **self._reading), self.frames)
+        if self.people == "auto" and everybody.people.n_most <= 1:
+            return self.prepared(everybody.one())
+        return self.prepared(everybody)
+
+    def prepared(self, source: AnySource) -> AnySource:
+        """What is done with a recording before anything else."""
+        return source
+
+    def _one(self) -> Source:
         from fgpose.pipeline import load_source
 
-        source = load_source(
-            self.keypoints,
-            self.rig,
-            self.skeleton,
-            cameras=self.cameras,
-            fps=self.fps,
-            unit=self.unit,
-            points3d_frame=self.points3d_frame,
-            points3d_unit=self.points3d_unit,
-        )
-        return first_frames(source, self.frames)
+        person = self._region() or "consistent"
+        return first_frames(load_source(*self._files, **self._reading, person=person), self.frames)
+
+    @property
+    def _files(self) -> tuple[Path, Path, str]:
+        return self.keypoints, self.rig, self.skeleton
+
+    @property
+    def _reading(self) -> dict[str, Any]:
+        names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit")
+        return {name: getattr(self, name) for name in names}
+
+    def _region(self) -> PersonRegion | None:
+        return wanted_region(self.people, self.person_region)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,15 +145,24 @@ class ParameterOptions(OutputOptions):
     NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
-def first_frames(source: Source, frames: int | None) -> Source:
+def first_frames(source: AnySource, frames: int | None) -> AnySource:
     """The beginning of a recording. Raises ValueError unless the number is positive."""
-    from fgpose.pipeline import Source
-
     if frames is None:
         return source
     if frames < 1:
         raise ValueError(f"--frames must be at least 1, got {frames}")
-    return Source(source.rig, source.observations.frames(slice(0, frames)))
+    return source.first_frames(frames)
+
+
+def wanted_region(people: str, region: str | None) -> PersonRegion | None:
+    """Where the wanted person is, if that was said. Raises ValueError if everybody is wanted too."""
+    from fgpose.association.chosen_person import PersonRegion
+
+    if region is None:
+        return None
+    if people == "all":
+        raise ValueError("--person-region asks for one person, --people all for everybody: leave one of them out")
+    return PersonRegion.parse(region)
 
 
 def new_console(*, stderr: bool = False) -> Console:

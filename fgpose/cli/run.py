@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
+from jaxtyping import Float
 from tyro.conf import arg
 
 from fgpose.cli.calibration import calibrated
@@ -15,13 +17,13 @@ from fgpose.frame_matching import NO_IMAGE
 
 if TYPE_CHECKING:
     from fgpose.monocular.detected import Detected
-    from fgpose.pipeline import Result
-    from fgpose.viewer import Recording
+    from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Result
+    from fgpose.viewer import PeopleRecording, Recording
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run(ParameterOptions, VideoOptions):
-    """From the videos of calibrated cameras to the smoothed 3D motion of one person: detect, fuse, smooth, save.
+    """From the videos of calibrated cameras to the smoothed 3D motion of people: detect, fuse, smooth, save.
 
     Writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the output folder. Detections are cached: a
     run with other parameters, or after Ctrl-C, does not repeat them. The first run fetches the weights
@@ -37,8 +39,8 @@ class Run(ParameterOptions, VideoOptions):
 
     def run(self) -> None:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer
-        from fgpose.pipeline import Source, run_smooth, show
+        from fgpose.cli.live import live_viewer, opener
+        from fgpose.pipeline import PeopleSource, run_smooth, show
 
         if self.image_width < 1:
             raise ValueError(f"--image-width must be at least 1, got {self.image_width}")
@@ -46,24 +48,40 @@ class Run(ParameterOptions, VideoOptions):
         wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
         outputs.check(("smoothed",), (self.rig,), calibration=any(wanted.values()))
         detected = self.detect(console)
-        source = Source(detected.rig, self.wanted(detected, console).observations)
+        source = self.wanted(detected, console)
+        if isinstance(source, PeopleSource):
+            source = calibrated(source, self.parameters, outputs, console, **wanted)
+            self._of_everybody(source, detected, outputs)
+            return
         source = calibrated(source, self.parameters, outputs, console, **wanted)
 
         def show_all(result: Result, recording: Recording) -> None:
             show(result, recording)
             if self.images:
-                show_images(detected, result, recording)
+                show_images(detected, result.source.observations.frame_time_s, recording)
 
         names = ("fused", "refined", "smoothed") if outputs.shown else ("smoothed",)
-        with live_viewer(source, names, outputs) as viewer:
+        with live_viewer(outputs, opener(source, names, outputs)) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
             deliver(result, outputs, viewer, show_all)
 
+    def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> None:
+        from fgpose.cli.people import estimate_people
+        from fgpose.pipeline import run_smooth_people, show_people
 
-def show_images(detected: Detected, result: Result, recording: Recording) -> None:
+        def show_all(result: PeopleResult, recording: PeopleRecording) -> None:
+            show_people(result, recording)
+            if self.images:
+                show_images(detected, source.people.frames.frame_time_s, recording)
+
+        estimate_people(source, self.parameters, outputs, run_smooth_people, "smoothing", show_all)
+
+
+def show_images(
+    detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Recording | PeopleRecording
+) -> None:
     """Show the images of every camera, each in its frame; the videos are decoded again."""
-    time_s = result.source.observations.frame_time_s
     image = detected.frames.image[: len(time_s)]
     if not any(recording.wants_image(name, 0) for name in detected.rig.names):
         return

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from jaxtyping import Float
 from tyro.conf import Positional, arg
 
 from fgpose.cli.options import new_console
@@ -50,22 +51,34 @@ class View:
 
     def _made_rrd(self, folder: Path) -> Path:
         """A .rrd file of a trajectory file."""
-        from fgpose.io.calibration import load_rig
-        from fgpose.io.trajectories import load_trajectory
+        from fgpose.io.trajectories import load_people_trajectories
         from fgpose.pipeline import Outputs
 
-        trajectory = load_trajectory(self.file, world_up=self.world_up)
-        if self.rig is None:
-            rig = onlooker(trajectory)
-            trajectory = replace(trajectory, residual_px=None, visibility=None, camera_names=())
-        else:
-            rig = load_rig(self.rig)
-            if trajectory.camera_names and trajectory.camera_names != rig.names:
-                rig = rig.subset(trajectory.camera_names)
+        people = load_people_trajectories(self.file, world_up=self.world_up)
+        skeleton = next(iter(people.values())).skeleton
+        rig, people = self._with_rig(people)
         outputs = Outputs(folder, self.file.stem, ("rrd",), self.world_up)
-        with outputs.open_viewer(rig, trajectory.skeleton, (self.file.stem,)) as recording:
-            recording.log_trajectory(self.file.stem, trajectory)
+        if len(people) == 1:
+            with outputs.open_viewer(rig, skeleton, (self.file.stem,)) as recording:
+                recording.log_trajectory(self.file.stem, *people.values())
+        else:
+            time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
+            with outputs.open_people_viewer(rig, skeleton, len(time_s)) as recording:
+                for person, trajectory in people.items():
+                    recording.log_person(person, trajectory, int(np.searchsorted(time_s, trajectory.time_s[0])))
         return outputs.path("rrd")
+
+    def _with_rig(self, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:
+        """The cameras that the trajectories know, or one that looks at the people where no calibration is given."""
+        from fgpose.io.calibration import load_rig
+
+        if self.rig is None:
+            unseen = {
+                n: replace(each, residual_px=None, visibility=None, camera_names=()) for n, each in people.items()
+            }
+            return onlooker(np.concatenate([each.positions_m for each in people.values()])), unseen
+        rig, names = load_rig(self.rig), next(iter(people.values())).camera_names
+        return (rig.subset(names) if names and names != rig.names else rig), people
 
     def _open(self, path: Path) -> None:
         if not self.web and not _has_display():
@@ -80,11 +93,11 @@ class View:
             raise OSError(f"the viewer ended with code {code}")
 
 
-def onlooker(trajectory: Trajectory) -> CameraRig:
-    """A camera that looks at the person from the side. The viewer needs one, and no calibration was given."""
+def onlooker(positions_m: Float[np.ndarray, "frame joint 3"]) -> CameraRig:
+    """A camera that looks at these joints from the side. The viewer needs one, and no calibration was given."""
     from fgpose.geometry.camera import Camera, CameraRig
 
-    known = trajectory.positions_m[np.isfinite(trajectory.positions_m).all(axis=-1)]
+    known = positions_m[np.isfinite(positions_m).all(axis=-1)]
     target_m = np.median(known, axis=0) if len(known) else np.zeros(3)
     K = np.array([[1000.0, 0.0, 500.0], [0.0, 1000.0, 500.0], [0.0, 0.0, 1.0]])
     world_T_camera = np.eye(4)

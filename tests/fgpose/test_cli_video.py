@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 import pytest
+from rrd_contents import entities
 
 import fgpose
 from fgpose.association.chosen_person import PersonRegion
 from fgpose.cli import main
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.io.keypoints import load_observations
-from fgpose.io.trajectories import load_trajectory
+from fgpose.io.keypoints import load_observations, load_people
+from fgpose.io.trajectories import load_people_trajectories, load_trajectory
 from fgpose.monocular.network import Image, People, Tracker
 
 if TYPE_CHECKING:
@@ -219,11 +221,39 @@ def test_the_person_in_a_region(person: int, squares: SquaresScene, network: Squ
     squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
     points_px = squares.rig.cameras[1].project(squares.positions_m(0.0, 2)[person])
     (x, y), (width, height) = points_px.min(axis=0) - 8, np.ptp(points_px, axis=0) + 16
-    options = ["--people", "2", "--person-region", f"ring_1:{x:.0f},{y:.0f},{width:.0f},{height:.0f}"]
+    options = ["--max-people", "2", "--person-region", f"ring_1:{x:.0f},{y:.0f},{width:.0f},{height:.0f}"]
     arguments = ["run", str(tmp_path / "walk"), "--rig", str(tmp_path / "Calib.toml"), "--formats", "npz"]
     assert main([*arguments, "-o", str(tmp_path / "out"), *options]) == 0
     trajectory = load_trajectory(tmp_path / "out" / "walk.npz")
     np.testing.assert_allclose(trajectory.positions_m, truth_m(squares, person), atol=0.02)
+
+
+def of_both(squares: SquaresScene, people: Mapping[int, fgpose.Trajectory]) -> bool:
+    """Whether these are the two people, each once."""
+    found_m = np.array([np.nanmean(each.positions_m, axis=(0, 1)) for each in people.values()])
+    true_m = np.array([truth_m(squares, person).mean(axis=(0, 1)) for person in range(2)])
+    distances_m = np.linalg.norm(found_m[:, None] - true_m, axis=-1)
+    return sorted(distances_m.argmin(axis=1)) == [0, 1] and bool(distances_m.min(axis=1).max() < 0.03)
+
+
+def test_everybody_in_the_videos(squares: SquaresScene, network: SquaresNetwork, tmp_path: Path) -> None:
+    save_rig(squares.rig, tmp_path / "Calib.toml")
+    squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
+    arguments = [str(tmp_path / "walk"), "--rig", str(tmp_path / "Calib.toml"), "-o", str(tmp_path / "out")]
+    assert main(["run", *arguments]) == 0
+    assert of_both(squares, load_people_trajectories(tmp_path / "out" / "walk.parquet"))
+    shown = entities(tmp_path / "out" / "walk.rrd")
+    assert {"/world/person_0/joints", "/world/person_1/joints"} <= shown
+    assert any(entity.endswith("/picture") for entity in shown)
+
+
+def test_detect_writes_everybody(squares: SquaresScene, network: SquaresNetwork, tmp_path: Path) -> None:
+    save_rig(squares.rig, tmp_path / "Calib.toml")
+    squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
+    assert main(["detect", str(tmp_path / "walk"), "--rig", str(tmp_path / "Calib.toml"), "-o", str(tmp_path)]) == 0
+    observations = load_people(tmp_path / "walk.parquet", squares.rig, network.skeleton)
+    assert {image.n_people for image in observations.images} == {2}
+    assert of_both(squares, fgpose.smooth_people(observations, squares.rig).trajectories)
 
 
 @dataclass
@@ -253,7 +283,7 @@ def test_what_troubled_the_3d_is_printed_of_the_wanted_person_only(
     save_rig(squares.rig, tmp_path / "Calib.toml")
     squares.write_all(tmp_path / "walk", N_IMAGES, FPS, n_people=2)
     x, y = squares.rig.cameras[1].project(squares.positions_m(0.0, 2)[1]).mean(axis=0)
-    options = ["--people", "2", "--person-region", f"ring_1:{x - 60:.0f},{y - 60:.0f},120,120", "--formats", "npz"]
+    options = ["--max-people", "2", "--person-region", f"ring_1:{x - 60:.0f},{y - 60:.0f},120,120", "--formats", "npz"]
     arguments = [command, str(tmp_path / "walk"), "--rig", str(tmp_path / "Calib.toml"), "-o", str(tmp_path / "out")]
     assert main([*arguments, *options]) == 0
     lines = [line.strip() for line in capsys.readouterr().out.splitlines() if "3D missing or uncertain" in line]

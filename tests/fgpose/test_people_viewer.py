@@ -82,9 +82,8 @@ def association(rig: CameraRig) -> Association:
         TrackEvent(10.12, SECOND, "lost", "not detected for 0.02 s"),
         TrackEvent(10.14, SECOND, "found again", "cam 1 agrees"),
     )
-    observations = PeopleObservations(SKELETON, rig.names, tuple(images))
-    frames = MatchedFrames(time_s(), image_of)
-    return Association(observations, rig, frames, {FIRST: of_first, SECOND: second}, events)
+    observations = PeopleObservations(SKELETON, rig.names, tuple(images), MatchedFrames(time_s(), image_of))
+    return Association(observations, rig, {FIRST: of_first, SECOND: second}, events)
 
 
 @pytest.fixture(scope="module")

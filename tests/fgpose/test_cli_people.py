@@ -1,0 +1,217 @@
+"""Several people on the command line: everybody, one of them, and one in a region; from files to files."""
+
+from __future__ import annotations
+
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from rrd_contents import entities
+
+from fgpose.assessment.people import evaluate_people
+from fgpose.cli import main, view
+from fgpose.config import Config
+from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.keypoints import load_people, save_people_observations
+from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people
+from fgpose.pipeline import PeopleSource, run_smooth_people, run_track_people
+from fgpose.synthetic import (
+    CameraTimes,
+    CrowdErrors,
+    CrowdScene,
+    DetectionNoise,
+    Occlusion,
+    crowd_motion,
+    embedded_motion,
+    ring_rig,
+    simulate_crowd,
+)
+
+FAST_CONFIG = Config(solver={"covariance": False}, online={"covariance": False, "lag_s": 0.2})
+FAST = ["--solver.no-covariance", "--online.no-covariance"]
+
+
+def scene_of(n_people: int, times: CameraTimes | None = None) -> CrowdScene:
+    walks, works = [embedded_motion("cmu_02_01_short")], [embedded_motion("cmu_02_07_a")]
+    motion = crowd_motion(n_people, 60, 30.0, walks, works, seed=1)
+    rig = ring_rig(3, 5.0, 2.7, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
+    return simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), 1, times)
+
+
+@pytest.fixture(scope="module")
+def scene() -> CrowdScene:
+    return scene_of(2)
+
+
+@pytest.fixture(scope="module")
+def folder(scene: CrowdScene, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two people for two seconds, as a user would have them."""
+    folder = tmp_path_factory.mktemp("recording")
+    save_rig(scene.rig, folder / "Calib.toml")
+    save_people_observations(scene.observations, folder / "room.parquet")
+    return folder
+
+
+@pytest.fixture
+def source(folder: Path) -> list[str]:
+    return [str(folder / "room.parquet"), "--rig", str(folder / "Calib.toml"), "--skeleton", "h36m_17"]
+
+
+def test_smooth_writes_everybody(
+    scene: CrowdScene, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["smooth", *source, *FAST, "--formats", "parquet", "trc", "rrd", "-o", str(tmp_path)]) == 0
+    people = load_people_trajectories(tmp_path / "room.parquet")
+    time_s = scene.observations.frames.frame_time_s
+    score = evaluate_people(people, scene.truth(time_s), time_s=time_s)
+    # As smooth_people alone in its own tests.
+    assert (score.n_identities, score.switches) == (2, 0)
+    assert score.recall > 0.97
+    assert score.mpjpe_mm < 40
+    assert set(pq.read_table(tmp_path / "room.parquet")["person"].to_pylist()) == set(people)
+    for person, trajectory in people.items():
+        alone = load_trajectory(tmp_path / f"room_person{person}.trc")
+        # TRC has a hundredth of a millimetre.
+        np.testing.assert_allclose(alone.positions_m, trajectory.positions_m, atol=1e-5)
+    assert (tmp_path / "room.rrd").stat().st_size > 10_000
+    printed = capsys.readouterr().out
+    for name in ("room.parquet", "room_person0.trc", "room_person1.trc", "room.rrd"):
+        assert f"wrote {tmp_path / name}" in printed
+    assert "detections belong to nobody" in printed
+    assert "person 1 confirmed: " in printed
+
+
+def test_track_writes_the_newest_and_the_lagged(
+    scene: CrowdScene, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["track", *source, *FAST, "--online.lag-s", "0.2", "--formats", "parquet", "-o", str(tmp_path)]
+    assert main(arguments) == 0
+    time_s = scene.observations.frames.frame_time_s
+    for name in ("online", "smoothed"):
+        people = load_people_trajectories(tmp_path / f"room_{name}.parquet")
+        score = evaluate_people(people, scene.truth(time_s), time_s=time_s)
+        assert score.precision > 0.97
+        # Confirmed within 0.3 s of 2 s.
+        assert score.recall > (0.8 if name == "online" else 0.7)
+        assert score.switches == 0
+    assert "ms" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("wanted", [["--people", "1"], ["--person-region", "ring_0:{box}"]])
+def test_one_of_them(scene: CrowdScene, source: list[str], tmp_path: Path, wanted: list[str]) -> None:
+    first = scene.observations.by_camera["ring_0"][0].points2d_px
+    boxes = [(*points_px.min(axis=0), *np.ptp(points_px, axis=0)) for points_px in first]
+    box = ",".join(f"{value:.1f}" for value in boxes[-1])
+    wanted = [each.format(box=box) for each in wanted]
+    assert main(["smooth", *source, *FAST, *wanted, "--formats", "parquet", "-o", str(tmp_path)]) == 0
+    trajectory = load_trajectory(tmp_path / "room.parquet")
+    truth = scene.truth(trajectory.time_s)
+    errors_m = [
+        np.nanmean(np.linalg.norm(trajectory.positions_m - each.positions_m, axis=-1)) for each in truth.values()
+    ]
+    assert min(errors_m) < 0.04
+    assert max(errors_m) > 0.4
+
+
+def test_the_region_says_who(scene: CrowdScene, folder: Path, source: list[str], tmp_path: Path) -> None:
+    """Each person of the first image in turn."""
+    first = scene.observations.by_camera["ring_0"][0].points2d_px
+    found_m = []
+    for number, points_px in enumerate(first):
+        box = ",".join(f"{value:.1f}" for value in (*points_px.min(axis=0), *np.ptp(points_px, axis=0)))
+        arguments = ["refine", *source, "--person-region", f"ring_0:{box}", "--frames", "20"]
+        assert main([*arguments, "--formats", "parquet", "--name", f"{number}", "-o", str(tmp_path)]) == 0
+        found_m.append(np.nanmean(load_trajectory(tmp_path / f"{number}.parquet").positions_m[0], axis=0))
+    rig = load_rig(folder / "Calib.toml")
+    for points_px, middle_m in zip(first, found_m, strict=True):
+        middle_px = rig.project(middle_m[None])[0, 0]
+        assert ((points_px.min(axis=0) < middle_px) & (middle_px < points_px.max(axis=0))).all()
+
+
+def test_info_says_how_many_and_when(source: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", *source]) == 0
+    printed = capsys.readouterr().out
+    assert "person 0" in printed
+    assert "person 1" in printed
+    assert "person 2" not in printed
+    assert "Of the person who is seen most:" in printed
+
+
+def test_evaluate_compares_everybody(
+    scene: CrowdScene, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    time_s = scene.observations.frames.frame_time_s
+    save_people(scene.truth(time_s), tmp_path / "truth.parquet")
+    assert main(["smooth", *source, *FAST, "--formats", "parquet", "-o", str(tmp_path)]) == 0
+    capsys.readouterr()
+    assert main(["evaluate", str(tmp_path / "room.parquet"), str(tmp_path / "truth.parquet")]) == 0
+    assert "IDF1" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("with_rig", [False, True])
+def test_view_opens_everybody(
+    scene: CrowdScene, folder: Path, tmp_path: Path, with_rig: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_people(scene.truth(scene.observations.frames.frame_time_s), tmp_path / "truth.parquet")
+    shown: list[set[str]] = []
+
+    def run(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
+        shown.append(entities(Path(command[1])))
+        return subprocess.CompletedProcess(command, 0)
+
+    monkeypatch.setattr(view.subprocess, "run", run)
+    options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
+    assert main(["view", str(tmp_path / "truth.parquet"), "--web", *options]) == 0
+    assert {"/world/person_0/joints", "/world/person_1/joints"} <= shown[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["refine", "--people", "all"], "refine estimates one person"),
+        (["smooth", "--people", "all", "--person-region", "ring_0:1,2,3,4"], "leave one of them out"),
+        (["smooth", "--person-region", "ring_0:1,2,3"], "CAMERA:X,Y,W,H"),
+        (["smooth", "--person-region", "ring_0:1,2,3,4"], "nobody is there in the first image of ring_0"),
+        (["track", "--people", "all", "--frames", "0"], "--frames must be at least 1"),
+    ],
+)
+def test_bad_input_is_one_clear_error(
+    arguments: list[str], message: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([arguments[0], *source, *arguments[1:], "-o", str(tmp_path)]) == 2
+    line = capsys.readouterr().err
+    assert line.startswith("fgpose: error: ")
+    assert message in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_nobody_is_an_error_of_one_line(
+    scene: CrowdScene, folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    empty = [
+        replace(image, points2d_px=image.points2d_px[:0], confidence=image.confidence[:0], points3d_m=None)
+        for image in scene.observations.images
+    ]
+    save_people_observations(replace(scene.observations, images=tuple(empty)), tmp_path / "empty.parquet")
+    arguments = ["smooth", str(tmp_path / "empty.parquet"), "--rig", str(folder / "Calib.toml")]
+    assert main([*arguments, "--skeleton", "h36m_17", "--people", "all", "-o", str(tmp_path / "out")]) == 2
+    assert "no two cameras agree on anybody" in capsys.readouterr().err
+
+
+def test_cameras_of_different_rates_keep_their_times(tmp_path: Path) -> None:
+    scene = scene_of(2, CameraTimes(fps=(25.0, 30.0), random_phases=True))
+    save_people_observations(scene.observations, tmp_path / "room.npz")
+    people = load_people(tmp_path / "room.npz", scene.rig, scene.motion.skeleton)
+    source = PeopleSource(scene.rig, people)
+    for run in (run_smooth_people, run_track_people):
+        result = run(source, FAST_CONFIG)
+        frames_s = result.association.frames.frame_time_s
+        for trajectory in result.main.values():
+            first = result.first_frame(trajectory)
+            np.testing.assert_array_equal(trajectory.time_s, frames_s[first : first + trajectory.n_frames])
+        score = evaluate_people(result.main, scene.truth(frames_s), time_s=frames_s)
+        assert score.switches == 0
+        assert score.mpjpe_mm < 50
