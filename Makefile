@@ -7,7 +7,7 @@ PEER := $(VENV)/bench/.installed
 # One process per core, each with one thread: the tests' matrices are too small to share.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocesses auto --dist worksteal
 # Slow tests show with more cases what fast ones show too. Checking the shapes of all arguments takes two thirds of the
-# time, so it is left to the fast ones.
+# time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
 .PHONY: demo demo-video demo-people test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
@@ -26,12 +26,12 @@ demo-people: $(STAMP)
 test: lint pytest benchmark-quick
 	$(MAKE) --no-print-directory -j2 types wheel
 
-# While working: `make test` without the slow tests and without the network; types are checked meanwhile.
+# While working: `make test` without the slow tests, the network and the checks of shapes; types are checked meanwhile.
 check: lint
 	$(MAKE) --no-print-directory -j2 types quick-tests
 
 quick-tests: $(STAMP)
-	$(PYTEST) -m "not slow and not network"
+	$(PYTEST) -m "not slow and not network" $(UNCHECKED)
 
 lint: $(STAMP)
 	$(BIN)/ruff format --check .

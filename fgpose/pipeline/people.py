@@ -52,6 +52,8 @@ class PeopleResult:
     association: Association
     trajectories: Mapping[str, Mapping[int, Trajectory]]
     """By name ("smoothed", "online"), the most important last; of each by the number of the person."""
+    saved: tuple[str, ...]
+    """Names of those that are written; one that the run did not give is left out."""
     update_ms: Float[np.ndarray, " frame"] | None = None
     """How long each update of the tracker took, milliseconds."""
 
@@ -68,7 +70,7 @@ class PeopleResult:
 def run_smooth_people(source: PeopleSource, config: Config, progress: Progress | None = None) -> PeopleResult:
     """The batch smoother over a whole recording of several people."""
     smoothed = smooth_people(source.people, source.rig, config, progress)
-    return PeopleResult(source, config, smoothed.association, {"smoothed": smoothed.trajectories})
+    return PeopleResult(source, config, smoothed.association, {"smoothed": smoothed.trajectories}, ("smoothed",))
 
 
 def run_track_people(source: PeopleSource, config: Config, progress: Progress | None = None) -> PeopleResult:
@@ -76,8 +78,8 @@ def run_track_people(source: PeopleSource, config: Config, progress: Progress | 
 
     Returns:
         "online": the newest estimates after each update; "smoothed": those of each frame one lag later, of everybody
-        who was tracked for so long. A person has the number that the tracker gave at that time; its events say when it
-        recognised somebody.
+        who was tracked for so long (no such trajectories where nobody was). A person has the number that the tracker
+        gave at that time; its events say when it recognised somebody.
     """
     frames, cameras = source.people.frames, source.rig.names
     tracker = Tracker(source.rig, source.people.skeleton, config)
@@ -97,9 +99,10 @@ def run_track_people(source: PeopleSource, config: Config, progress: Progress | 
             seen.setdefault(each.person, []).extend(of_frame)
     of_person = {person: Seen.of_images(own, len(cameras)) for person, own in seen.items() if own}
     association = Association(source.people, source.rig, of_person, tuple(events))
-    trajectories = {"smoothed": _by_person(tracked, source, config, lagged=True)}
-    trajectories["online"] = _by_person(tracked, source, config, lagged=False)
-    return PeopleResult(source, config, association, trajectories, update_ms)
+    trajectories = {"online": _by_person(tracked, source, config, lagged=False)}
+    if lagged := _by_person(tracked, source, config, lagged=True):
+        trajectories = {"smoothed": lagged, **trajectories}
+    return PeopleResult(source, config, association, trajectories, ("smoothed", "online"), update_ms)
 
 
 def _moments(people: PeopleObservations) -> Sequence[list[Detections]]:

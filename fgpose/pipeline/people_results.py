@@ -33,7 +33,8 @@ def write_people(
     Raises:
         OutputError: a file could not be written, whatever the reason. All others were.
     """
-    names = outputs.trajectory_paths(tuple(result.trajectories))
+    paths = outputs.trajectory_paths(result.saved).items()
+    names = {path: name for path, name in paths if name in result.trajectories}
     time_s = result.association.frames.frame_time_s
     writers: dict[Path | str, Callable[[], object]] = {
         path: partial(save_people, result.trajectories[name], path, outputs.world_up, time_s=time_s)

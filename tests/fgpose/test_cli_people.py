@@ -84,6 +84,7 @@ def test_smooth_writes_everybody(
     assert "person 1 confirmed: " in printed
 
 
+@pytest.mark.slow
 def test_track_writes_the_newest_and_the_lagged(
     scene: CrowdScene, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -98,6 +99,12 @@ def test_track_writes_the_newest_and_the_lagged(
         assert score.recall > (0.8 if name == "online" else 0.7)
         assert score.switches == 0
     assert "ms" in capsys.readouterr().out
+
+
+def test_track_of_less_than_the_lag_has_nothing_lagged(source: list[str], tmp_path: Path) -> None:
+    arguments = ["track", *source, *FAST, "--online.lag-s", "1", "--frames", "20", "--formats", "parquet"]
+    assert main([*arguments, "-o", str(tmp_path)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == ["room_online.parquet"]
 
 
 @pytest.mark.parametrize("wanted", [["--people", "1"], ["--person-region", "ring_0:{box}"]])
@@ -201,6 +208,7 @@ def test_nobody_is_an_error_of_one_line(
     assert "no two cameras agree on anybody" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_cameras_of_different_rates_keep_their_times(tmp_path: Path) -> None:
     scene = scene_of(2, CameraTimes(fps=(25.0, 30.0), random_phases=True))
     save_people_observations(scene.observations, tmp_path / "room.npz")

@@ -521,7 +521,7 @@ def test_two_real_people_stay_who_they_are(tmp_path: Path, monkeypatch: pytest.M
     except OSError as error:
         pytest.skip(str(error))
     arguments = ["run", str(folder / "videos"), "--rig", str(folder / "calibration" / "Calib.qca.txt")]
-    arguments += ["-o", str(tmp_path), "--frames", "40", "--people", "3", "--cache", str(tmp_path / "detections")]
+    arguments += ["-o", str(tmp_path), "--frames", "40", "--max-people", "3", "--cache", str(tmp_path / "detections")]
     places_m = {}
     for name, region in {"woman": "cam02:50,600,400,1000", "man": "cam04:100,350,400,1000"}.items():
         assert main([*arguments, "--name", name, "--person-region", region, "--formats", "npz"]) == 0
@@ -534,3 +534,10 @@ def test_two_real_people_stay_who_they_are(tmp_path: Path, monkeypatch: pytest.M
     # Nobody jumps: 5 cm between frames would be 3 m/s.
     for place_m in places_m.values():
         assert np.linalg.norm(np.diff(place_m, axis=0), axis=1).max() < 0.05
+    assert main([*arguments, "--name", "both", "--formats", "parquet"]) == 0
+    both = load_people_trajectories(tmp_path / "both.parquet")
+    assert len(both) == 2
+    for place_m in places_m.values():
+        off_m = [np.linalg.norm(each.positions_m[:, hips, :2].mean(axis=1) - place_m, axis=1) for each in both.values()]
+        # Of one person alone left and right are corrected beforehand, of everybody during association.
+        assert min(np.median(each) for each in off_m) < 0.05
