@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,11 +55,11 @@ class Association:
     @cached_property
     def n_unused(self) -> int:
         """How many detections belong to nobody."""
-        used = set()
+        used = [np.zeros((0, 3), dtype=int)]
         for seen in self.people.values():
-            for t, c, j in np.argwhere(seen.detection != NOBODY).tolist():
-                used.add((seen.first_frame + t, c, int(seen.detection[t, c, j])))
-        return sum(image.n_people for image in self.observations.images) - len(used)
+            t, c, j = np.nonzero(seen.detection != NOBODY)
+            used.append(np.unique(np.stack([seen.first_frame + t, c, seen.detection[t, c, j]], axis=-1), axis=0))
+        return sum(image.n_people for image in self.observations.images) - len(np.unique(np.concatenate(used), axis=0))
 
 
 def associate(
@@ -95,7 +95,7 @@ def associate(
         if progress:
             progress(frame + 1, len(recording))
     follower.finish()
-    person_of, recognised = _recognised(follower, lost)
+    person_of, events = _recognised(follower, lost)
     # Who was founded on images of frames before has no image of the first.
     first = {track: first[track] for track in person_of if track in first}
     used = {(t, c, int(p)) for own in seen.values() for t, c, detection, _ in own for p in detection}
@@ -107,24 +107,25 @@ def associate(
     for track, person in person_of.items():
         by_person.setdefault(person, []).extend(seen.get(track, []))
     people = {person: Seen.of_images(own, recording.rig.n_cameras) for person, own in by_person.items() if own}
-    events = sorted([*follower.events, *recognised], key=lambda event: event.time_s)
     ordered = dict(sorted(people.items(), key=lambda item: -recording.confidence(item[1])))
     return Association(observations, recording.rig, ordered, tuple(events))
 
 
 def _recognised(follower: Follower, lost: EverybodyLost) -> tuple[dict[int, int], list[TrackEvent]]:
-    """Who each track is, once it is known who comes back, and what there is to say of it."""
+    """Who each track is, once it is known who comes back, and all that has happened to them, in the order of time."""
     tracks = [*lost.tracks, *(track for track in follower.tracks if track.is_confirmed)]
     passages = {track.person: track.passage for track in tracks}
     identity = {person: person for person in follower.person_of_track.values()}
-    events = []
+    events = follower.events.copy()
     for link in links(passages, lost.room.area_m2):
         identity[link.after] = identity[link.before]
         begin_s = passages[link.after].begin_s
         away_s = begin_s - passages[link.before].end_s
-        reason = f"as {identity[link.before]}: away for {away_s:.1f} s, log odds of place and bones {link.log_odds:.1f}"
+        reason = f"away for {away_s:.1f} s, log odds of place and bones {link.log_odds:.1f}"
         events.append(TrackEvent(begin_s, link.after, "recognised", reason))
-    return {track: identity[person] for track, person in follower.person_of_track.items()}, events
+    known = [replace(event, person=identity.get(event.person, event.person)) for event in events]
+    known.sort(key=lambda event: event.time_s)
+    return {track: identity[person] for track, person in follower.person_of_track.items()}, known
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,3 +135,26 @@ def test_every_camera_for_itself_with_rates_of_its_own(skeleton: Skeleton) -> No
     assert (seen[:, 0] == 0).all()
     assert (seen[1::2, 1] == 0).all()
     assert (seen[::2, 1] == NOBODY).all()
+
+
+def test_who_comes_back_is_one_person_from_the_beginning_to_the_end(rig: CameraRig, skeleton: Skeleton) -> None:
+    """Two of different size go; the taller comes back 4 s later where the other one left, for half a second only."""
+    rng = np.random.default_rng(0)
+    tall_m, small_m = body_m(skeleton, HERE_M, 1.1), body_m(skeleton, THERE_M, 0.92)
+    again_m = body_m(skeleton, THERE_M, 1.1)
+    images = []
+    for frame in range(195):
+        there = [tall_m, small_m] if frame < 60 else [again_m] if frame >= 180 else []
+        images += [image(rig, c, frame / FPS, there, rng) for c in range(rig.n_cameras)]
+    association = associate(PeopleObservations(skeleton, rig.names, tuple(images)), rig)
+    assert len(association.people) == 2
+    tall = next(person for person, seen in association.people.items() if len(seen.detection) == 195)
+    detection = association.people[tall].main_detection
+    assert (detection[:60] == 0).all()
+    assert (detection[60:180] == NOBODY).all()
+    assert (detection[180:] == 0).all()
+    # The taller are told apart at the end: online, half a second would be all that is known.
+    recognised = [event for event in association.events if event.what == "recognised"]
+    assert [event.person for event in recognised] == [tall]
+    assert "away for 4." in recognised[0].reason
+    assert {event.person for event in association.events} == set(association.people)
