@@ -10,7 +10,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people test check quick-tests lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
+.PHONY: demo demo-video demo-people test check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -26,9 +26,13 @@ demo-people: $(STAMP)
 test: lint pytest benchmark-quick
 	$(MAKE) --no-print-directory -j2 types wheel
 
-# While working: `make test` without the slow tests, the network and the checks of shapes; types are checked meanwhile.
+# While working: `make test` without the slow tests, the network and the checks of shapes; the types of the library are
+# checked meanwhile.
 check: lint
-	$(MAKE) --no-print-directory -j2 types quick-tests
+	$(MAKE) --no-print-directory -j2 quick-types quick-tests
+
+quick-types: $(STAMP)
+	$(BIN)/basedpyright --level error fgpose factors
 
 quick-tests: $(STAMP)
 	$(PYTEST) -m "not slow and not network" $(UNCHECKED)

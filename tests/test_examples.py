@@ -113,6 +113,7 @@ def test_uncertainty(camera: str):
 
 
 @pytest.mark.network
+@pytest.mark.slow
 def test_video_to_trajectory(tmp_path: Path, demo_videos: Path):
     output = tmp_path / "video.parquet"
     arguments = ("--frames", "12", "--output", str(output), "--model", "blazepose-lite")

@@ -123,6 +123,7 @@ def test_one_of_them(scene: CrowdScene, source: list[str], tmp_path: Path, wante
     assert max(errors_m) > 0.4
 
 
+@pytest.mark.slow
 def test_the_region_says_who(scene: CrowdScene, folder: Path, source: list[str], tmp_path: Path) -> None:
     """Each person of the first image in turn."""
     first = scene.observations.by_camera["ring_0"][0].points2d_px
@@ -147,6 +148,7 @@ def test_info_says_how_many_and_when(source: list[str], capsys: pytest.CaptureFi
     assert "Of the person who is seen most:" in printed
 
 
+@pytest.mark.slow
 def test_evaluate_compares_everybody(
     scene: CrowdScene, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
