@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from fgpose.io.trajectories import people_paths, save_people
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.trajectories import people_paths, save_people, save_trajectory
 from fgpose.pipeline.people import PeopleResult
-from fgpose.pipeline.results import Outputs, show_or_discard, write_all
+from fgpose.pipeline.results import Outputs, WorldUp, show_or_discard, write_all
+from fgpose.trajectory import Trajectory
 from fgpose.viewer import PeopleRecording
 
 Display = Callable[[PeopleResult, PeopleRecording], None]
@@ -25,7 +29,7 @@ def write_people(
     result: PeopleResult, outputs: Outputs, viewer: PeopleRecording | None = None, display: Display = show_people
 ) -> tuple[Path, ...]:
     """Write a result in every format wanted and show it, as write_outputs: everybody in one parquet file, each person
-    in files of their own in other formats (see save_people).
+    in files of their own in other formats (see save_people). Where one person was found the files are those of one.
 
     Returns:
         The files; without the .rrd file of a recording that stays open.
@@ -37,18 +41,31 @@ def write_people(
     names = {path: name for path, name in paths if name in result.trajectories}
     time_s = result.association.frames.frame_time_s
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(save_people, result.trajectories[name], path, outputs.world_up, time_s=time_s)
-        for path, name in names.items()
+        path: partial(_save, result.trajectories[name], path, outputs.world_up, time_s) for path, name in names.items()
     }
     if viewer is not None:
         writers["the viewer"] = partial(show_or_discard, result, viewer, display)
     elif "rrd" in outputs.formats:
         writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, display)
+    written = write_all(writers)
     return tuple(
         path
-        for written in write_all(writers)
-        for path in (people_paths(written, result.trajectories[names[written]]) if written in names else (written,))
+        for target in written
+        for path in (_files(target, result.trajectories[names[target]]) if target in names else (target,))
     )
+
+
+def _save(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp, time_s: Float[np.ndarray, " frame"]) -> None:
+    if len(people) == 1:
+        (alone,) = people.values()
+        save_trajectory(alone, path, world_up)
+    else:
+        save_people(people, path, world_up, time_s)
+
+
+def _files(path: Path, people: Mapping[int, Trajectory]) -> tuple[Path, ...]:
+    """What _save writes."""
+    return (path,) if len(people) == 1 else people_paths(path, people)
 
 
 def _write_rrd(result: PeopleResult, outputs: Outputs, display: Display) -> None:

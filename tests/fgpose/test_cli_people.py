@@ -101,6 +101,24 @@ def test_track_writes_the_newest_and_the_lagged(
     assert "ms" in capsys.readouterr().out
 
 
+def test_one_person_among_false_detections_has_the_files_of_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = scene_of(1)
+    assert scene.observations.n_most > 1, "detectors make people up"
+    save_rig(scene.rig, tmp_path / "Calib.toml")
+    save_people_observations(scene.observations, tmp_path / "room.parquet")
+    arguments = ["smooth", str(tmp_path / "room.parquet"), "--rig", str(tmp_path / "Calib.toml")]
+    out = tmp_path / "out"
+    options = ["--skeleton", "h36m_17", *FAST, "--formats", "parquet", "trc", "-o", str(out)]
+    assert main([*arguments, *options]) == 0
+    assert sorted(path.name for path in out.iterdir()) == ["room.parquet", "room.trc"]
+    trajectory = load_trajectory(out / "room.parquet")
+    (truth,) = scene.truth(trajectory.time_s).values()
+    assert np.nanmean(np.linalg.norm(trajectory.positions_m - truth.positions_m, axis=-1)) < 0.04
+    assert f"wrote {out / 'room.trc'}" in capsys.readouterr().out
+
+
 def test_track_of_less_than_the_lag_has_nothing_lagged(source: list[str], tmp_path: Path) -> None:
     arguments = ["track", *source, *FAST, "--online.lag-s", "1", "--frames", "20", "--formats", "parquet"]
     assert main([*arguments, "-o", str(tmp_path)]) == 0
