@@ -72,16 +72,17 @@ def chosen_person(people: PeopleObservations, rig: CameraRig, person: int | Pers
         return people.only()
     association = associate_somehow(people, rig)
     n_frames = len(people.frames.image)
-    everybody = [seen.in_frames(n_frames) for seen in association.people.values()]
+    everybody = list(association.people.values())
     if isinstance(person, PersonRegion):
         frame, camera, candidate = _in_region(people, rig, person)
-        wanted = [seen for seen in everybody if (seen.detection[frame, camera] == candidate).any()]
-        if not wanted:
+        whole = (seen.in_frames(n_frames) for seen in everybody)
+        wanted = next((seen for seen in whole if (seen.detection[frame, camera] == candidate).any()), None)
+        if wanted is None:
             raise ValueError(f"region {person}: no other camera agrees on the person who is there")
-        return wanted[0]
+        return wanted
     if not 0 <= person < len(everybody):
         raise ValueError(f"there is no person {person}: {len(everybody)} were found, counted from 0")
-    return everybody[person]
+    return everybody[person].in_frames(n_frames)
 
 
 def main_person(people: PeopleObservations, rig: CameraRig) -> Observations:

@@ -16,9 +16,6 @@ from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Passage
 from fgpose.association.lost import Lost
 from fgpose.association.track import Track
 
-# No pair that is forbidden is worth it.
-_FORBIDDEN = -1e3
-
 
 @dataclass(frozen=True)
 class Link:
@@ -38,9 +35,6 @@ class EverybodyLost(Lost):
 
     def add(self, track: Track) -> None:
         self.tracks.append(track)
-
-    def __len__(self) -> int:
-        return 0
 
 
 def links(passages: Mapping[int, Passage], room_m2: float) -> list[Link]:
@@ -65,7 +59,7 @@ def links(passages: Mapping[int, Passage], room_m2: float) -> list[Link]:
     found = []
     for n, m in chosen:
         without = worth.copy()
-        without[n, m] = _FORBIDDEN
+        without[n, m] = 0.0
         if total - _best(without)[0] >= UNAMBIGUOUS:
             found.append(Link(numbers[n], numbers[m], float(worth[n, m] + least)))
     return sorted(found, key=lambda link: passages[link.after].begin_s)

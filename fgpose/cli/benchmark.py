@@ -13,7 +13,7 @@ from tyro.conf import Positional, arg, subcommand
 
 from fgpose.cli.benchmark_data import Human36M, OccludeImages, Workcell
 from fgpose.cli.benchmark_people import People
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.options import counting_bar, new_console
 
 if TYPE_CHECKING:
     from fgpose.benchmark.recording import Method
@@ -142,16 +142,7 @@ class Open:
         clips = TEST_CLIPS if self.clips == "test" else TUNING_CLIPS
         clips, max_frames = (clips[:_QUICK_CLIPS], _QUICK_FRAMES) if self.quick else (clips, MAX_FRAMES)
         chosen = {variant: self._methods_on(variant, methods) for variant in variants}
-        total, done = len(clips) * sum(map(len, chosen.values())), 0
-
-        with progress_bar("benchmark", "results") as progress:
-
-            def advance(score: Score) -> None:
-                nonlocal done
-                done += 1
-                progress(done, total)
-
-            progress(0, total)
+        with counting_bar("benchmark", "results", len(clips) * sum(map(len, chosen.values()))) as advance:
             cache = self.output / "cache" if self.cache else None
             scores = []
             # Neighbours with the same methods run together: workers are started and warmed up for each run.

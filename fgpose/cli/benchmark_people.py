@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import arg
 
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.options import counting_bar, new_console
 
 if TYPE_CHECKING:
     from fgpose.benchmark.people.recording import PeopleMethod
@@ -89,16 +89,7 @@ class People:
 
         clips = TEST_CLIPS if self.clips == "test" else TUNING_CLIPS
         clips, duration_s = (clips[:_QUICK_CLIPS], _QUICK_S) if self.quick else (clips, DURATION_S)
-        total = len(variants) * len(clips) * len(methods)
-        done = 0
-        with progress_bar("benchmark", "results") as progress:
-
-            def advance(_: PeopleScore) -> None:
-                nonlocal done
-                done += 1
-                progress(done, total)
-
-            progress(0, total)
+        with counting_bar("benchmark", "results", len(variants) * len(clips) * len(methods)) as advance:
             cache = self.output / "cache" if self.cache else None
             every = recordings(variants, clips, duration_s)
             return run(PEOPLE, every, methods, cache, advance, self.workers)

@@ -114,14 +114,13 @@ class VideoOptions:
     def wanted(self, detected: Detected, console: Console) -> Source | PeopleSource:
         """Everybody, or the wanted person as each camera saw them, with left and right corrected; prints what was
         found."""
-        from fgpose.association.chosen_person import PersonRegion
         from fgpose.monocular.flips import correct_flips
         from fgpose.pipeline import PeopleSource, Source
 
-        one = self.people == "1" or self.person_region is not None
+        region = wanted_region(self.people, self.person_region)
+        one = self.people == "1" or region is not None
         if self.people == "all" or (not one and detected.people.n_most > 1):
             return first_frames(PeopleSource(detected.rig, detected.people), self.frames)
-        region = None if self.person_region is None else PersonRegion.parse(self.person_region)
         followed = detected.follow(0 if region is None else region)
         observations = first_frames(Source(detected.rig, followed.observations), self.frames).observations
         corrected = correct_flips(observations, detected.rig)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -187,3 +187,18 @@ def progress_bar(task: str, unit: str = "frames") -> Iterator[Progress]:
     with Progress(*columns, console=new_console(stderr=True)) as bar:
         number = bar.add_task(task, total=None)
         yield lambda done, total: bar.update(number, completed=done, total=total)
+
+
+@contextmanager
+def counting_bar(task: str, unit: str, total: int) -> Iterator[Callable[[object], None]]:
+    """A progress bar that is one further at each call, whatever it is called with."""
+    done = 0
+    with progress_bar(task, unit) as progress:
+
+        def advance(_: object) -> None:
+            nonlocal done
+            done += 1
+            progress(done, total)
+
+        progress(0, total)
+        yield advance

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.chosen_person import PersonRegion, chosen_person, main_person
+from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, Progress
 from fgpose.config import Config
 from fgpose.frame_matching import NO_IMAGE
@@ -28,11 +28,9 @@ class PeopleSource:
     rig: CameraRig
     people: PeopleObservations
 
-    def one(self, region: PersonRegion | None = None) -> Source:
-        """The person who is seen most, or the one in a region. Raises ValueError if nobody is there."""
-        if region is None:
-            return Source(self.rig, main_person(self.people, self.rig))
-        return Source(self.rig, self.people.of_person(chosen_person(self.people, self.rig, region)))
+    def one(self) -> Source:
+        """The person who is seen most."""
+        return Source(self.rig, main_person(self.people, self.rig))
 
     def subset(self, cameras: tuple[str, ...]) -> PeopleSource:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
