@@ -247,3 +247,6 @@ class TrackingConfig:
     occlusions and reports people who have left for longer."""
     forget_s: float = 600.0
     """Somebody who is lost may be recognised for this long, seconds."""
+    max_processes: int = 4
+    """Live, several people are estimated in up to so many processes, no more than there are cores. Each takes about
+    150 MB; 1: all in one."""

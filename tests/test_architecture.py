@@ -27,7 +27,7 @@ FLOORS = (
     {"io"},
     {"association"},
     {"geometry"},
-    {"trajectory", "observations", "people", "frame_matching", "skeleton", "config", "parameters", "sampling"},
+    {"trajectory", "observations", "people", "frame_matching", "skeleton", "config", "cores", "parameters", "sampling"},
 )
 # The same within the largest room.
 ESTIMATION_FLOORS = (

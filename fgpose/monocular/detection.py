@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fgpose.cores import n_cores
 from fgpose.geometry.camera import Camera
 from fgpose.io.atomic import check_writable
 from fgpose.monocular.clips import Clip, Picture
@@ -63,7 +63,7 @@ def detect(
         ValueError: an image cannot be read, jobs or frames is not positive, nobody is found in any camera.
         OSError: a video cannot be read, or the cache cannot be written into (before any work).
     """
-    jobs = _cores() if jobs is None else jobs
+    jobs = n_cores() if jobs is None else jobs
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     if frames is not None and frames < 1:
@@ -80,11 +80,6 @@ def detect(
     detected = Detected(sources, network.skeleton, tuple(view.detections for view in views), n_new)
     _refuse_nobody(detected)
     return detected
-
-
-def _cores() -> int:
-    """Those that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _limit(clip: Clip, sources: Sources, frames: int | None) -> int | None:

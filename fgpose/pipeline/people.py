@@ -80,16 +80,16 @@ def run_track_people(source: PeopleSource, config: Config, progress: Progress | 
         gave at that time; its events say when it recognised somebody.
     """
     frames, cameras = source.people.frames, source.rig.names
-    tracker = Tracker(source.rig, source.people.skeleton, config)
     tracked: list[list[Tracked]] = []
     events, update_ms = [], np.zeros(len(frames.image))
-    for frame, images in enumerate(_moments(source.people)):
-        start_s = time.perf_counter()
-        tracked.append(tracker.update(images) if images else [])
-        update_ms[frame] = 1000 * (time.perf_counter() - start_s)
-        events += tracker.events()
-        if progress:
-            progress(frame + 1, len(frames.image))
+    with Tracker(source.rig, source.people.skeleton, config) as tracker:
+        for frame, images in enumerate(_moments(source.people)):
+            start_s = time.perf_counter()
+            tracked.append(tracker.update(images) if images else [])
+            update_ms[frame] = 1000 * (time.perf_counter() - start_s)
+            events += tracker.events()
+            if progress:
+                progress(frame + 1, len(frames.image))
     seen: dict[int, list[SeenInImage]] = {}
     for frame, people in enumerate(tracked):
         for each in people:

@@ -10,11 +10,12 @@ import numpy as np
 from fgpose.association.follow import Follower
 from fgpose.association.track import TrackEvent, TrackState
 from fgpose.config import Config
-from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
+from fgpose.tracking.estimators import Newest, OneImage
+from fgpose.tracking.parallel import ParallelEstimators
 from fgpose.trajectory import Estimate
 
 _MOST_EVENTS = 1000  # of hours, for those who never ask
@@ -39,14 +40,25 @@ class Tracker:
     """Everybody in the room, live: each update takes the newest images and returns the people at their time.
 
     An Estimator of each person who is confirmed gets the detections that are theirs. Time and memory grow with the
-    people in the room, not with how long it runs.
+    people in the room, not with how long it runs. The estimators share tracking.max_processes processes, which end with
+    the tracker: when it is closed, or left as a context.
     """
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
-        self._estimators: dict[int, Estimator] = {}
+        self._estimators = ParallelEstimators(rig, skeleton, self.config)
         self._image_s: dict[str, float] = {}
+
+    def __enter__(self) -> Tracker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the other processes. Closing again does nothing."""
+        self._estimators.close()
 
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """Take the newest images: of all cameras or some, of one moment or one after another.
@@ -59,6 +71,10 @@ class Tracker:
             ValueError: a camera is not in the rig, an image has another number of joints, is not later than the one
                 before of its camera, or is older than the newest image by more than online.lag_s. The tracker is then
                 as it was before.
+            OSError: a process of estimators cannot be started again.
+
+        Warns:
+            UserWarning: a process of estimators ended; the estimates of its people begin anew.
         """
         self._check(images)
         people: list[Tracked] = []
@@ -96,33 +112,30 @@ class Tracker:
             for track, detection, joint in sighting.joints():
                 in_images.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
-        numbers = {track.number for track in tracks}
-        self._estimators = {number: each for number, each in self._estimators.items() if number in numbers}
         shown = [(sighting.image, sighting.people()) for sighting in sightings]
         nothing = np.full((self.skeleton.n_joints, 2), np.nan), np.zeros(self.skeleton.n_joints)
-        people = []
-        for track in tracks:
-            if track.number not in self._estimators:
-                self._estimators[track.number] = Estimator(self.rig, self.skeleton, self.config)
-            seen = [(image, of_image.get(track.number, nothing)) for image, of_image in shown]
-            estimate = self._estimate(self._estimators[track.number], seen)
-            people.append(Tracked(track.person, track.state, estimate, in_images.get(track.number, {})))
-        return people
+        newest = {
+            track.number: self._newest([(image, of_image.get(track.number, nothing)) for image, of_image in shown])
+            for track in tracks
+        }
+        estimates = self._estimators.update(newest)
+        return [
+            Tracked(track.person, track.state, estimates[track.number], in_images.get(track.number, {}))
+            for track in tracks
+        ]
 
-    def _estimate(self, estimator: Estimator, seen: list[tuple[Detections, tuple[np.ndarray, np.ndarray]]]) -> Estimate:
-        """Of one person, after these images and what they show of the person: pixels and confidence."""
+    def _newest(self, seen: list[tuple[Detections, tuple[np.ndarray, np.ndarray]]]) -> Newest:
+        """What is new of one person: the images, and what each shows of the person, pixels and confidence."""
         if len(seen) == 1 and self.rig.n_cameras > 1:
             ((image, own),) = seen
-            return estimator.update_camera(image.camera, image.time_s, *own)
+            return OneImage(image.camera, image.time_s, *own)
         shape = (1, self.rig.n_cameras, self.skeleton.n_joints)
         points2d_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
         time_s = np.full((1, self.rig.n_cameras), np.nan)
         for image, own in seen:
             c = self.rig.names.index(image.camera)
             time_s[0, c], (points2d_px[0, c], confidence[0, c]) = image.time_s, own
-        return estimator.update(
-            Observations(self.skeleton, time_s, points2d_px, confidence, camera_names=self.rig.names)
-        )
+        return Observations(self.skeleton, time_s, points2d_px, confidence, camera_names=self.rig.names)
 
 
 def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:

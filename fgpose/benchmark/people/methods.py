@@ -13,11 +13,16 @@ from fgpose.benchmark.people.baselines.rapid_pose import rapid_pose
 from fgpose.benchmark.people.recording import PeopleMethod, PeopleRecording, PeopleResult, Poses, trajectories
 from fgpose.benchmark.people.truth import true_association
 from fgpose.benchmark.recording import Method
-from fgpose.config import Config, OnlineConfig, SolverConfig
+from fgpose.config import Config, OnlineConfig, SolverConfig, TrackingConfig
 from fgpose.tracking import Tracker, smooth_people
 
-POSITIONS_ONLY = Config(solver=SolverConfig(covariance=False), online=OnlineConfig(covariance=False))
-"""The defaults without the covariance of the result, which no other method states."""
+POSITIONS_ONLY = Config(
+    solver=SolverConfig(covariance=False),
+    online=OnlineConfig(covariance=False),
+    tracking=TrackingConfig(max_processes=1),
+)
+"""The defaults without the covariance of the result, which no other method states; in one process, as its time is
+measured."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from fgpose.assessment.people import evaluate_people
 from fgpose.people import Detections
 from fgpose.synthetic import CrowdScene
 
-FAST = fgpose.Config(online={"lag_s": 0.2, "covariance": False})
+FAST = fgpose.Config(online={"lag_s": 0.2, "covariance": False}, tracking={"max_processes": 1})
 
 
 def moments(scene: CrowdScene) -> list[list[Detections]]:

@@ -1,0 +1,63 @@
+"""Everybody's estimators, divided among processes."""
+
+from __future__ import annotations
+
+import weakref
+from collections import Counter
+from collections.abc import Collection, Mapping
+
+from fgpose.config import Config
+from fgpose.cores import n_cores
+from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.tracking.estimator_process import EstimatorProcess
+from fgpose.tracking.estimators import Estimators, Newest
+from fgpose.trajectory import Estimate
+
+
+class ParallelEstimators:
+    """The first person is estimated in this process, who comes next in that with the fewest people.
+
+    All processes are started at once: to start one takes a second, which nobody who is followed by then should wait.
+    """
+
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
+        needs = rig, skeleton, config
+        self._here = Estimators(*needs)
+        n_processes = min(config.tracking.max_processes, n_cores())
+        self._others = [EstimatorProcess(*needs) for _ in range(n_processes - 1)]
+        self._process_of: dict[int, int] = {}
+        """Of each person; 0 is this one."""
+        self.close = weakref.finalize(self, _close, self._others)
+        """Ends the other processes."""
+
+    def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+        """The pose of each of these; who is not among them any more is forgotten.
+
+        Raises:
+            OSError: a process cannot be started again, or ends again and again.
+
+        Warns:
+            UserWarning: a process ended and was started again.
+        """
+        self._assign(newest)
+        shares: list[dict[int, Newest]] = [{} for _ in range(1 + len(self._others))]
+        for number, new in newest.items():
+            shares[self._process_of[number]][number] = new
+        asked = [process for process, share in zip(self._others, shares[1:], strict=True) if process.send(share)]
+        estimates = self._here.update(shares[0])
+        for process in asked:
+            estimates |= process.receive()
+        return {number: estimates[number] for number in newest}
+
+    def _assign(self, people: Collection[int]) -> None:
+        self._process_of = {number: at for number, at in self._process_of.items() if number in people}
+        for number in people:
+            if number not in self._process_of:
+                n_people = Counter(self._process_of.values())
+                self._process_of[number] = min(range(1 + len(self._others)), key=lambda at: (n_people[at], at))
+
+
+def _close(processes: list[EstimatorProcess]) -> None:
+    for process in processes:
+        process.close()

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from crowds import crowd
+
+import fgpose
+from fgpose.people import Detections
+from fgpose.synthetic import CrowdScene
+from fgpose.tracking import parallel
+from fgpose.tracking.estimator_process import EstimatorProcess
+from fgpose.tracking.estimators import Estimators, Newest, OneImage
+from fgpose.tracking.parallel import ParallelEstimators
+
+CONFIG = fgpose.Config(online={"lag_s": 0.2}, tracking={"max_processes": 2})
+
+
+@pytest.fixture(scope="module")
+def scene() -> CrowdScene:
+    return crowd(2, 3, 2.0, 1)
+
+
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(parallel, "n_cores", lambda: 2)
+
+
+@pytest.fixture
+def estimators(scene: CrowdScene) -> Iterator[ParallelEstimators]:
+    shared = ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG)
+    yield shared
+    shared.close()
+
+
+def newest(scene: CrowdScene, frame: int, people: tuple[int, ...]) -> dict[int, Newest]:
+    """Anybody's detections will do: the first of each camera, for all."""
+    images = [scene.observations.by_camera[name][frame] for name in scene.rig.names]
+    return {
+        person: fgpose.Observations(
+            scene.motion.skeleton,
+            np.array([images[0].time_s]),
+            np.stack([image.points2d_px[0] for image in images])[None],
+            np.stack([image.confidence[0] for image in images])[None],
+            camera_names=scene.rig.names,
+        )
+        for person in people
+    }
+
+
+def process_ids(estimators: ParallelEstimators) -> list[int]:
+    return [process.process_id for process in estimators._others]
+
+
+@pytest.mark.slow
+def test_processes_do_not_change_the_result(scene: CrowdScene):
+    configs = [fgpose.Config(online={"lag_s": 0.2}, tracking={"max_processes": n}) for n in (1, 2)]
+    by_time: dict[float, list[Detections]] = {}
+    for image in scene.observations.images:
+        by_time.setdefault(image.time_s, []).append(image)
+    with (
+        fgpose.Tracker(scene.rig, scene.motion.skeleton, configs[0]) as alone,
+        fgpose.Tracker(scene.rig, scene.motion.skeleton, configs[1]) as parallel,
+    ):
+        n_most = 0
+        for images in by_time.values():
+            one, other = alone.update(images), parallel.update(images)
+            assert [tracked.person for tracked in one] == [tracked.person for tracked in other]
+            for a, b in zip(one, other, strict=True):
+                np.testing.assert_array_equal(a.estimate.positions_m, b.estimate.positions_m)
+                np.testing.assert_array_equal(a.estimate.covariance_m2, b.estimate.covariance_m2)
+                assert a.estimate.skeleton == b.estimate.skeleton
+            n_most = max(n_most, len(one))
+    assert n_most == 2  # one of them in the other process
+
+
+@pytest.mark.slow
+def test_people_are_divided_evenly_and_forgotten(scene: CrowdScene, estimators: ParallelEstimators):
+    estimators.update(newest(scene, 0, (5, 7, 9)))
+    assert estimators._process_of == {5: 0, 7: 1, 9: 0}
+    assert list(estimators.update(newest(scene, 1, (9, 11)))) == [9, 11]
+    assert estimators._process_of == {9: 0, 11: 1}
+    assert estimators.update({}) == {}
+    # Who comes again begins anew: their first frame is 0.
+    again = estimators.update(newest(scene, 2, (11, 12)))
+    assert [estimate.frame for estimate in again.values()] == [0, 0]
+
+
+@pytest.mark.slow
+def test_a_process_that_ends_is_started_again(scene: CrowdScene, estimators: ParallelEstimators):
+    estimators.update(newest(scene, 0, (0, 1)))
+    before = estimators.update(newest(scene, 1, (0, 1)))
+    assert [estimate.frame for estimate in before.values()] == [1, 1]
+    (process_id,) = process_ids(estimators)
+    os.kill(process_id, signal.SIGKILL)
+    with pytest.warns(UserWarning, match="ended with status -9 and is started again: the estimates of 1 people begin"):
+        after = estimators.update(newest(scene, 2, (0, 1)))
+    assert [estimate.frame for estimate in after.values()] == [2, 0]
+    assert process_ids(estimators) != [process_id]
+    assert [each.frame for each in estimators.update(newest(scene, 3, (0, 1))).values()] == [3, 1]
+
+
+@pytest.mark.slow
+def test_processes_end_with_the_tracker(scene: CrowdScene):
+    estimators = ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG)
+    (process_id,) = process_ids(estimators)
+    os.kill(process_id, 0)
+    del estimators
+    with pytest.raises(ProcessLookupError):
+        os.kill(process_id, 0)
+
+
+@pytest.mark.slow
+def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
+    process = EstimatorProcess(scene.rig, scene.motion.skeleton, CONFIG)
+    wrong = OneImage("door", 0.0, np.zeros((17, 2)), np.ones(17))
+    assert process.send({0: wrong})
+    with pytest.raises(ValueError, match="door"):
+        process.receive()
+    process.close()
+    process.close()
+
+
+def test_one_core_starts_no_process(scene: CrowdScene, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(parallel, "n_cores", lambda: 1)
+    estimators = ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG)
+    assert process_ids(estimators) == []
+    images = newest(scene, 0, (0, 1))
+    here = Estimators(scene.rig, scene.motion.skeleton, CONFIG).update(images)
+    for person, estimate in estimators.update(images).items():
+        np.testing.assert_array_equal(estimate.positions_m, here[person].positions_m)
