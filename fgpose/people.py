@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -38,6 +38,9 @@ class Detections:
     """(P, J, 3) absolute 3D joints as this view alone gives them, in the world frame, metres."""
     covariance3d_m2: np.ndarray | None = None
     """(P, J, 3, 3) of points3d_m, in the world frame."""
+    appearance: np.ndarray | None = None
+    """(P, D) what a network for re-identification says of how each person looks, of any length; NaN where unknown.
+    People who were away are recognised by it too. The vectors of a recording are compared by their directions."""
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.time_s):
@@ -53,6 +56,8 @@ class Detections:
         }
         for name, shape in shapes.items():
             self._check_shape(name, shape)
+        if self.appearance is not None and (np.ndim(self.appearance) != 2 or len(self.appearance) != people_joints[0]):
+            raise ValueError(f"{self}: appearance must be ({people_joints[0]}, any), got {np.shape(self.appearance)}")
         known = np.isfinite(points2d_px).all(axis=-1) & (confidence != 0)
         self._refuse(np.asarray(np.isinf(points2d_px).any(axis=-1)), "a pixel that is infinite")
         if self.points3d_m is not None:
@@ -169,6 +174,7 @@ class PeopleObservations:
             if before.get(image.camera) == image.time_s:
                 raise ValueError(f"{image}: the camera has two images at this time")
             before[image.camera] = image.time_s
+        refuse_mixed_appearance(ordered)
         in_3d = [image.points3d_m for image in ordered if image.points3d_m is not None]
         if in_3d:
             refuse_millimetres(np.concatenate(in_3d))
@@ -289,3 +295,11 @@ class PeopleObservations:
     def times_s(self, camera: str) -> Float[np.ndarray, " image"]:
         """Of each image of a camera, increasing."""
         return np.array([image.time_s for image in self.by_camera[camera]])
+
+
+def refuse_mixed_appearance(images: Iterable[Detections]) -> None:
+    """Raise ValueError if images have appearance vectors of different lengths, which cannot be compared."""
+    lengths = {image.appearance.shape[1]: image for image in images if image.appearance is not None}
+    if len(lengths) > 1:
+        (n, image), (m, other) = list(lengths.items())[:2]
+        raise ValueError(f"{image}: appearance vectors of {n} numbers, but of {m} in {other}")

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fgpose.association.appearance import Looks, Resemblance
 from fgpose.association.founding import detection_probability, found, found_alone
 from fgpose.association.identity import Likeness
 from fgpose.association.lost import Lost
@@ -111,6 +112,7 @@ class Follower:
         """Of each camera the detections in its newest image that are nobody's."""
         self._n_tracks = self._n_people = 0
         self._lost = Lost(self._config.forget_s) if lost is None else lost
+        self._resemblance = Resemblance()
         self.person_of_track: dict[int, int] = {}
         """Who each track is that was ever confirmed; people are counted from 0 as they are confirmed."""
 
@@ -125,6 +127,7 @@ class Follower:
         tracks = np.array([track.number for track in self.tracks], dtype=int)
         matches = self._match(moment)
         self._free |= {name: self._free_of(moment, matches, c) for c, name in enumerate(moment.cameras.names)}
+        self._look(images, matches)
         begun = self._found(moment.time_s)
         self._age(moment.time_s)
         return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
@@ -157,6 +160,13 @@ class Follower:
         people, matches = follow(people, priority, moment, self._skeleton.mirror)
         self._score(people, matches, moment)
         return matches
+
+    def _look(self, images: Sequence[Detections], matches: Matches) -> None:
+        for c, image in enumerate(images):
+            if image.appearance is not None:
+                for track, chosen in zip(self.tracks, matches.chosen[c].tolist(), strict=True):
+                    if chosen != NOBODY:
+                        track.likeness.looks.add(image.appearance[chosen])
 
     def _score(self, people: PoseFilters, matches: Matches, moment: Moment) -> None:
         missed = np.log1p(-detection_probability(people, people, moment.cameras))
@@ -204,7 +214,8 @@ class Follower:
                 track.cameras |= cameras
                 self._note(now_s, track, "found again", f"{', '.join(sorted(cameras))} agree on a body near there")
                 return track.number
-        track = Track(self._n_tracks, pose, 0.0, now_s, now_s, set(cameras), Likeness(self._skeleton))
+        likeness = Likeness(self._skeleton, Looks(self._resemblance))
+        track = Track(self._n_tracks, pose, 0.0, now_s, now_s, set(cameras), likeness)
         track.scored_s = dict.fromkeys(cameras, now_s)
         self._n_tracks += 1
         self.tracks.append(track)
@@ -250,6 +261,7 @@ class Follower:
                 self._lost.room.add(track.middle_m)
                 if track.seen_s > now_s - _SAME_MOMENT_S:
                     track.likeness.add(track.pose, now_s)
+        self._resemblance.learn([track.likeness.looks for track in self.tracks if track.is_confirmed], now_s)
 
     def _recognise(self, now_s: float) -> None:
         """Those who have just been confirmed may be somebody who was lost before."""

@@ -1,4 +1,4 @@
-"""Recognising somebody who was away: by the lengths of their bones, and by the place."""
+"""Recognising somebody who was away: by the lengths of their bones, by how they look, and by the place."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.association.appearance import Looks
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.skeleton import Skeleton
 
@@ -31,9 +32,10 @@ _SMALLEST_ROOM_M2 = 9.0
 
 @dataclass(eq=False)
 class Likeness:
-    """What is known of how somebody looks."""
+    """What is known of the lengths of somebody's bones, and of how they look."""
 
     skeleton: Skeleton
+    looks: Looks = field(default_factory=Looks)
     n: np.ndarray = field(init=False)
     mean_m: np.ndarray = field(init=False)
     squares_m2: np.ndarray = field(init=False)
@@ -61,6 +63,7 @@ class Likeness:
 
     def join(self, before: Likeness) -> None:
         """What was known of the same person before."""
+        self.looks.join(before.looks)
         n = self.n + before.n
         known = n > 0
         change_m = before.mean_m - self.mean_m
@@ -70,6 +73,9 @@ class Likeness:
 
     def log_ratio(self, other: Likeness) -> float:
         """Log of the ratio of probabilities that two are the same person, against that they are two of many."""
+        return self._log_ratio_of_bones(other) + self.looks.log_ratio(other.looks)
+
+    def _log_ratio_of_bones(self, other: Likeness) -> float:
         both = (self.n > 0) & (other.n > 0)
         if not both.any():
             return 0.0

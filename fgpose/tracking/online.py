@@ -12,7 +12,7 @@ from fgpose.association.track import TrackEvent, TrackState
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import Detections
+from fgpose.people import Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Newest, OneImage
 from fgpose.tracking.parallel import ParallelEstimators
@@ -49,6 +49,8 @@ class Tracker:
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators = ParallelEstimators(rig, skeleton, self.config)
         self._image_s: dict[str, float] = {}
+        self._with_appearance: list[Detections] = []
+        """The first image that has appearance vectors."""
 
     def __enter__(self) -> Tracker:
         return self
@@ -103,7 +105,9 @@ class Tracker:
             if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
                 raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
             newest[image.camera] = image.time_s
-        self._image_s = newest
+        with_appearance = [*self._with_appearance, *(image for image in images if image.appearance is not None)]
+        refuse_mixed_appearance(with_appearance)
+        self._image_s, self._with_appearance = newest, with_appearance[:1]
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)
