@@ -16,6 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import accuracy
+import people_speed
 import speed
 import stage1
 import tyro
@@ -40,6 +41,9 @@ def _full() -> Benchmarks:
         "online-long": partial(speed.online_long, 20_000),
         "covariance": partial(speed.covariance, 300, 5),
         "import": partial(speed.import_time, 7),
+        "people": partial(people_speed.live, 20.0),
+        "people-long": partial(people_speed.live_long, 20_000),
+        "people-batch": partial(people_speed.batch, 20.0, 3),
         "stage1": partial(stage1.time_per_view, 20, ("blazepose-lite", "blazepose-full", "blazepose-heavy")),
         "stage1-parallel": partial(stage1.parallel, 50, 5),
         "mediapipe": stage1.agreement_with_mediapipe,
@@ -61,6 +65,9 @@ def _quick() -> Benchmarks:
         "online-long": partial(speed.online_long, 1_500),
         "covariance": partial(speed.covariance, 300, 2),
         "import": partial(speed.import_time, 3),
+        "people": partial(people_speed.live, 8.0),
+        "people-long": partial(people_speed.live_long, 1_200),
+        "people-batch": partial(people_speed.batch, 6.0, 1),
         "stage1": partial(stage1.time_per_view, 5, ("blazepose-full",)),
         "stage1-parallel": partial(stage1.parallel, 20, 1),
         "mediapipe": stage1.agreement_with_mediapipe,

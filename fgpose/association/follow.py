@@ -206,7 +206,7 @@ class Follower:
     def _begin(self, pose: PoseFilters, cameras: set[str], now_s: float) -> int:
         """The number of the track: of the nearest who coasts near there, or a new one."""
         coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - _SAME_MOMENT_S]
-        middle_m = np.median(pose.positions_m[0], axis=0)
+        middle_m = pose.middle_m[0]
         for track in sorted(coasting, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m))):
             unseen_s = now_s - track.seen_s
             if np.linalg.norm(track.middle_m - middle_m) < _FOUND_AGAIN_M + _WALKS_MPS * unseen_s:

@@ -11,6 +11,7 @@ time, and to tell people apart it is enough.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -69,6 +70,11 @@ class PoseFilters:
     @property
     def positions_m(self) -> Float[np.ndarray, "person joint 3"]:
         return self.mean[..., :3]
+
+    @cached_property
+    def middle_m(self) -> Float[np.ndarray, "person 3"]:
+        """Median of the joints of each."""
+        return np.median(self.positions_m, axis=1)
 
     @property
     def reversed(self) -> PoseFilters:

@@ -86,4 +86,4 @@ class Track:
     @property
     def middle_m(self) -> Float[np.ndarray, 3]:
         """Median of the joints."""
-        return np.median(self.pose.positions_m[0], axis=0)
+        return self.pose.middle_m[0]
