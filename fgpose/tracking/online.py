@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from fgpose.association.follow import Follower
-from fgpose.association.track import TrackEvent, TrackState
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -19,21 +19,6 @@ from fgpose.tracking.parallel import ParallelEstimators
 from fgpose.trajectory import Estimate
 
 _MOST_EVENTS = 1000  # of hours, for those who never ask
-
-
-@dataclass(frozen=True, eq=False)
-class Tracked:
-    """Somebody who is in the room."""
-
-    person: int
-    """Their number. It changes at most once, when they are recognised as somebody who was here before; see events."""
-    state: TrackState
-    """CONFIRMED, or COASTING where no camera detects them at the moment."""
-    estimate: Estimate
-    """Its frame counts the updates since they were confirmed."""
-    seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
-    """By the camera of each of the newest images that show them: of every joint the number of the detection (or NOBODY)
-    and that of its joint there, as in people.Seen."""
 
 
 class Tracker:
