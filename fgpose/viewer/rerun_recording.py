@@ -74,28 +74,28 @@ class RerunRecording(RerunSession, Recording):
         update_ms: float | None = None,
         residuals: Mapping[str, Float[np.ndarray, " joint"]] | None = None,
     ) -> None:
-        self._set_time(estimate.frame, estimate.time_s)
+        now = np.array([estimate.time_s]), estimate.frame
         if observations is not None:
             of_frame = None if weights is None else weights[None]
             self._check_observations(observations, of_frame)
-            self._log(observation_rows(observations, self._rig, of_frame))
+            self._send(observation_rows(observations, self._rig, of_frame), *now)
         if update_ms is not None:
-            self._log([scalar_rows(paths.UPDATE_MS, np.array([update_ms]))])
+            self._send([scalar_rows(paths.UPDATE_MS, np.array([update_ms]))], *now)
         if residuals:
             by_factor = {factor: np.asarray(values)[None] for factor, values in residuals.items()}
             self._check_residuals(1, by_factor)
             self._name_factors(tuple(residuals))
-            self._log(residual_rows(self._skeleton, by_factor))
+            self._send(residual_rows(self._skeleton, by_factor), *now)
         self._log_frame("online", estimate)
         if estimate.smoothed is not None and "smoothed" in self._trajectories:
-            self._set_time(estimate.smoothed.frame, estimate.smoothed.time_s)
             self._log_frame("smoothed", estimate.smoothed)
 
     def _log_frame(self, name: str, estimate: Estimate) -> None:
-        trajectory = _one_frame(estimate, self._rig)
+        trajectory = Trajectory.from_estimates([estimate], self._rig.names)
         self._check_trajectory(name, trajectory)
         before = self._last_status.get(name)
-        self._log(trajectory_rows(name, trajectory, self._rig, *self._look(name), before))
+        rows = trajectory_rows(name, trajectory, self._rig, *self._look(name), before)
+        self._send(rows, trajectory.time_s, estimate.frame)
         self._last_status[name] = trajectory.status[0]
 
     def _look(self, name: str) -> tuple[palette.Colour, float]:
@@ -129,16 +129,3 @@ class RerunRecording(RerunSession, Recording):
         for factor, values in residuals.items():
             if values.shape != expected:
                 raise ValueError(f"residuals of {factor} must be {expected} (frames, joints), got {values.shape}")
-
-
-def _one_frame(estimate: Estimate, rig: CameraRig) -> Trajectory:
-    return Trajectory(
-        skeleton=estimate.skeleton,
-        time_s=np.array([estimate.time_s]),
-        positions_m=estimate.positions_m[None],
-        status=np.asarray(estimate.status)[None],
-        covariance_m2=None if estimate.covariance_m2 is None else estimate.covariance_m2[None],
-        residual_px=None if estimate.residual_px is None else estimate.residual_px[None],
-        visibility=None if estimate.visibility is None else estimate.visibility[None],
-        camera_names=rig.names,
-    )

@@ -113,7 +113,8 @@ class RerunSession(Session):
         jpeg = pictures.jpeg(image)
         # Otherwise the last picture would stay under the points of all later frames.
         picture = rr.Clear(recursive=False) if pictures.full else rr.EncodedImage(contents=jpeg, media_type=_JPEG)
-        self._set_time(frame, time_s)
+        self._open_stream.set_time("frame", sequence=frame)
+        self._open_stream.set_time("time", duration=time_s)
         self._open_stream.log(paths.picture(camera), picture)
         self._count(len(jpeg))
 
@@ -169,14 +170,6 @@ class RerunSession(Session):
         for of_entity in rows:
             of_entity.send(self._open_stream, frame, time_s)
             self._count(of_entity.n_bytes)
-
-    def _log(self, rows: Iterable[Rows]) -> None:
-        for of_entity in rows:
-            of_entity.log(self._open_stream)
-
-    def _set_time(self, frame: int, time_s: float) -> None:
-        self._open_stream.set_time("frame", sequence=frame)
-        self._open_stream.set_time("time", duration=time_s)
 
     def _pictures_of(self, camera: str) -> CameraPictures:
         (known,) = self._rig.subset([camera]).names

@@ -1,4 +1,4 @@
-"""Rows of one entity over time, built once from arrays and sent either as columns (batch) or one by one (live)."""
+"""Rows of one entity over time, built once from arrays."""
 
 from __future__ import annotations
 
@@ -36,16 +36,17 @@ class Rows:
     def send(
         self, stream: rr.RecordingStream, frame: Int[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]
     ) -> None:
-        """Send all rows at once."""
+        """Send all rows at once; one alone (live) so that Rerun joins it with those of other frames."""
         if self.frames is not None:
             frame, time_s = frame[self.frames], time_s[self.frames]
+        if len(frame) == 1:
+            stream.set_time("frame", sequence=frame[0])
+            stream.set_time("time", duration=time_s[0])
+            stream.log(self.path, self.archetype.from_fields(**self.fields))
+            return
         indexes = [rr.TimeColumn("frame", sequence=frame), rr.TimeColumn("time", duration=time_s)]
         columns = self.archetype.columns(**self.fields).partition(self.lengths)
         stream.send_columns(self.path, indexes=indexes, columns=columns)
-
-    def log(self, stream: rr.RecordingStream) -> None:
-        """Log the only row at the stream's current time."""
-        stream.log(self.path, self.archetype.from_fields(**self.fields))
 
 
 def point_rows(
