@@ -35,7 +35,7 @@ LIMBS: tuple[Colour, ...] = ((86, 180, 233), (240, 228, 66), (0, 158, 115), (230
 STATUS: dict[str, Colour] = {"predicted": (230, 159, 0), "unobservable": (190, 60, 40)}
 # Of people, again from the beginning if they are more: near those of Okabe and Ito, but brighter, and further from each
 # other and from grey (20 in CIELAB at least, however one sees colours).
-_PEOPLE: tuple[Colour, ...] = (
+PEOPLE: tuple[Colour, ...] = (
     (86, 180, 233),
     (231, 152, 0),
     (71, 236, 166),
@@ -63,7 +63,7 @@ def camera_colour(camera: int) -> Colour:
 
 def person_colour(person: int) -> Colour:
     """The same wherever the person is shown."""
-    return _PEOPLE[person % len(_PEOPLE)]
+    return PEOPLE[person % len(PEOPLE)]
 
 
 def trajectory_colour(name: str, index: int) -> Colour:

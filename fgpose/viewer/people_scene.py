@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 import rerun as rr
 from jaxtyping import Int, UInt16
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.people import NOBODY
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import palette, paths
 from fgpose.viewer.presence import Presence
@@ -21,18 +20,18 @@ _LABEL_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its poin
 
 
 def detection_class(person: Int[np.ndarray, " point"]) -> UInt16[np.ndarray, " point"]:
-    """Annotation of the detections of these people, or of nobody: 0."""
-    return (1 + 2 * person).clip(min=0).astype(np.uint16)
+    """Annotation of the detections of these people, by their colours, or of nobody: 0."""
+    return np.where(person == NOBODY, 0, 1 + 2 * (person % len(palette.PEOPLE))).astype(np.uint16)
 
 
 def _body_class(person: int) -> int:
     """Annotation of what was estimated of somebody: the same colour, and bones."""
-    return 2 + 2 * person
+    return 2 + 2 * (person % len(palette.PEOPLE))
 
 
 def log_people_scene(stream: rr.RecordingStream, rig: CameraRig, skeleton: Skeleton, up: UpAxis) -> None:
     """Everything static before there is anybody."""
-    log_annotations(stream, skeleton, ())
+    _log_annotations(stream, skeleton)
     log_cameras(stream, rig, up, [palette.PLAIN] * rig.n_cameras)
     for c, name in enumerate(rig.names):
         stream.log(paths.detections(name), rr.Points2D.from_fields(radii=_DETECTION_RADIUS), static=True)
@@ -46,12 +45,13 @@ def _log_count(stream: rr.RecordingStream, path: str, name: str, colour: palette
     stream.log(path, rr.SeriesLines(names=name, colors=[colour], widths=[1.5], interpolation_mode=steps), static=True)
 
 
-def log_annotations(stream: rr.RecordingStream, skeleton: Skeleton, people: Sequence[int]) -> None:
-    """Colours of everybody who is known so far, in place of what was logged before."""
+def _log_annotations(stream: rr.RecordingStream, skeleton: Skeleton) -> None:
+    """One class for each colour: however many people come, nothing is added."""
     classes = [annotation_class(0, "nobody", palette.NOBODY, skeleton)]
     bones = (*skeleton.bones, *skeleton.lines)
-    for person, number in zip(people, detection_class(np.array(people, dtype=int)).tolist(), strict=True):
-        name, colour = f"person {person}", palette.person_colour(person)
+    first = np.arange(len(palette.PEOPLE))
+    for person, number in zip(first.tolist(), detection_class(first).tolist(), strict=True):
+        name, colour = f"person {person}, {person + len(first)}, ...", palette.person_colour(person)
         classes.append(annotation_class(number, name, colour, skeleton))
         classes.append(annotation_class(_body_class(person), name, colour, skeleton, bones))
     stream.log("/", rr.AnnotationContext(classes), static=True)

@@ -17,7 +17,7 @@ from fgpose.viewer.clock import Clock
 from fgpose.viewer.people_blueprint import people_blueprint
 from fgpose.viewer.people_content import association_rows, nobody, person_rows
 from fgpose.viewer.people_recording import PeopleRecording
-from fgpose.viewer.people_scene import log_annotations, log_people_scene, log_person_styles
+from fgpose.viewer.people_scene import log_people_scene, log_person_styles
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.rerun_session import RerunSession, Target
 from fgpose.viewer.scene import up_vector
@@ -81,10 +81,7 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
 
     def _introduce(self, people: Iterable[int]) -> None:
         new = set(people) - self._people
-        if not new:
-            return
         self._people |= new
-        log_annotations(self._open_stream, self._skeleton, sorted(self._people))
         for person in sorted(new):
             log_person_styles(self._open_stream, self._rig, self._skeleton, person)
 
