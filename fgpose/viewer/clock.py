@@ -20,8 +20,12 @@ class Clock:
         self._time_s |= dict(zip(frames, time_s.tolist(), strict=True))
         self.last_frame = max(self.last_frame, *frames, -1)
 
+    def forget(self, frame: int) -> None:
+        """Times of the frames before this one are not needed any more."""
+        self._time_s = {known: time_s for known, time_s in self._time_s.items() if known >= frame}
+
     def time_s(self, frame: int) -> float:
-        """Of a frame between the first and the last; interpolated if it has not been logged."""
+        """Of a frame between the first that is known and the last; interpolated if it has not been logged."""
         if frame in self._time_s:
             return self._time_s[frame]
         known = sorted(self._time_s)

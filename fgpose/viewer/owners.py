@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.association.recording import Association
+from fgpose.association.tracked import Tracked
 from fgpose.frame_matching import NO_IMAGE
-from fgpose.people import NOBODY
+from fgpose.people import NOBODY, Detections
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,22 @@ class OwnedDetections:
             first = np.searchsorted(frame, seen.first_frame + t)
             owner[first + number[t, j], seen.joint[t, camera, j]] = person
         return OwnedDetections(frame, points2d_px, owner)
+
+    @staticmethod
+    def nothing(n_joints: int) -> OwnedDetections:
+        """Of a camera that detected nobody."""
+        return OwnedDetections(np.zeros(0, dtype=int), np.zeros((0, n_joints, 2)), np.zeros((0, n_joints), dtype=int))
+
+    @staticmethod
+    def of_image(image: Detections, people: Sequence[Tracked]) -> OwnedDetections:
+        """Of one image, the newest of its camera; it is in frame 0."""
+        owner = np.full(image.confidence.shape, NOBODY)
+        for each in people:
+            if image.camera in each.seen:
+                detection, joint = each.seen[image.camera]
+                known = detection != NOBODY
+                owner[detection[known], joint[known]] = each.person
+        return OwnedDetections(np.zeros(image.n_people, dtype=int), image.points2d_px, owner)
 
     def n_unused(self, n_frames: int) -> Int[np.ndarray, " frame"]:
         """How many detections of each frame belong to nobody."""

@@ -1,16 +1,18 @@
-"""From the arrays of several people to the rows of a recording."""
+"""From the arrays of several people to the rows of a recording. A live frame is a recording of one frame."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fgpose.association.recording import Association
 from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.people import Detections
 from fgpose.sampling import nearest
 from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer import paths
@@ -18,7 +20,7 @@ from fgpose.viewer.body import body_rows, median_of_known
 from fgpose.viewer.owners import OwnedDetections
 from fgpose.viewer.palette import person_colour
 from fgpose.viewer.people_scene import detection_class
-from fgpose.viewer.presence import Presence, presence
+from fgpose.viewer.presence import Presence, presence, presence_of_tracked
 from fgpose.viewer.rows import Rows, change_rows, scalar_rows
 
 _UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
@@ -34,19 +36,52 @@ def association_rows(association: Association, rig: CameraRig) -> Iterator[Rows]
     """
     n_frames = len(association.frames.image)
     for c, camera in enumerate(rig.cameras):
-        detections = OwnedDetections.of(association, c)
-        yield _detection_rows(detections, camera, n_frames)
-        n_unused = detections.n_unused(n_frames).astype(float)
-        yield scalar_rows(paths.join(paths.UNUSED, camera.name), n_unused)
+        yield from _camera_rows(OwnedDetections.of(association, c), camera, n_frames)
     n_people = np.zeros(n_frames)
     for person in association.people:
         state = presence(association, person)
         n_people += (state == Presence.SEEN) | (state == Presence.PREDICTED)
-        names = np.array(["", *(each.name.lower() for each in list(Presence)[1:])])
-        yield change_rows(paths.join(paths.TRACKS, paths.person(person)), names[state])
+        yield _life_rows(person, state)
     yield scalar_rows(paths.N_PEOPLE, n_people)
-    if association.events:
-        yield _event_rows(association.events, association.frames.frame_time_s)
+    event_s = np.array([event.time_s for event in association.events])
+    yield _event_rows(association.events, nearest(event_s, association.frames.frame_time_s))
+
+
+def update_rows(
+    images: Sequence[Detections],
+    people: Sequence[Tracked],
+    events: Sequence[TrackEvent],
+    rig: CameraRig,
+    before: Mapping[int, Presence],
+) -> Iterator[Rows]:
+    """The same of one update of the tracker.
+
+    Args:
+        images: one at least, at most one of each camera. One that is given alone joins those of before: the other
+            cameras stay as they were.
+        people: who is there.
+        events: what has happened since the update before.
+        rig: the cameras.
+        before: where people were in the update before.
+    """
+    nothing = OwnedDetections.nothing(images[0].points2d_px.shape[1])
+    shown = dict.fromkeys(rig.names, nothing) if len(images) > 1 else {}
+    shown |= {image.camera: OwnedDetections.of_image(image, people) for image in images}
+    for camera in rig.cameras:
+        if camera.name in shown:
+            yield from _camera_rows(shown[camera.name], camera, 1)
+    now = {each.person: presence_of_tracked(each) for each in people}
+    for person in sorted({*before, *now}):
+        state = np.array([now.get(person, Presence.OUTSIDE)])
+        yield _life_rows(person, state, before.get(person, Presence.OUTSIDE))
+    yield scalar_rows(paths.N_PEOPLE, np.array([float(len(people))]))
+    yield _event_rows(events, np.zeros(len(events), dtype=int))
+
+
+def _camera_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> Iterator[Rows]:
+    yield _detection_rows(detections, camera, n_frames)
+    n_unused = detections.n_unused(n_frames).astype(float)
+    yield scalar_rows(paths.join(paths.UNUSED, camera.name), n_unused)
 
 
 def _detection_rows(detections: OwnedDetections, camera: Camera, n_frames: int) -> Rows:
@@ -64,8 +99,12 @@ def _detection_rows(detections: OwnedDetections, camera: Camera, n_frames: int) 
     return Rows(paths.detections(camera.name), rr.Points2D, lengths, fields)
 
 
-def _event_rows(events: Sequence[TrackEvent], frame_time_s: Float[np.ndarray, " frame"]) -> Rows:
-    frames = nearest(np.array([event.time_s for event in events]), frame_time_s)
+def _life_rows(person: int, state: Int[np.ndarray, " frame"], before: Presence = Presence.OUTSIDE) -> Rows:
+    names = np.array(["", *(each.name.lower() for each in list(Presence)[1:])])
+    return change_rows(paths.join(paths.TRACKS, paths.person(person)), names[state], str(names[before]))
+
+
+def _event_rows(events: Sequence[TrackEvent], frames: Int[np.ndarray, " event"]) -> Rows:
     fields = {
         "text": [f"person {event.person} {event.what}: {event.reason}" for event in events],
         "level": [event.what for event in events],

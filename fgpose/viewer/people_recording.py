@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from fgpose.association.recording import Association
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
+from fgpose.people import Detections
 from fgpose.trajectory import Trajectory
 from fgpose.viewer.session import Session
 
@@ -38,4 +43,25 @@ class PeopleRecording(Session):
         Raises:
             ValueError: a number is negative, the trajectory has no frame, the skeleton differs, or a camera of the
                 residuals is unknown.
+        """
+
+    def log_tracked(
+        self, frame: int, images: Sequence[Detections], people: Sequence[Tracked], events: Sequence[TrackEvent] = ()
+    ) -> None:
+        """Show one update of fgpose.Tracker as soon as it is made, with all that is shown of a whole recording.
+
+        Whoever is not there any more disappears, as does the former number of somebody who is recognised. Time and
+        memory do not grow with the number of updates.
+
+        Args:
+            frame: number of the update, larger than that of the one before.
+            images: that the tracker was given, at most one of each camera; without any, nothing is shown. They are
+                shown at their mean time. One that is given alone joins those of before: the other cameras stay as they
+                were.
+            people: what the tracker returned.
+            events: what has happened since the update before: ``tracker.events()``.
+
+        Raises:
+            ValueError: the frame is not later, a camera is unknown or has two images, an image has another number of
+                joints, or the skeleton or the cameras of an estimate differ.
         """

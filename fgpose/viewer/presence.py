@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Int
 
 from fgpose.association.recording import Association
+from fgpose.association.track import TrackState
+from fgpose.association.tracked import Tracked
 from fgpose.people import NOBODY
 from fgpose.sampling import nearest
 
@@ -38,3 +40,8 @@ def presence(association: Association, person: int) -> Int[np.ndarray, " frame"]
         if len(again):
             state[begin : begin + again[0]] = Presence.AWAY
     return state
+
+
+def presence_of_tracked(tracked: Tracked) -> Presence:
+    """Of somebody who is in the room, live: whether who is lost will be found again is not known."""
+    return Presence.PREDICTED if tracked.state is TrackState.COASTING else Presence.SEEN

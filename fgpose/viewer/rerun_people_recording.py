@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.association.recording import Association
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
+from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 from fgpose.viewer.clock import Clock
 from fgpose.viewer.people_blueprint import people_blueprint
-from fgpose.viewer.people_content import association_rows, nobody, person_rows
+from fgpose.viewer.people_content import association_rows, nobody, person_rows, update_rows
 from fgpose.viewer.people_recording import PeopleRecording
 from fgpose.viewer.people_scene import log_people_scene, log_person_styles
 from fgpose.viewer.pictures import PictureOptions
+from fgpose.viewer.presence import Presence, presence_of_tracked
 from fgpose.viewer.rerun_session import RerunSession, Target
 from fgpose.viewer.scene import up_vector
 from fgpose.viewer.session import UpAxis
@@ -44,9 +48,12 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
         self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
     ) -> None:
         self._up = up_vector(up)
-        self._people: set[int] = set()
+        self._introduced: set[int] = set()
         self._clock = Clock()
         self._last: dict[int, _Last] = {}
+        self._presence: dict[int, Presence] = {}
+        self._update = -1
+        """Frame of the newest update; -1: there was none."""
         layout = people_blueprint(rig, up, following=target.port is not None)
         super().__init__(target, rig, skeleton, layout, pictures)
         log_people_scene(self._open_stream, rig, skeleton, up)
@@ -61,27 +68,46 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
 
     def log_person(self, person: int, trajectory: Trajectory, first_frame: int = 0) -> None:
         self._check_person(person, trajectory, first_frame)
-        self._introduce([person])
-        before = self._last.get(person)
-        if before is not None and before.frame + 1 == first_frame:
-            del self._last[person]
-        else:
-            before = None
-        self._pass(first_frame, trajectory.time_s)
-        status = None if before is None else before.status
-        rows = person_rows(person, trajectory, self._rig, self._up, status)
-        self._send(rows, trajectory.time_s, first_frame)
-        last_frame = first_frame + trajectory.n_frames - 1
-        self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), nobody(trajectory))
-        self._end()
+        self._show({person: trajectory}, first_frame, trajectory.time_s)
+
+    def log_tracked(
+        self, frame: int, images: Sequence[Detections], people: Sequence[Tracked], events: Sequence[TrackEvent] = ()
+    ) -> None:
+        self._check_images(frame, images)
+        if not images:
+            return
+        time_s = float(np.mean([image.time_s for image in images]))
+        trajectories = {each.person: self._one_frame(each, frame, time_s) for each in people}
+        self._show(trajectories, frame, np.array([time_s]))
+        self._send(update_rows(images, people, events, self._rig, self._presence), np.array([time_s]), frame)
+        self._presence = {each.person: presence_of_tracked(each) for each in people}
+        self._update = frame
+        self._clock.forget(frame)
 
     def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
         super().log_image(camera, frame, time_s, image)
-        self._pass(frame, np.array([time_s]))
+        # Live, the next update says who is still there.
+        if self._update < 0:
+            self._pass(frame, np.array([time_s]))
+
+    def _show(self, people: Mapping[int, Trajectory], first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
+        """The motion of people, all in the same frames."""
+        before = {person: self._last[person] for person in people if person in self._last}
+        going_on = {person: last for person, last in before.items() if last.frame + 1 == first_frame}
+        for person in going_on:
+            del self._last[person]
+        self._pass(first_frame, time_s)
+        self._introduce(people)
+        for person, trajectory in people.items():
+            status = going_on[person].status if person in going_on else None
+            self._send(person_rows(person, trajectory, self._rig, self._up, status), time_s, first_frame)
+            last_frame = first_frame + trajectory.n_frames - 1
+            self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), nobody(trajectory))
+        self._end()
 
     def _introduce(self, people: Iterable[int]) -> None:
-        new = set(people) - self._people
-        self._people |= new
+        new = set(people) - self._introduced
+        self._introduced |= new
         for person in sorted(new):
             log_person_styles(self._open_stream, self._rig, self._skeleton, person)
 
@@ -98,6 +124,27 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
             rows = person_rows(person, last.after, self._rig, self._up, last.status)
             self._send(rows, np.array([self._clock.time_s(frame)]), frame)
             del self._last[person]
+            self._introduced.discard(person)
+
+    def _one_frame(self, tracked: Tracked, frame: int, time_s: float) -> Trajectory:
+        estimate = replace(tracked.estimate, frame=frame, time_s=time_s)
+        trajectory = Trajectory.from_estimates([estimate], self._rig.names)
+        self._check_person(tracked.person, trajectory, frame)
+        return trajectory
+
+    def _check_images(self, frame: int, images: Sequence[Detections]) -> None:
+        if frame <= self._update or frame < 0:
+            raise ValueError(f"frames are counted from 0 and increase, got {frame} after {self._update}")
+        cameras = [image.camera for image in images]
+        for image in images:
+            self._rig.subset([image.camera])
+            if cameras.count(image.camera) > 1:
+                raise ValueError(f"{image}: the camera has several images in frame {frame}")
+            if image.points2d_px.shape[1] != self._skeleton.n_joints:
+                raise ValueError(
+                    f"{image}: {image.points2d_px.shape[1]} joints, the recording was opened with "
+                    f"{self._skeleton.name}, which has {self._skeleton.n_joints}"
+                )
 
     def _check_person(self, person: int, trajectory: Trajectory, first_frame: int) -> None:
         if person < 0 or first_frame < 0:

@@ -39,6 +39,8 @@ class Rows:
         """Send all rows at once; one alone (live) so that Rerun joins it with those of other frames."""
         if self.frames is not None:
             frame, time_s = frame[self.frames], time_s[self.frames]
+        if len(frame) == 0:
+            return
         if len(frame) == 1:
             stream.set_time("frame", sequence=frame[0])
             stream.set_time("time", duration=time_s[0])
