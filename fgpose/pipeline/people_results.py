@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from fgpose.io.trajectories import people_paths, save_people, save_trajectory
 from fgpose.pipeline.people import PeopleResult
-from fgpose.pipeline.results import Outputs, WorldUp, show_or_discard, write_all
+from fgpose.pipeline.results import Outputs, WorldUp, viewer_writers, write_all
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import PeopleRecording
 
@@ -43,11 +43,9 @@ def write_people(
     writers: dict[Path | str, Callable[[], object]] = {
         path: partial(_save, result.trajectories[name], path, outputs.world_up, time_s) for path, name in names.items()
     }
-    if viewer is not None:
-        writers["the viewer"] = partial(show_or_discard, result, viewer, display)
-    elif "rrd" in outputs.formats:
-        writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, display)
-    written = write_all(writers)
+    people = result.source.people
+    opened = partial(outputs.open_people_viewer, result.association.rig, people.skeleton, len(people.frames.image))
+    written = write_all(writers | viewer_writers(result, outputs, viewer, opened, display))
     return tuple(
         path
         for target in written
@@ -66,10 +64,3 @@ def _save(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp, time_
 def _files(path: Path, people: Mapping[int, Trajectory]) -> tuple[Path, ...]:
     """What _save writes."""
     return (path,) if len(people) == 1 else people_paths(path, people)
-
-
-def _write_rrd(result: PeopleResult, outputs: Outputs, display: Display) -> None:
-    people, rig = result.source.people, result.association.rig
-    recording = outputs.open_people_viewer(rig, people.skeleton, len(people.frames.image))
-    show_or_discard(result, recording, display)
-    recording.close()

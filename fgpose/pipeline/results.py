@@ -210,11 +210,9 @@ def write_outputs(
         for path, name in outputs.trajectory_paths(result.saved).items()
         if name in result.trajectories
     }
-    if viewer is not None:
-        writers["the viewer"] = partial(show_or_discard, result, viewer, display)
-    elif "rrd" in outputs.formats:
-        writers[outputs.path("rrd")] = partial(_write_rrd, result, outputs, display)
-    return write_all(writers)
+    observations, names = result.source.observations, tuple(result.trajectories)
+    opened = partial(outputs.open_viewer, result.source.rig, observations.skeleton, names, observations.n_frames)
+    return write_all(writers | viewer_writers(result, outputs, viewer, opened, display))
 
 
 def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path, ...]:
@@ -239,14 +237,34 @@ def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path,
     return tuple(written)
 
 
-def _write_rrd(result: Result, outputs: Outputs, display: Callable[[Result, Recording], None]) -> None:
-    observations, names = result.source.observations, tuple(result.trajectories)
-    recording = outputs.open_viewer(result.source.rig, observations.skeleton, names, observations.n_frames)
-    show_or_discard(result, recording, display)
-    recording.close()
+def viewer_writers(
+    result: AnyResult,
+    outputs: Outputs,
+    viewer: AnyRecording | None,
+    opened: Callable[[], AnyRecording],
+    display: Callable[[AnyResult, AnyRecording], None],
+) -> dict[Path | str, Callable[[], object]]:
+    """What shows a result, for write_all: in the viewer, which stays open, else in the .rrd file if one is wanted.
+
+    Args:
+        result: of a run.
+        outputs: where it goes.
+        viewer: a recording that is open already.
+        opened: opens that of the .rrd file.
+        display: how the result is shown.
+    """
+    if viewer is not None:
+        return {"the viewer": partial(_show_or_discard, result, viewer, display)}
+
+    def write() -> None:
+        recording = opened()
+        _show_or_discard(result, recording, display)
+        recording.close()
+
+    return {outputs.path("rrd"): write} if "rrd" in outputs.formats else {}
 
 
-def show_or_discard(
+def _show_or_discard(
     result: AnyResult, recording: AnyRecording, display: Callable[[AnyResult, AnyRecording], None]
 ) -> None:
     """Closing a recording that is shown by half would leave half a file."""
