@@ -103,13 +103,13 @@ class Track(EstimatorOptions):
     def run(self) -> None:
         from fgpose.cli.delivery import deliver
         from fgpose.cli.live import live_viewer, opener
-        from fgpose.cli.people import estimate_people
-        from fgpose.pipeline import PeopleSource, run_track, run_track_people, show
+        from fgpose.cli.people import track_people
+        from fgpose.pipeline import PeopleSource, run_track, show
 
         outputs = self.checked_outputs("smoothed", "online")
         source = self.load_people()
         if isinstance(source, PeopleSource):
-            estimate_people(source, self.parameters, outputs, run_track_people, "tracking")
+            track_people(source, self.parameters, outputs)
             return
         with live_viewer(outputs, opener(source, ("smoothed", "online"), outputs), grows=True) as viewer:
             on_update = None if viewer is None else self._frame_display(source, viewer)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from functools import partial
 
 from fgpose.association.recording import Association, associate
@@ -10,7 +11,7 @@ from fgpose.cli.delivery import deliver_people
 from fgpose.cli.live import live_viewer
 from fgpose.cli.options import progress_bar
 from fgpose.config import Config
-from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Progress, show_people
+from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Progress, run_track_people, show_people
 from fgpose.viewer import PeopleRecording
 
 Display = Callable[[PeopleResult, PeopleRecording], None]
@@ -24,20 +25,41 @@ def estimate_people(
     task: str,
     display: Display = show_people,
 ) -> None:
-    """Run the smoother or the tracker over a recording with a progress bar, and deliver the result.
+    """Run an estimator over a recording with a progress bar, and deliver the result.
 
     Raises:
         ValueError: nobody is found.
         OutputError: a file could not be written; the others were.
     """
-    people = source.people
-    opened = partial(outputs.open_people_viewer, source.rig, people.skeleton, len(people.frames.image))
-    with live_viewer(outputs, opened) as viewer:
+    with _viewer(source, outputs) as viewer:
         with progress_bar(task) as progress:
             result = run(source, config, progress)
-        if not result.main:
-            raise ValueError("no two cameras agree on anybody; look at the input with fgpose info")
-        deliver_people(result, outputs, viewer, display)
+        _deliver(result, outputs, viewer, display)
+
+
+def track_people(source: PeopleSource, config: Config, outputs: Outputs) -> None:
+    """The same with the tracker, of which live viewers see every update as soon as it is made. Raises as
+    estimate_people."""
+    with _viewer(source, outputs, grows=True) as viewer:
+        on_update = None if viewer is None else viewer.log_tracked
+        with progress_bar("tracking") as progress:
+            result = run_track_people(source, config, progress, on_update)
+        # A live viewer has seen every frame already.
+        _deliver(result, outputs, viewer, show_people if viewer is None else lambda result, viewer: None)
+
+
+def _viewer(
+    source: PeopleSource, outputs: Outputs, *, grows: bool = False
+) -> AbstractContextManager[PeopleRecording | None]:
+    people = source.people
+    opened = partial(outputs.open_people_viewer, source.rig, people.skeleton, len(people.frames.image))
+    return live_viewer(outputs, opened, grows=grows)
+
+
+def _deliver(result: PeopleResult, outputs: Outputs, viewer: PeopleRecording | None, display: Display) -> None:
+    if not result.main:
+        raise ValueError("no two cameras agree on anybody; look at the input with fgpose info")
+    deliver_people(result, outputs, viewer, display)
 
 
 def associated(source: PeopleSource) -> Association:

@@ -1,5 +1,6 @@
 """From a recording on disk to results on disk and in the viewer. Prints nothing."""
 
+from fgpose.pipeline.people import OnTracked as OnTracked
 from fgpose.pipeline.people import PeopleResult as PeopleResult
 from fgpose.pipeline.people import PeopleSource as PeopleSource
 from fgpose.pipeline.people import run_smooth_people as run_smooth_people

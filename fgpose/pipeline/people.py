@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, Progress
+from fgpose.association.track import TrackEvent
 from fgpose.config import Config
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import CameraRig
@@ -19,6 +20,9 @@ from fgpose.pipeline.source import Source
 from fgpose.sampling import nearest
 from fgpose.tracking import Tracked, Tracker, smooth_people
 from fgpose.trajectory import Estimate, Trajectory
+
+OnTracked = Callable[[int, Sequence[Detections], Sequence[Tracked], Sequence[TrackEvent]], None]
+"""Called after each update with the frame, its images, the people and the events, as PeopleRecording.log_tracked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +75,9 @@ def run_smooth_people(source: PeopleSource, config: Config, progress: Progress |
     return PeopleResult(source, config, smoothed.association, {"smoothed": smoothed.trajectories}, ("smoothed",))
 
 
-def run_track_people(source: PeopleSource, config: Config, progress: Progress | None = None) -> PeopleResult:
+def run_track_people(
+    source: PeopleSource, config: Config, progress: Progress | None = None, on_update: OnTracked | None = None
+) -> PeopleResult:
     """The tracker, fed with a recording frame by frame as if it were live.
 
     Returns:
@@ -87,7 +93,10 @@ def run_track_people(source: PeopleSource, config: Config, progress: Progress | 
             start_s = time.perf_counter()
             tracked.append(tracker.update(images) if images else [])
             update_ms[frame] = 1000 * (time.perf_counter() - start_s)
-            events += tracker.events()
+            new_events = tracker.events()
+            events += new_events
+            if on_update:
+                on_update(frame, images, tracked[-1], new_events)
             if progress:
                 progress(frame + 1, len(frames.image))
     seen: dict[int, list[SeenInImage]] = {}
