@@ -27,11 +27,6 @@ LEFT_ELBOW = SKELETON.index("left_elbow")
 
 
 @pytest.fixture(scope="module")
-def rig() -> CameraRig:
-    return CameraRig((camera("cam 1", -0.5), camera("cam_2", 0.5)))
-
-
-@pytest.fixture(scope="module")
 def trajectory(rig: CameraRig, observations: Observations) -> Trajectory:
     """Joints that move; the left wrist is missing in frames 2 and 3, the left elbow predicted in frame 3."""
     positions_m = true_positions_m()
