@@ -46,7 +46,9 @@ class Rows:
             stream.set_time("time", duration=time_s[0])
             stream.log(self.path, self.archetype.from_fields(**self.fields))
             return
-        indexes = [rr.TimeColumn("frame", sequence=frame), rr.TimeColumn("time", duration=time_s)]
+        # As set_time rounds; TimeColumn alone would cut off.
+        time_ns = np.round(1e9 * time_s).astype("timedelta64[ns]")
+        indexes = [rr.TimeColumn("frame", sequence=frame), rr.TimeColumn("time", duration=time_ns)]
         columns = self.archetype.columns(**self.fields).partition(self.lengths)
         stream.send_columns(self.path, indexes=indexes, columns=columns)
 

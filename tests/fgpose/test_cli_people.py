@@ -9,14 +9,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from rrd_contents import entities
+from rrd_contents import entities, rows
 
 from fgpose.assessment.people import evaluate_people
-from fgpose.cli import main, view
+from fgpose.cli import live, main, view
 from fgpose.config import Config
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_people, save_people_observations
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people
+from fgpose.people import Detections
 from fgpose.pipeline import PeopleSource, run_smooth_people, run_track_people
 from fgpose.synthetic import (
     CameraTimes,
@@ -29,6 +30,7 @@ from fgpose.synthetic import (
     ring_rig,
     simulate_crowd,
 )
+from fgpose.tracking import Tracked, Tracker
 
 FAST_CONFIG = Config(solver={"covariance": False}, online={"covariance": False, "lag_s": 0.2})
 FAST = ["--solver.no-covariance", "--online.no-covariance"]
@@ -99,6 +101,57 @@ def test_track_writes_the_newest_and_the_lagged(
         assert score.recall > (0.8 if name == "online" else 0.7)
         assert score.switches == 0
     assert "ms" in capsys.readouterr().out
+
+
+def test_track_shows_every_update_live(source: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As the file of a run that is interrupted tells: all updates before."""
+    update, n_updates = Tracker.update, 0
+
+    def interrupted(tracker: Tracker, images: list[Detections]) -> list[Tracked]:
+        nonlocal n_updates
+        n_updates += 1
+        if n_updates > 20:
+            raise KeyboardInterrupt
+        return update(tracker, images)
+
+    monkeypatch.setattr(Tracker, "update", interrupted)
+    options = ["--people", "all", "--live", "--port", "0", "--formats", "rrd", "parquet", "-o", str(tmp_path)]
+    assert main(["track", *source, *FAST, *options]) == 130
+    path = tmp_path / "room.rrd"
+    assert list(tmp_path.iterdir()) == [path]
+    assert sorted(rows(path, "/plots/people", "Scalars:scalars")) == list(range(20))
+    # Confirmed within 0.3 s, 9 frames.
+    people = {f"/world/person_{person}/joints" for person in (0, 1)}
+    for entity in people:
+        shown = rows(path, entity, "Points3D:positions")
+        assert sorted(shown) == list(range(min(shown), 20))
+        assert min(shown) <= 9
+    assert {entity for entity in entities(path) if entity.endswith("/joints")} == people
+
+
+@pytest.mark.slow
+def test_track_serves_what_it_has_shown_until_ctrl_c(
+    source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ctrl_c() -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(live, "_sleep_forever", ctrl_c)
+    options = ["--formats", "rrd", "parquet", "--frames", "30", "-o", str(tmp_path)]
+    paths = []
+    for name, more in (("live", ["--live", "--port", "0"]), ("afterwards", [])):
+        assert main(["track", *source, *FAST, *options, "--name", name, *more]) == 0
+        assert f"wrote {tmp_path / f'{name}_online.parquet'}" in capsys.readouterr().out
+        paths.append(tmp_path / f"{name}.rrd")
+    live_path, afterwards = paths
+    assert entities(live_path) == entities(afterwards)
+    for entity, component in (
+        ("/world/person_1/joints", "Points3D:positions"),
+        ("/world/camera/ring_1/image/detections", "Points2D:class_ids"),
+        ("/plots/reprojection_px/person_0", "Scalars:scalars"),
+        ("/events", "TextLog:text"),
+    ):
+        assert rows(live_path, entity, component) == rows(afterwards, entity, component)
 
 
 def test_one_person_among_false_detections_has_the_files_of_one(
