@@ -178,3 +178,17 @@ def test_several_people(tmp_path: Path):
     # As noisy as the detections of one person, whose error is 15 to 25 mm.
     assert error_mm < 40
     assert output.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_several_people_live(tmp_path: Path):
+    output = tmp_path / "live.rrd"
+    arguments = ("--people", "2", "--cameras", "3", "--duration-s", "1.2", "--output", str(output))
+    printed = run("11_several_people_live.py", *arguments)
+    for person in (0, 1):
+        # As soon as two cameras have seen them for 0.3 s.
+        (confirmed_s,) = numbers(rf"# s +person {person} confirmed: ring_0", printed)
+        assert confirmed_s < 0.3
+    # After one second both are there.
+    assert numbers(r"# s  here: 0 at .* m, 1 at .* m", printed) == [1.0]
+    assert output.stat().st_size > 10_000

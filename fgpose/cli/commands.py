@@ -95,7 +95,8 @@ class Track(EstimatorOptions):
     """Replay a recording frame by frame through the online estimator, as if it were live, and time it.
 
     Writes NAME_online.* (the newest pose after each frame) and NAME_smoothed.* (each frame once it is --online.lag-s
-    old), and NAME.rrd with both. Prints latencies in milliseconds.
+    old), and NAME.rrd. With --live, viewers see every frame as soon as it is estimated. Prints latencies in
+    milliseconds.
 
     Example: fgpose track pose/ --rig Calib.toml --skeleton body_25b --fps 60 --online.lag-s 0.3
     """

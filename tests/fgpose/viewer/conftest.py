@@ -6,7 +6,16 @@ from pathlib import Path
 
 import pytest
 from rrd_contents import camera
-from shown_people import SECOND, SECOND_FRAMES, SKELETON, association_of, second_person
+from shown_people import (
+    SECOND,
+    SECOND_FRAMES,
+    SKELETON,
+    Update,
+    association_of,
+    first_person,
+    second_person,
+    updates_of,
+)
 
 from fgpose.association.recording import Association
 from fgpose.geometry.camera import CameraRig
@@ -27,6 +36,16 @@ def association(rig: CameraRig) -> Association:
 @pytest.fixture(scope="module")
 def second(rig: CameraRig) -> Trajectory:
     return second_person(rig)
+
+
+@pytest.fixture(scope="module")
+def first() -> Trajectory:
+    return first_person()
+
+
+@pytest.fixture(scope="module")
+def updates(association: Association, first: Trajectory, second: Trajectory) -> list[Update]:
+    return updates_of(association, first, second)
 
 
 @pytest.fixture(scope="module")

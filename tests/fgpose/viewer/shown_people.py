@@ -9,13 +9,14 @@ import numpy as np
 from rrd_contents import rows
 
 from fgpose.association.recording import Association
-from fgpose.association.track import TrackEvent
+from fgpose.association.track import TrackEvent, TrackState
+from fgpose.association.tracked import Tracked
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
-from fgpose.trajectory import Status, Trajectory
+from fgpose.trajectory import Estimate, Status, Trajectory
 from fgpose.viewer import palette
 
 N_FRAMES = 12
@@ -29,6 +30,9 @@ SECOND_FRAMES = slice(2, 9)
 SECOND_IS = ("", "", "seen", "seen", "predicted", "seen", "away", "seen", "seen", "", "", "")
 PLACE_M = {FIRST: (-0.5, 0.0, 1.0), SECOND: (0.6, 0.4, 1.0)}
 POSTER_M = (0.1, 1.5, 1.2)
+
+Update = tuple[list[Detections], list[Tracked], list[TrackEvent]]
+"""Images, people and events: what a tracker is given, and what it returns."""
 
 
 def time_s() -> np.ndarray:
@@ -84,6 +88,44 @@ def second_person(rig: CameraRig) -> Trajectory:
     detected_px[0, 0] += np.array([3.0, 4.0])
     residual_px = reprojection_residual_px(detected_px, rig, positions_m)
     return Trajectory(SKELETON, time_s()[SECOND_FRAMES], positions_m, status, covariance_m2, residual_px, rig.names)
+
+
+def first_person() -> Trajectory:
+    status = np.full((N_FRAMES, SKELETON.n_joints), Status.OBSERVED)
+    return Trajectory(SKELETON, time_s(), body_m(PLACE_M[FIRST]), status)
+
+
+def estimate_of(trajectory: Trajectory, frame: int) -> Estimate:
+    covariance_m2, residual_px = trajectory.covariance_m2, trajectory.residual_px
+    return Estimate(
+        skeleton=SKELETON,
+        frame=frame,
+        time_s=float(trajectory.time_s[frame]),
+        positions_m=trajectory.positions_m[frame],
+        status=trajectory.status[frame],
+        covariance_m2=None if covariance_m2 is None else covariance_m2[frame],
+        residual_px=None if residual_px is None else residual_px[frame],
+    )
+
+
+def updates_of(association: Association, first: Trajectory, second: Trajectory) -> list[Update]:
+    """Of every frame; the second person coasts where no camera detects them."""
+    trajectories = {FIRST: (0, first), SECOND: (SECOND_FRAMES.start, second)}
+    by_camera, names = association.observations.by_camera, association.rig.names
+    made = []
+    for frame, image_of in enumerate(association.frames.image.tolist()):
+        images = [by_camera[name][i] for name, i in zip(names, image_of, strict=True) if i != NO_IMAGE]
+        people = []
+        for person, (begin, trajectory) in trajectories.items():
+            if 0 <= frame - begin < trajectory.n_frames:
+                seen = association.people[person]
+                of_camera = zip(names, seen.detection[frame - begin], seen.joint[frame - begin], strict=True)
+                shown = {name: (own, joint) for name, own, joint in of_camera if (own != NOBODY).any()}
+                now = TrackState.CONFIRMED if shown else TrackState.COASTING
+                people.append(Tracked(person, now, estimate_of(trajectory, frame - begin), shown))
+        events = [event for event in association.events if round((event.time_s - 10.0) * 50) == frame]
+        made.append((images, people, events))
+    return made
 
 
 SHOWN = (
