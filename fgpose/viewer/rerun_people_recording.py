@@ -92,8 +92,8 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
 
     def _show(self, people: Mapping[int, Trajectory], first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
         """The motion of people, all in the same frames."""
-        before = {person: self._last[person] for person in people if person in self._last}
-        going_on = {person: last for person, last in before.items() if last.frame + 1 == first_frame}
+        before = {person: last for person, last in self._last.items() if last.frame + 1 == first_frame}
+        going_on = {person: last for person, last in before.items() if person in people}
         for person in going_on:
             del self._last[person]
         self._pass(first_frame, time_s)
@@ -133,8 +133,8 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
         return trajectory
 
     def _check_images(self, frame: int, images: Sequence[Detections]) -> None:
-        if frame <= self._update or frame < 0:
-            raise ValueError(f"frames are counted from 0 and increase, got {frame} after {self._update}")
+        if frame <= self._update:
+            raise ValueError(f"the next update is of frame {self._update + 1} or later, got frame {frame}")
         cameras = [image.camera for image in images]
         for image in images:
             self._rig.subset([image.camera])
