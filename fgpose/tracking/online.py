@@ -16,7 +16,6 @@ from fgpose.people import Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Newest, OneImage
 from fgpose.tracking.parallel import ParallelEstimators
-from fgpose.trajectory import Estimate
 
 _MOST_EVENTS = 1000  # of hours, for those who never ask
 
