@@ -32,3 +32,4 @@ from fgpose.synthetic.rig import ring_rig as ring_rig
 from fgpose.synthetic.routes import CrowdPlan as CrowdPlan
 from fgpose.synthetic.scene import Scene as Scene
 from fgpose.synthetic.scene import simulate as simulate
+from fgpose.synthetic.sitting import Seat as Seat

@@ -14,7 +14,7 @@ from fgpose.synthetic.motion import turned
 Motion = tuple[np.ndarray, float]
 """Positions (frame, joint, 3) of skeleton h36m_17 in metres, floor at z = 0, and frames per second."""
 
-_ANKLE_M = 0.09  # height of the ankle of somebody who stands
+ANKLE_M = 0.09  # height of the ankle of somebody who stands
 _MIN_CYCLE_S, _MAX_CYCLE_S = 0.8, 1.6
 _CROSSFADE = 0.2  # share of a gait cycle over which its end goes over into its beginning
 _YAW_SIGMA_S = 0.25  # slower than the turning of the pelvis at each step, faster than a bend of the way
@@ -148,7 +148,7 @@ def _poses_of(motion: Motion, skeleton: Skeleton) -> tuple[Poses, Float[np.ndarr
     bone_m = positions_m[:, end] - positions_m[:, start]
     direction = turned(bone_m / np.linalg.norm(bone_m, axis=-1, keepdims=True), -yaw[:, None])
     ankles = [skeleton.index("left_ankle"), skeleton.index("right_ankle")]
-    floor_m = gaussian_filter1d(positions_m[:, ankles, 2].min(axis=1), _GROUND_SIGMA_S * fps, mode="nearest") - _ANKLE_M
+    floor_m = gaussian_filter1d(positions_m[:, ankles, 2].min(axis=1), _GROUND_SIGMA_S * fps, mode="nearest") - ANKLE_M
     root = np.zeros((len(positions_m), 3))
     root[:, 2] = (positions_m[:, skeleton.index("pelvis"), 2] - floor_m) / _leg_m(positions_m, skeleton)
     return Poses(direction, root), yaw
@@ -187,7 +187,13 @@ def _leg_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) 
 def leg_length_m(bone_lengths_m: Float[np.ndarray, " bone"], skeleton: Skeleton) -> float:
     """Hip above the floor of somebody who stands straight."""
     chain = [skeleton.index(f"left_{joint}") for joint in ("hip", "knee", "ankle")]
-    return sum(float(bone_lengths_m[skeleton.bones.index(bone)]) for bone in pairwise(chain)) + _ANKLE_M
+    return sum(float(bone_lengths_m[skeleton.bones.index(bone)]) for bone in pairwise(chain)) + ANKLE_M
+
+
+def above_legs(skeleton: Skeleton) -> Float[np.ndarray, "bone 1"]:
+    """1 for bones of trunk, head and arms, 0 for those that end in a leg."""
+    ends = [skeleton.joints[end] for _, end in skeleton.bones]
+    return np.array([[0.0 if end.endswith(("hip", "knee", "ankle")) else 1.0] for end in ends])
 
 
 def _sampled(poses: Poses, at_frame: Float[np.ndarray, " new_frame"], *, periodic: bool) -> Poses:

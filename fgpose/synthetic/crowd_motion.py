@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
@@ -13,8 +13,19 @@ from jaxtyping import Bool, Float
 from fgpose.io.skeletons import load_skeleton
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic.bodies import Box
-from fgpose.synthetic.body_motion import Gait, Motion, Poses, Work, gait_of, leg_length_m, positions_of, work_of
+from fgpose.synthetic.body_motion import (
+    Gait,
+    Motion,
+    Poses,
+    Work,
+    above_legs,
+    gait_of,
+    leg_length_m,
+    positions_of,
+    work_of,
+)
 from fgpose.synthetic.routes import CrowdPlan, Route, crossing_frames, draw_habits, plan_route
+from fgpose.synthetic.sitting import Seat, seated
 from fgpose.synthetic.snapping import stretches
 
 MIN_DISTANCE_M = 0.45
@@ -29,11 +40,14 @@ _POSTURE_SIGMA = 0.05  # constant lean of each bone of trunk and arms, radians
 _SWAY = 0.03  # SD of the slow wavering of trunk and arms, radians
 _SWAY_SIGMA_S = 0.5
 _WORK_BLEND_S = 0.8
+_SIT_BLEND_S = 1.2  # half of the time from standing to sitting; begins slowly enough to turn round before
+_GESTURES = 0.4  # share of the work in the arms and trunk of somebody who sits
 
 
 @dataclass(frozen=True)
 class Event:
-    kind: Literal["enters", "leaves", "returns", "crossing"]
+    kind: Literal["enters", "leaves", "returns", "crossing", "sits", "rises"]
+    """sits: is at a seat and turns round to sit down. rises: has got up and goes on."""
     frame: int
     people: tuple[int, ...]
     """One, or the two who pass each other."""
@@ -84,6 +98,7 @@ def crowd_motion(
     seed: int,
     plan: CrowdPlan | None = None,
     furniture: Sequence[Box] = (),
+    seats: Sequence[Seat] = (),
 ) -> CrowdMotion:
     """People of different sizes (skeleton h36m_17) who walk, work, come and go in a room around the world's origin.
 
@@ -92,32 +107,38 @@ def crowd_motion(
     Args:
         gaits: recorded walks on an even floor, of which one cycle is repeated.
         works: recordings of people who stay on the spot.
+        furniture: nobody walks through it, and it hides joints.
+        seats: those who do not go out in between sit down on them, as many as there are seats: they make for them
+            at once, and get up after about three quarters of the time. They are furniture too.
 
     Raises:
-        ValueError: there is no person, no frame or no clip, a walk is too short, or the people find no way around each
-            other.
+        ValueError: there is no person, no frame or no clip, a walk is too short, the people find no way around each
+            other, or a seat is too high or too low for somebody.
     """
     if n_people < 1 or n_frames < 2 or not fps > 0 or not gaits or not works:
         raise ValueError("a crowd needs a person, two frames, a positive frame rate, a gait and a work")
     skeleton, plan = load_skeleton("h36m_17"), plan or CrowdPlan()
     rng = np.random.default_rng(seed)
-    habits = draw_habits(rng, n_people, n_frames / fps, plan)
+    habits = draw_habits(rng, n_people, n_frames / fps, plan, seats)
     cycles, clips = [gait_of(clip, skeleton) for clip in gaits], [work_of(clip, skeleton) for clip in works]
     subject_m = skeleton.bone_lengths(np.asarray(gaits[0][0], dtype=float)[:1])[0]
     truth_m = np.full((n_people, n_frames, skeleton.n_joints, 3), np.nan)
+    sittings: list[Event] = []
     for person, habit in enumerate(habits):
         gait, work = cycles[person % len(cycles)], clips[person % len(clips)]
         performer = _Performer.drawn(rng, skeleton, subject_m, gait, work, fps)
         others_m = truth_m[:person, :, skeleton.index("pelvis"), :2]
         for _ in range(_RESTARTS):
-            route = plan_route(rng, others_m, fps, plan, furniture, habit)
+            route = plan_route(rng, others_m, fps, plan, furniture, habit, seats)
             truth_m[person] = performer.walks(route, rng)
             if _keeps_distance(truth_m[person, :, skeleton.index("pelvis"), :2], others_m):
                 break
         else:
             raise ValueError(f"person {person} comes nearer to another than {MIN_DISTANCE_M:g} m whichever way he goes")
-    events = _events(truth_m[:, :, skeleton.index("pelvis"), :2], fps, plan)
-    return CrowdMotion(skeleton, truth_m, fps, events, tuple(furniture))
+        sittings += _sittings(person, route.sits)
+    events = [*_events(truth_m[:, :, skeleton.index("pelvis"), :2], fps, plan), *sittings]
+    events.sort(key=lambda event: (event.frame, event.people))
+    return CrowdMotion(skeleton, truth_m, fps, tuple(events), (*furniture, *(seat.box for seat in seats)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +164,7 @@ class _Performer:
         """Of a size, with proportions and habits of his own; lengths are those of the recorded subject."""
         bone_lengths_m = _body_m(rng, subject_m, skeleton)
         vigour = 1.0 + _VIGOUR_SIGMA * float(np.clip(rng.standard_normal(), -2.0, 2.0))
-        posture = _POSTURE_SIGMA * rng.standard_normal((len(skeleton.bones), 3)) * _above_legs(skeleton)
+        posture = _POSTURE_SIGMA * rng.standard_normal((len(skeleton.bones), 3)) * above_legs(skeleton)
         return _Performer(skeleton, bone_lengths_m, gait, work, fps, vigour, posture)
 
     def walks(self, route: Route, rng: np.random.Generator) -> Float[np.ndarray, "frame joint 3"]:
@@ -151,12 +172,12 @@ class _Performer:
         there = np.asarray(np.isfinite(route.ground_m).all(axis=-1))
         positions_m = np.full((len(there), self.skeleton.n_joints, 3), np.nan)
         for start, end in stretches(there):
-            positions_m[start:end] = self._walks(route.ground_m[start:end], route.work[start:end], start, rng)
+            positions_m[start:end] = self._walks(route.of_frames(slice(start, end)), start, rng)
         return positions_m
 
-    def _walks(
-        self, ground_m: Float[np.ndarray, "frame 2"], work: np.ndarray, start: int, rng: np.random.Generator
-    ) -> Float[np.ndarray, "frame joint 3"]:
+    def _walks(self, route: Route, start: int, rng: np.random.Generator) -> Float[np.ndarray, "frame joint 3"]:
+        """On a part of a route, from the start on."""
+        ground_m, work, sits = route.ground_m, route.work, self._eased(route.sits, _SIT_BLEND_S)
         n, leg_m = len(ground_m), leg_length_m(self.bone_lengths_m, self.skeleton)
         velocity_mps = _gradient(ground_m) * self.fps
         speed_mps = self._smooth(np.linalg.norm(velocity_mps, axis=-1), _SMOOTH_S)
@@ -166,27 +187,30 @@ class _Performer:
         steps = speed_mps / np.maximum(vigour, 0.05) / (self.gait.stride * leg_m * self.fps)
         poses = _repeated(self.gait.standing, n).blend(self.gait.at(rng.random() + np.cumsum(steps)), vigour)
         since_s = np.where(work >= 0, start + np.arange(n) - work, 0) / self.fps
-        poses = poses.blend(self.work.at(since_s), self._busy(work >= 0))
+        poses = poses.blend(self.work.at(since_s), self._eased(work >= 0, _WORK_BLEND_S) * (1 - (1 - _GESTURES) * sits))
         poses = poses.leaning(self.posture + self._sway(rng, n))
-        return positions_of(poses, self.bone_lengths_m, ground_m, self._heading(velocity_mps), self.skeleton)
+        if route.seat is not None:
+            poses = seated(poses, sits, route.seat.hips_m, self.bone_lengths_m, self.skeleton)
+        return positions_of(poses, self.bone_lengths_m, ground_m, self._heading(velocity_mps, route), self.skeleton)
 
-    def _busy(self, works: Bool[np.ndarray, " frame"]) -> Float[np.ndarray, " frame"]:
-        """Share of the work in the pose: it goes up and down within the work."""
+    def _eased(self, does: Bool[np.ndarray, " frame"], blend_s: float) -> Float[np.ndarray, " frame"]:
+        """Share of what somebody does in the pose: it goes up and down within the time, over twice blend_s."""
         from scipy.ndimage import binary_erosion, gaussian_filter1d
 
-        sigma = _WORK_BLEND_S / 3 * self.fps
+        sigma = blend_s / 3 * self.fps
         width = 2 * int(3 * sigma + 0.5) + 1
-        inner = binary_erosion(works, np.ones(width), border_value=1)
+        inner = binary_erosion(does, np.ones(width), border_value=1)
         return gaussian_filter1d(inner.astype(float), sigma, truncate=3.0, mode="nearest")
 
-    def _heading(self, velocity_mps: Float[np.ndarray, "frame 2"]) -> Float[np.ndarray, " frame"]:
-        """Where the person faces, radians: where he walks; who stands turns in time for his next walk."""
-        walks = np.linalg.norm(velocity_mps, axis=-1) > 0.1
-        if not walks.any():
+    def _heading(self, velocity_mps: Float[np.ndarray, "frame 2"], route: Route) -> Float[np.ndarray, " frame"]:
+        """Where the person faces, radians: where he walks or sits; who stands turns in time for his next walk."""
+        known = (np.linalg.norm(velocity_mps, axis=-1) > 0.1) | route.sits
+        if not known.any():
             return np.zeros(len(velocity_mps))
-        frames = np.flatnonzero(walks)
-        last = frames[np.maximum(np.searchsorted(frames, np.arange(len(walks)), side="right") - 1, 0)]
-        yaw = np.arctan2(velocity_mps[last, 1], velocity_mps[last, 0])
+        frames = np.flatnonzero(known)
+        last = frames[np.maximum(np.searchsorted(frames, np.arange(len(known)), side="right") - 1, 0)]
+        yaw = np.arctan2(velocity_mps[:, 1], velocity_mps[:, 0])
+        yaw = (yaw if route.seat is None else np.where(route.sits, route.seat.facing_rad, yaw))[last]
         return self._smooth(np.unwrap(yaw), _HEADING_SIGMA_S)
 
     def _sway(self, rng: np.random.Generator, n: int) -> Float[np.ndarray, "frame bone 3"]:
@@ -194,18 +218,12 @@ class _Performer:
         draws = self._smooth(rng.standard_normal((n, len(self.skeleton.bones), 3)), _SWAY_SIGMA_S)
         # SD of white noise after the filter: 1 / sqrt(2 sqrt(pi) sigma).
         draws *= _SWAY * np.sqrt(2 * np.sqrt(np.pi) * _SWAY_SIGMA_S * self.fps)
-        return draws * _above_legs(self.skeleton)
+        return draws * above_legs(self.skeleton)
 
     def _smooth(self, values: np.ndarray, sigma_s: float) -> np.ndarray:
         from scipy.ndimage import gaussian_filter1d
 
         return gaussian_filter1d(values, sigma_s * self.fps, axis=0, mode="nearest")
-
-
-def _above_legs(skeleton: Skeleton) -> Float[np.ndarray, "bone 1"]:
-    """1 for bones of trunk, head and arms, 0 for those that end in a leg."""
-    ends = [skeleton.joints[end] for _, end in skeleton.bones]
-    return np.array([[0.0 if end.endswith(("hip", "knee", "ankle")) else 1.0] for end in ends])
 
 
 def _repeated(poses: Poses, n: int) -> Poses:
@@ -230,8 +248,15 @@ def _keeps_distance(own_m: Float[np.ndarray, "frame 2"], others_m: Float[np.ndar
     return not (np.linalg.norm(others_m - own_m, axis=-1) < MIN_DISTANCE_M).any()
 
 
-def _events(ground_m: Float[np.ndarray, "person frame 2"], fps: float, plan: CrowdPlan) -> tuple[Event, ...]:
-    events = []
+def _sittings(person: int, sits: Bool[np.ndarray, " frame"]) -> Iterator[Event]:
+    for start, end in stretches(sits):
+        yield Event("sits", start, (person,))
+        if end < len(sits):
+            yield Event("rises", end, (person,))
+
+
+def _events(ground_m: Float[np.ndarray, "person frame 2"], fps: float, plan: CrowdPlan) -> list[Event]:
+    events: list[Event] = []
     for person, there in enumerate(np.asarray(np.isfinite(ground_m).all(axis=-1))):
         for visit, (start, end) in enumerate(stretches(there)):
             if start > 0:
@@ -241,4 +266,4 @@ def _events(ground_m: Float[np.ndarray, "person frame 2"], fps: float, plan: Cro
     for a, b in combinations(range(len(ground_m)), 2):
         frames = crossing_frames(ground_m[a], ground_m[b], fps, plan)
         events += [Event("crossing", frame, (a, b)) for frame in frames.tolist()]
-    return tuple(sorted(events, key=lambda event: (event.frame, event.people)))
+    return events

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.synthetic.bodies import Box
 from fgpose.synthetic.noise import check_scales
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
+from fgpose.synthetic.sitting import Seat
+from fgpose.synthetic.ways import AT_REST_MPS, curve, speed_profile, steps, turning_radps
 
 _RESTARTS = 60
 _TRIALS = 60  # of one leg; each takes about a millisecond
@@ -21,7 +19,9 @@ _WALL_M = 0.5  # nobody walks nearer to a wall or to furniture, but through a do
 _DOOR_WALK_S = 5.0  # so long before an appointment somebody makes for a door
 _RAMP_S = 0.6  # to walk off, and to come to rest
 _MAX_TURN_RADPS = 2.0
-_AT_REST_MPS = 0.15
+_RISES = (0.7, 0.8)  # share of the recording after which somebody gets up from his seat
+_MIN_SIT_S = 6.5  # 2 s of it to sit down and as many to get up
+_SEAT_M, _FEET_M, _OWN_SEAT_M = 0.6, 0.5, 0.35  # who walks keeps so far from a seat, from the feet before it, from his
 _FACING = -0.3  # cosine of the angle between the headings of two who cross, at most
 
 
@@ -78,6 +78,12 @@ class Route:
     ground_m: Float[np.ndarray, "frame 2"]
     work: Int[np.ndarray, " frame"]
     """Frame in which the work began that goes on in this frame, -1 where there is none."""
+    sits: Bool[np.ndarray, " frame"]
+    """At the seat, from before sitting down until after getting up: gestures are the work then."""
+    seat: Seat | None = None
+
+    def of_frames(self, frames: slice) -> Route:
+        return Route(self.ground_m[frames], self.work[frames], self.sits[frames], self.seat)
 
 
 @dataclass(frozen=True)
@@ -88,6 +94,9 @@ class Habit:
     trip_s: float = np.inf
     away_s: float = 5.0
     leaves_s: float = np.inf
+    seat: Seat | None = None
+    """Where somebody sits down as soon as possible."""
+    rises_s: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -107,56 +116,83 @@ class _Planner:
         fps: float,
         others_m: Float[np.ndarray, "person frame 2"],
         furniture: Sequence[Box],
+        seats: Sequence[Seat],
     ) -> None:
         self.rng, self.plan, self.fps, self.others_m, self.furniture = rng, plan, fps, others_m, furniture
-        self.others_mps = np.array([_steps(other_m) * fps for other_m in others_m]).reshape(others_m.shape)
+        self.seats = seats
+        self.others_mps = np.array([steps(other_m) * fps for other_m in others_m]).reshape(others_m.shape)
         self.half_m = np.array([plan.room_x_m, plan.room_y_m]) / 2
 
     def route(self, habit: Habit) -> Route | None:
         """None where the person got stuck between the others."""
         n_frames = self.others_m.shape[1]
-        route = Route(np.full((n_frames, 2), np.nan), np.full(n_frames, -1))
+        route = Route(np.full((n_frames, 2), np.nan), np.full(n_frames, -1), np.zeros(n_frames, dtype=bool), habit.seat)
         comes: int | None = round(habit.comes_s * self.fps)
         if np.isfinite(habit.trip_s):
-            gone = self._visit(route, comes, habit.trip_s)
+            gone = self._visit(route, comes, habit.trip_s, habit)
             comes = None if gone is None else gone + round(habit.away_s * self.fps)
-        if comes is None or self._visit(route, comes, habit.leaves_s) is None:
+        if comes is None or self._visit(route, comes, habit.leaves_s, habit) is None:
             return None
         return route
 
-    def _visit(self, route: Route, comes: int, goes_s: float) -> int | None:
+    def _visit(self, route: Route, comes: int, goes_s: float, habit: Habit) -> int | None:
         """Fill in the frames from coming to going, in place. Gives the first frame after, None if stuck."""
         n_frames = len(route.ground_m)
         here_m, frame, to_door = (self._door() if comes > 0 else self._place()), comes, False
         while frame < n_frames and not to_door:
             to_door = frame / self.fps >= goes_s - _DOOR_WALK_S
-            leg = self._leg(here_m, frame, from_rest=frame > comes or comes == 0, to_door=to_door)
+            from_rest, to_seat = frame > comes or comes == 0, habit.seat is not None and not route.sits.any()
+            if to_seat and not to_door:
+                leg = self._leg_to_seat(here_m, frame, habit, from_rest=from_rest)
+            else:
+                leg = self._leg(here_m, frame, habit.seat, from_rest=from_rest, to_door=to_door)
             if leg is None:
                 return None
             end = min(frame + len(leg.ground_m), n_frames)
             route.ground_m[frame:end] = leg.ground_m[: end - frame]
             if len(leg.ground_m) - leg.n_walk > 2 * self.fps and self.rng.random() < self.plan.working_share:
                 route.work[frame + leg.n_walk : end] = frame + leg.n_walk
+            route.sits[frame + leg.n_walk : end] = to_seat and not to_door
             here_m, frame = leg.ground_m[-1], end
         return frame
 
-    def _leg(self, start_m: Float[np.ndarray, 2], frame: int, *, from_rest: bool, to_door: bool) -> _Leg | None:
+    def _leg_to_seat(self, start_m: Float[np.ndarray, 2], frame: int, habit: Habit, *, from_rest: bool) -> _Leg | None:
+        """To somebody's own seat; the stop is until he has got up."""
+        assert habit.seat is not None
+        for _ in range(_TRIALS):
+            leg = self._random(start_m, np.array(habit.seat.feet_m), from_rest=from_rest, to_door=False)
+            if leg is None:
+                continue
+            n_stay = round(max(habit.rises_s - (frame + leg.n_walk) / self.fps, _MIN_SIT_S) * self.fps)
+            walk_m = leg.ground_m[: leg.n_walk]
+            leg = _Leg(np.concatenate([walk_m, np.repeat(walk_m[-1:], n_stay, axis=0)]), leg.n_walk)
+            if self._is_clear(leg, frame, habit.seat, to_door=False):
+                return leg
+        return None
+
+    def _leg(
+        self, start_m: Float[np.ndarray, 2], frame: int, seat: Seat | None, *, from_rest: bool, to_door: bool
+    ) -> _Leg | None:
         """The first that keeps its distance; where a crossing is wanted, the first that crosses somebody, if any."""
         wants_crossing = self.rng.random() < self.plan.crossing_share
         spare = None
         for trial in range(_TRIALS):
             aimed = wants_crossing and trial % 2 == 0
             leg = self._aimed(start_m, frame, from_rest=from_rest, to_door=to_door) if aimed else None
-            leg = leg or self._random(start_m, from_rest=from_rest, to_door=to_door)
-            if leg is None or not self._is_clear(leg, frame, to_door=to_door):
+            if leg is None:
+                leg = self._random(
+                    start_m, self._door() if to_door else self._place(), from_rest=from_rest, to_door=to_door
+                )
+            if leg is None or not self._is_clear(leg, frame, seat, to_door=to_door):
                 continue
             if not wants_crossing or self._crosses(leg, frame):
                 return leg
             spare = spare or leg
         return spare
 
-    def _random(self, start_m: Float[np.ndarray, 2], *, from_rest: bool, to_door: bool) -> _Leg | None:
-        end_m = self._door() if to_door else self._place()
+    def _random(
+        self, start_m: Float[np.ndarray, 2], end_m: Float[np.ndarray, 2], *, from_rest: bool, to_door: bool
+    ) -> _Leg | None:
         bend_m = (start_m + end_m) / 2 + self.rng.normal(0.0, 0.35, 2)
         speed_mps = self.rng.uniform(self.plan.min_speed_mps, self.plan.max_speed_mps)
         return self._along(np.stack([start_m, bend_m, end_m]), speed_mps, from_rest=from_rest, to_door=to_door)
@@ -186,21 +222,22 @@ class _Planner:
         self, points_m: Float[np.ndarray, "point 2"], speed_mps: float, *, from_rest: bool, to_door: bool
     ) -> _Leg | None:
         """Walk through points at one speed, then stop; None where the way is too short or bends too much."""
-        curve, way_m, at = _curve(points_m)
+        line, way_m, at = curve(points_m)
         ramps_s = _RAMP_S / 2 * (from_rest + (not to_door))
         n_walk = round((way_m[-1] / speed_mps + ramps_s) * self.fps)
         if way_m[-1] < 0.8 or n_walk < 2 * _RAMP_S * self.fps:
             return None
-        profile = _profile(n_walk, _RAMP_S * self.fps, from_rest=from_rest, to_rest=not to_door)
+        profile = speed_profile(n_walk, _RAMP_S * self.fps, from_rest=from_rest, to_rest=not to_door)
         walked_m = np.cumsum(profile) / profile.sum() * way_m[-1]
-        walk_m = np.asarray(curve(np.interp(walked_m, way_m, at)))
-        if _turning_radps(walk_m, self.fps) > _MAX_TURN_RADPS:
+        walk_m = np.asarray(line(np.interp(walked_m, way_m, at)))
+        if turning_radps(walk_m, self.fps) > _MAX_TURN_RADPS:
             return None
         stop_s = 0.0 if to_door else self.rng.uniform(self.plan.min_stop_s, self.plan.max_stop_s)
         stay_m = np.repeat(walk_m[-1:], round(stop_s * self.fps), axis=0)
         return _Leg(np.concatenate([walk_m, stay_m]), n_walk)
 
-    def _is_clear(self, leg: _Leg, frame: int, *, to_door: bool) -> bool:
+    def _is_clear(self, leg: _Leg, frame: int, seat: Seat | None, *, to_door: bool) -> bool:
+        """Args: seat: of the person, if any."""
         n = min(len(leg.ground_m), self.others_m.shape[1] - frame)
         ground_m = leg.ground_m[:n]
         inset_m = self.half_m - _WALL_M
@@ -210,9 +247,14 @@ class _Planner:
             return False
         if any(_within(ground_m, box).any() for box in self.furniture):
             return False
+        if any(_at_seat(ground_m, each, is_own=each == seat).any() for each in self.seats):
+            return False
         distance_m = np.linalg.norm(self.others_m[:, frame : frame + n] - ground_m, axis=-1)
         rests = np.arange(n) >= leg.n_walk
-        others_rest = np.linalg.norm(self.others_mps[:, frame : frame + n], axis=-1) < _AT_REST_MPS
+        others_rest = np.linalg.norm(self.others_mps[:, frame : frame + n], axis=-1) < AT_REST_MPS
+        if seat is not None:  # neighbours sit nearer to each other than people stand
+            rests &= np.linalg.norm(ground_m - seat.feet_m, axis=-1) > self.plan.min_rest_distance_m
+            others_rest &= np.linalg.norm(ground_m - seat.feet_m, axis=-1) > self.plan.min_rest_distance_m
         needed_m = np.where(others_rest | rests, self.plan.min_rest_distance_m, self.plan.min_crossing_m)
         return not (distance_m < needed_m).any()
 
@@ -239,13 +281,14 @@ def plan_route(
     plan: CrowdPlan,
     furniture: Sequence[Box],
     habit: Habit,
+    seats: Sequence[Seat] = (),
 ) -> Route:
     """Of one more person, who keeps his distance from the others (world frame, metres; NaN: not there).
 
     Raises:
         ValueError: there is no room between the others.
     """
-    planner = _Planner(rng, plan, fps, others_m, furniture)
+    planner = _Planner(rng, plan, fps, others_m, furniture, seats)
     for _ in range(_RESTARTS):
         route = planner.route(habit)
         if route is not None:
@@ -255,8 +298,11 @@ def plan_route(
     )
 
 
-def draw_habits(rng: np.random.Generator, n_people: int, duration_s: float, plan: CrowdPlan) -> list[Habit]:
-    """Who comes late, goes out or leaves: shares of the people, rounded, in random order."""
+def draw_habits(
+    rng: np.random.Generator, n_people: int, duration_s: float, plan: CrowdPlan, seats: Sequence[Seat] = ()
+) -> list[Habit]:
+    """Who comes late, goes out or leaves: shares of the people, rounded, in random order. Who does not go out has a
+    seat, the first of them the first one."""
 
     def chosen(share: float) -> Bool[np.ndarray, " person"]:
         return np.asarray(rng.permutation(n_people) < round(share * n_people))
@@ -266,9 +312,12 @@ def draw_habits(rng: np.random.Generator, n_people: int, duration_s: float, plan
     goes_s = np.where(leaving, rng.uniform(0.75, 0.95, n_people) * duration_s, np.inf)
     trip_s = np.where(returning, rng.uniform(0.35, 0.6, n_people) * duration_s, np.inf)
     away_s = plan.away_s * rng.uniform(0.8, 1.2, n_people)
-    return [
+    habits = [
         Habit(*values) for values in zip(*(array.tolist() for array in (comes_s, trip_s, away_s, goes_s)), strict=True)
     ]
+    for person, seat in zip(np.flatnonzero(~returning).tolist(), seats, strict=False):
+        habits[person] = replace(habits[person], rises_s=float(rng.uniform(*_RISES)) * duration_s, seat=seat)
+    return habits
 
 
 def crossing_frames(
@@ -276,7 +325,7 @@ def crossing_frames(
 ) -> Int[np.ndarray, " crossing"]:
     """Frames at which two people who walk towards each other are nearest, at the distance of a crossing."""
     distance_m = np.linalg.norm(first_m - second_m, axis=-1)
-    velocities = [_steps(way_m) * fps for way_m in (first_m, second_m)]
+    velocities = [steps(way_m) * fps for way_m in (first_m, second_m)]
     speeds = [np.linalg.norm(velocity, axis=-1) for velocity in velocities]
     against = np.sum(velocities[0] * velocities[1], axis=-1) <= _FACING * speeds[0] * speeds[1]
     walking = (np.minimum(*speeds) > plan.min_speed_mps / 2) & against
@@ -286,42 +335,12 @@ def crossing_frames(
     return np.flatnonzero(nearest & near & walking)
 
 
-def _steps(ground_m: Float[np.ndarray, "frame 2"]) -> Float[np.ndarray, "frame 2"]:
-    """Way of each frame, central difference; NaN stays NaN."""
-    ahead, behind = np.diff(ground_m, axis=0, append=np.nan), np.diff(ground_m, axis=0, prepend=np.nan)
-    ahead, behind = np.where(np.isnan(ahead), behind, ahead), np.where(np.isnan(behind), ahead, behind)
-    return (ahead + behind) / 2
-
-
-def _curve(
-    points_m: Float[np.ndarray, "point 2"],
-) -> tuple[CubicSpline, Float[np.ndarray, " fine"], Float[np.ndarray, " fine"]]:
-    """A curve through points; the way along it, and the parameter there."""
-    from scipy.interpolate import CubicSpline
-
-    chord_m = np.linalg.norm(np.diff(points_m, axis=0), axis=-1)
-    at = np.concatenate([[0.0], np.cumsum(np.maximum(chord_m, 1e-3))])
-    curve = CubicSpline(at, points_m, bc_type="natural")
-    fine = np.linspace(0.0, at[-1], 200)
-    steps_m = np.linalg.norm(np.diff(curve(fine), axis=0), axis=-1)
-    return curve, np.concatenate([[0.0], np.cumsum(steps_m)]), fine
-
-
-def _profile(n: int, n_ramp: float, *, from_rest: bool, to_rest: bool) -> Float[np.ndarray, " frame"]:
-    """Speed over the cruising speed."""
-    frame = np.arange(1, n + 1)
-    rise = 0.5 - 0.5 * np.cos(np.pi * np.minimum(frame / n_ramp, 1.0)) if from_rest else np.ones(n)
-    fall = 0.5 - 0.5 * np.cos(np.pi * np.minimum((n - frame) / n_ramp, 1.0)) if to_rest else np.ones(n)
-    return rise * fall
-
-
-def _turning_radps(walk_m: Float[np.ndarray, "frame 2"], fps: float) -> float:
-    step_m = np.diff(walk_m, axis=0)
-    step_m = step_m[np.linalg.norm(step_m, axis=-1) * fps > _AT_REST_MPS]
-    heading = np.unwrap(np.arctan2(step_m[:, 1], step_m[:, 0]))
-    return float(np.abs(np.diff(heading)).max() * fps) if len(heading) > 1 else 0.0
-
-
 def _within(ground_m: Float[np.ndarray, "frame 2"], box: Box) -> Bool[np.ndarray, " frame"]:
     low_m, high_m = np.array(box.low_m[:2]) - _WALL_M, np.array(box.high_m[:2]) + _WALL_M
     return np.asarray(((ground_m > low_m) & (ground_m < high_m)).all(axis=-1))
+
+
+def _at_seat(ground_m: Float[np.ndarray, "frame 2"], seat: Seat, *, is_own: bool) -> Bool[np.ndarray, " frame"]:
+    """Who has no seat of his own there keeps clear of whoever may sit on it."""
+    to_seat_m, to_feet_m = (np.linalg.norm(ground_m - place_m, axis=-1) for place_m in (seat.middle_m, seat.feet_m))
+    return np.asarray(to_seat_m < _OWN_SEAT_M if is_own else (to_seat_m < _SEAT_M) | (to_feet_m < _FEET_M))
