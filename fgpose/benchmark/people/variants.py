@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 from fgpose.benchmark.people.recording import PeopleRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import (
@@ -19,6 +21,7 @@ from fgpose.synthetic import (
     CrowdPlan,
     DetectionNoise,
     Occlusion,
+    Seat,
     crowd_motion,
     embedded_motion,
     ring_rig,
@@ -28,7 +31,7 @@ from fgpose.synthetic import (
 VERSION = 1
 """Results of one version can be compared. Whatever changes a recording is a new version."""
 
-Group = Literal["high cameras", "low cameras", "furniture", "unsynchronised"]
+Group = Literal["high cameras", "low cameras", "furniture", "unsynchronised", "sitting"]
 
 _WALKS = ("cmu_02_01_short",)
 _WORKS = {"tuning": ("cmu_02_05",), "test": ("cmu_02_07_a", "cmu_02_10")}
@@ -47,6 +50,9 @@ _TARGET_M = (0.0, 0.0, 0.9)
 _FOCAL_PX, _SIZE_PX = 850.0, (1600, 1200)
 # A table, and a cupboard that hides whoever is behind it.
 _FURNITURE = (Box((-0.6, -0.4, 0.0), (0.6, 0.4, 0.75)), Box((1.5, 1.7, 0.0), (2.3, 2.1, 1.9)))
+_TABLE = (Box((0.1, -0.5, 0.0), (1.3, 0.3, 0.75)),)
+# A row of stools 0.7 m apart, back to the wall beside a door.
+_SEATS = tuple(Seat((x_m, 1.6), -np.pi / 2) for x_m in (-2.1, -1.4, -0.7))
 
 
 @dataclass(frozen=True)
@@ -61,6 +67,9 @@ class PeopleVariant:
     """Of the cameras over the floor."""
     furniture: tuple[Box, ...] = ()
     times: CameraTimes = _SYNCHRONOUS
+    seats: tuple[Seat, ...] = ()
+    returning_share: float = CrowdPlan.returning_share
+    """Of the people; the others sit down, as many as there are seats."""
 
     @property
     def description(self) -> str:
@@ -68,6 +77,7 @@ class PeopleVariant:
         rates = " and ".join(f"{rate:g}" for rate in self.times.fps)
         clocks = f", {rates} Hz, each from a time of its own" if self.times.random_phases else f", {rates} Hz"
         among = " among a table and a cupboard" if self.furniture else ""
+        among = " who sit beside one another in a room with a table" if self.seats else among
         return f"{self.n_people} people{among}, {self.n_cameras} cameras at {self.height_m:g} m{clocks}"
 
 
@@ -84,6 +94,9 @@ VARIANTS = (
     PeopleVariant("4_people_5_cameras_low_furniture", "furniture", 4, 5, _LOW_M, furniture=_FURNITURE),
     PeopleVariant("4_people_5_cameras_unsynchronised", "unsynchronised", 4, 5, times=_MIXED),
     PeopleVariant("6_people_3_cameras_unsynchronised", "unsynchronised", 6, 3, times=_MIXED),
+    PeopleVariant(
+        "4_people_5_cameras_low_sitting", "sitting", 4, 5, _LOW_M, _TABLE, seats=_SEATS, returning_share=0.25
+    ),
 )
 
 
@@ -122,7 +135,8 @@ def record(variant: PeopleVariant, clip: str, duration_s: float = DURATION_S) ->
     seed = zlib.crc32(clip.encode())
     walks, works = ([embedded_motion(name) for name in names] for names in (_WALKS, _WORKS[clip.partition("_")[0]]))
     n_frames = int(duration_s * _TRUTH_FPS) + 1
-    motion = crowd_motion(variant.n_people, n_frames, _TRUTH_FPS, walks, works, seed, CrowdPlan(), variant.furniture)
+    plan, furniture = CrowdPlan(returning_share=variant.returning_share), variant.furniture
+    motion = crowd_motion(variant.n_people, n_frames, _TRUTH_FPS, walks, works, seed, plan, furniture, variant.seats)
     scene = simulate_crowd(motion, _rig(variant), DetectionNoise(), Occlusion(), CrowdErrors(), seed, variant.times)
     return PeopleRecording(clip, variant.name, scene)
 
