@@ -11,9 +11,11 @@ from jaxtyping import Float, Int
 from fgpose.assessment.alignment import common_joints, same_times
 from fgpose.assessment.clear_mot import Track, match_frames, tracks
 from fgpose.assessment.crowd import NOBODY, Crowd, distances_m, gather
+from fgpose.assessment.encounters import Encounter, encounters
 from fgpose.assessment.identity import hota, identity_score, share
 from fgpose.assessment.matched_pose import correct_limbs, matched_positions_m, on_another
 from fgpose.assessment.metrics import joint_errors_m, mean_known
+from fgpose.assessment.stays import Stay, false_tracks_s, matched, stays
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -84,6 +86,23 @@ class PeopleEvaluation:
     """Share of the estimated joints of matched people that lie on another true person's joint."""
     people: tuple[PersonScore, ...]
     """One per true identity, ascending."""
+    stays: tuple[Stay, ...]
+    """When each true person was there, was found, and as whom."""
+    encounters: tuple[Encounter, ...]
+    """True people who came near one another, and what became of their identities."""
+    false_tracks_s: tuple[float, ...]
+    """How long each identity lives that is matched in less than half of its frames."""
+
+    @property
+    def returns(self) -> tuple[Stay, ...]:
+        """The stays of those who had been away."""
+        return tuple(stay for stay in self.stays if np.isfinite(stay.away_s))
+
+    @property
+    def arrivals(self) -> tuple[Stay, ...]:
+        """The stays that did not begin when the recording began, of new people too."""
+        start_s = min((stay.begin_s for stay in self.stays), default=0.0)
+        return tuple(stay for stay in self.stays if stay.begin_s > start_s)
 
 
 def evaluate_people(
@@ -131,13 +150,15 @@ def evaluate_people(
     instants_s = _instants_s(truth, truth_offset_s) if time_s is None else time_s
     _check_times(estimate, truth, instants_s, truth_offset_s)
     found, real = gather(estimate, joints, instants_s), gather(truth, joints, instants_s, truth_offset_s)
-    return _evaluation(found, real, _bones(skeleton, joints), match_m)
+    return _evaluation(found, real, instants_s, _bones(skeleton, joints), match_m)
 
 
-def _evaluation(found: Crowd, real: Crowd, bones: list[tuple[int, int]], match_m: float) -> PeopleEvaluation:
+def _evaluation(
+    found: Crowd, real: Crowd, time_s: Float[np.ndarray, " frame"], bones: list[tuple[int, int]], match_m: float
+) -> PeopleEvaluation:
     gaps_m = distances_m(real, found)
     partner = match_frames(gaps_m, real, found, match_m)
-    followed = tracks(partner, real, found)
+    followed, named = tracks(partner, real, found), matched(partner, real, found)
     matched_m = matched_positions_m(partner, found)
     errors_m = joint_errors_m(matched_m, real.positions_m)
     limbs = correct_limbs(errors_m, real.positions_m, bones, PCP_ALPHA)
@@ -167,6 +188,9 @@ def _evaluation(found: Crowd, real: Crowd, bones: list[tuple[int, int]], match_m
         pcp=float(mean_known(limbs)),
         wrong_person=float(mean_known(on_another(matched_m, errors_m, real.positions_m, WRONG_PERSON_M))),
         people=_person_scores(followed, errors_m, limbs, real),
+        stays=stays(named, real, found, time_s),
+        encounters=encounters(named, real, found, time_s),
+        false_tracks_s=false_tracks_s(partner, found, time_s),
     )
 
 

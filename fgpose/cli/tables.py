@@ -181,6 +181,12 @@ def _people_evaluation_table(evaluation: PeopleEvaluation) -> Table:
         "joints missing [%]": 100 * evaluation.share_missing,
         "PCP [%]": 100 * evaluation.pcp,
         "joints on the wrong person [%]": 100 * evaluation.wrong_person,
+        "people who returned": len(evaluation.returns),
+        "recognised of them": sum(stay.is_recognised for stay in evaluation.returns),
+        "arrivals taken for somebody else": sum(stay.is_mistaken for stay in evaluation.arrivals),
+        "ID switches of people within 1 m": sum(each.n_switches for each in evaluation.encounters),
+        "false tracks": len(evaluation.false_tracks_s),
+        "longest false track [s]": max(evaluation.false_tracks_s, default=np.nan),
     }
     for label, value in rows.items():
         table.add_row(label, str(value) if isinstance(value, int) else _number(value))
