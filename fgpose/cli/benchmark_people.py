@@ -28,11 +28,11 @@ _QUICK_S = 5.0
 class People:
     """Several people: who is who, and their poses, in simulated crowds.
 
-    Two to eight people walk, work, pass each other, leave and come back, hidden by each other and by furniture, seen
-    by three to eight cameras, high and low, synchronous or not. fgpose in batch and online, the batch that is told who
-    is who, and what others published. Takes about 25 minutes on two cores. Writes scores.json and report.md into the
-    output folder. Finished results are kept there in the folder cache, so an interrupted run continues where it was.
-    Results that a change of the code affects are measured again.
+    Two to eight people walk, work, sit down, pass each other, leave and come back, hidden by each other and by
+    furniture, seen by three to eight cameras, high and low, synchronous or not. fgpose in batch and online, the batch
+    that is told who is who, and what others published. Takes about half an hour on two cores. Writes scores.json and
+    report.md into the output folder. Finished results are kept there in the folder cache, so an interrupted run
+    continues where it was. Results that a change of the code affects are measured again.
 
     Example: fgpose benchmark people --quick
     """

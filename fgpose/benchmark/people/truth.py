@@ -1,8 +1,9 @@
-"""Who is who in a simulated crowd, as if association were solved."""
+"""Who is who in a simulated crowd, as if association were solved, and whom the cameras see."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Bool
 
 from fgpose.association.recording import Association
 from fgpose.benchmark.people.recording import PeopleRecording
@@ -30,6 +31,19 @@ def true_association(recording: PeopleRecording) -> Association:
                     _give(people[person], t, c, detection, recording, n)
     there = {person: seen for person, seen in enumerate(people) if (seen.detection != NOBODY).any()}
     return Association(scene.observations, rig, {person: _cut(seen) for person, seen in there.items()}, ())
+
+
+def seen_by(n_cameras: int, recording: PeopleRecording) -> dict[int, Bool[np.ndarray, " frame"]]:
+    """By true person, whether so many cameras or more detect the person in each frame of the recording."""
+    scene, rig, frames = recording.scene, recording.rig, recording.frames
+    who = {(image.camera, image.time_s): who for image, who in zip(scene.observations.images, scene.who, strict=True)}
+    n_seeing = np.zeros((scene.motion.n_people, len(frames.image)), dtype=int)
+    for c, name in enumerate(rig.names):
+        images = scene.observations.by_camera[name]
+        for t in np.flatnonzero(frames.image[:, c] != NO_IMAGE).tolist():
+            shown = who[name, images[frames.image[t, c]].time_s]
+            n_seeing[np.unique(shown[shown >= 0]), t] += 1
+    return dict(enumerate(n_seeing >= n_cameras))
 
 
 def _give(seen: Seen, t: int, c: int, detection: int, recording: PeopleRecording, n: int) -> None:

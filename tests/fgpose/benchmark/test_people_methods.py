@@ -16,7 +16,7 @@ from fgpose.benchmark.people.ablation import ablations, fixed_gates, no_hand_ove
 from fgpose.benchmark.people.methods import METHODS, TOLD
 from fgpose.benchmark.people.recording import PeopleRecording, PeopleResult
 from fgpose.benchmark.people.scores import score_people
-from fgpose.benchmark.people.truth import true_association
+from fgpose.benchmark.people.truth import seen_by, true_association
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import NOBODY, Detections
 from fgpose.synthetic import CrowdErrors, DetectionNoise
@@ -83,6 +83,56 @@ def test_scores_are_those_of_the_protocol_and_rates_are_per_person_and_minute():
     # Each of two people changes identity once, in 61 frames of 1/30 s.
     assert score.switches == pytest.approx(1 / (61 / 30 / 60))
     assert score.ms_per_frame == pytest.approx(10.0)
+
+
+def test_people_are_seen_by_the_cameras_that_detect_them():
+    recording = recorded(passing(2, 12), 3)
+    assert all(seen.all() for seen in seen_by(3, recording).values())
+    third_s = recording.frames.frame_time_s[2]
+
+    def later(image: Detections) -> Detections:
+        keep = image.camera == "ring_0" or image.time_s >= third_s
+        n = image.n_people if keep else 0
+        return Detections(image.camera, image.time_s, image.points2d_px[:n], image.confidence[:n])
+
+    cut = changed(recording, later)
+    who = tuple(who[: image.n_people] for who, image in zip(cut.scene.who, cut.scene.observations.images, strict=True))
+    cut = replace(cut, scene=replace(cut.scene, who=who))
+    for seen in seen_by(2, cut).values():
+        assert seen.tolist() == [False] * 2 + [True] * 10
+    assert not any(seen.any() for seen in seen_by(4, recording).values())
+
+
+def test_arrivals_passes_and_false_tracks_are_counted():
+    """Both are found six frames late; the first two pass at 0.6 m; somebody is made up for 0.4 s."""
+    recording = recorded(passing(2, 61), 3)
+    late = {person: trajectory.positions_m.copy() for person, trajectory in recording.truth.items()}
+    for positions_m in late.values():
+        positions_m[:6] = np.nan
+    late[7] = np.full_like(late[0], np.nan)
+    late[7][20:32] = recording.truth[0].positions_m[20:32] + np.array([2.5, 0.0, 0.0])
+    result = PeopleResult({n: replace(recording.truth[0], positions_m=each) for n, each in late.items()}, 0.61)
+    score = score_people(recording, result, TOLD)
+    assert score.confirmed_s == pytest.approx((0.2, 0.2))
+    assert (score.n_unconfirmed, score.n_arrivals, score.n_mistaken) == (0, 0, 0)
+    assert (score.n_short_returns, score.n_long_returns) == (0, 0)
+    assert (score.n_passes, score.n_close_passes, score.pass_switches, score.close_switches) == (1, 0, 0, 0)
+    assert score.false_tracks_s == pytest.approx((12 / 30,))
+    assert (score.minutes, score.person_minutes) == pytest.approx((61 / 30 / 60, 2 * 61 / 30 / 60))
+
+
+@pytest.mark.parametrize(("away_s", "kind"), [(4.0, "short"), (6.0, "long")])
+def test_returns_after_five_seconds_are_counted_apart(away_s: float, kind: str):
+    n_frames, motion = round((away_s + 2) * 30), passing(2, 2)
+    truth_m = np.repeat(motion.truth_m[:, :1], n_frames, axis=1)
+    truth_m[1, 30 : n_frames - 30] = np.nan
+    recording = recorded(replace(motion, truth_m=truth_m), 3)
+    score = score_people(recording, PeopleResult(recording.truth, 1.0), TOLD)
+    counts = {"short": (score.n_short_returns, score.n_short_recognised)}
+    counts["long"] = (score.n_long_returns, score.n_long_recognised)
+    assert counts.pop(kind) == (1, 1)
+    assert list(counts.values()) == [(0, 0)]
+    assert (score.n_arrivals, score.n_mistaken) == (1, 0)
 
 
 def n_regrouped(recording: PeopleRecording) -> int:
