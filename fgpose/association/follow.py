@@ -179,8 +179,9 @@ class Follower:
                     track.seen_s = max(track.seen_s, time_s)
                     track.cameras.add(name)
                 since_s = max(time_s - track.scored_s.get(name, -np.inf), 0.0)
-                track.score = min(track.score + min(since_s / _CORRELATED_S, 1.0) * gain, _MAX_SCORE)
-                track.absent += 0.0 if is_found else min(since_s / _MISSED_S, 1.0) * gain
+                gain *= min(since_s / (_CORRELATED_S if is_found else _MISSED_S), 1.0)
+                track.score = min(track.score + gain, _MAX_SCORE)
+                track.absent += 0.0 if is_found else gain
                 track.scored_s[name] = max(time_s, track.scored_s.get(name, time_s))
             if (matches.chosen[:, k] != NOBODY).any():
                 track.absent = 0.0
