@@ -15,7 +15,7 @@ from fgpose.assessment.encounters import Encounter, encounters
 from fgpose.assessment.identity import hota, identity_score, share
 from fgpose.assessment.matched_pose import correct_limbs, matched_positions_m, on_another
 from fgpose.assessment.metrics import joint_errors_m, mean_known
-from fgpose.assessment.stays import Stay, false_tracks_s, matched, stays
+from fgpose.assessment.stays import MIN_STAY_S, Stay, false_tracks_s, matched, stays
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -95,8 +95,8 @@ class PeopleEvaluation:
 
     @property
     def returns(self) -> tuple[Stay, ...]:
-        """The stays of those who had been away."""
-        return tuple(stay for stay in self.stays if np.isfinite(stay.away_s))
+        """The stays of those who had been away, and now stay for as long as it takes to measure bones."""
+        return tuple(stay for stay in self.stays if np.isfinite(stay.away_s) and stay.duration_s >= MIN_STAY_S)
 
     @property
     def arrivals(self) -> tuple[Stay, ...]:

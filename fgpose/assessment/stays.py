@@ -12,6 +12,9 @@ from fgpose.assessment.crowd import NOBODY, Crowd
 
 # Shorter gaps in the truth are frames that its cameras missed, not absence.
 MIN_AWAY_S = 1.0
+# Two or three samples of the bones, whose errors are correlated for a third of a second. Who is there for less, mostly
+# because the recording ends, need not be recognised.
+MIN_STAY_S = 1.0
 # Nobody is recognised at sight: bones have to be measured. A name that lasts longer has been believed.
 NAMED_WITHIN_S = 3.0
 
@@ -34,6 +37,10 @@ class Stay:
     the first one. An identity is that of the person with whom it was matched in most frames before the stay."""
     is_mistaken: bool
     """Whether any match in this time is to an identity of somebody else, who is or was there."""
+
+    @property
+    def duration_s(self) -> float:
+        return self.end_s - self.begin_s
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,13 @@ def test_a_return_recognised() -> None:
     assert scores.returns == scores.arrivals == (back,)
 
 
+@pytest.mark.parametrize(("last_s", "n_returns"), [(0.9, 0), (1.1, 1)])
+def test_who_is_back_for_less_than_a_second_need_not_be_recognised(last_s: float, n_returns: int) -> None:
+    brief_m = visitor()
+    brief_m[300 + int(last_s * FPS) :] = np.nan
+    assert len(evaluate_people(people(there(BEFORE)), people(brief_m)).returns) == n_returns
+
+
 def test_a_return_as_somebody_new() -> None:
     scores = evaluate_people(people(there(BEFORE), there(AFTER)), people(visitor()))
     assert [(stay.is_recognised, stay.is_mistaken) for stay in scores.returns] == [(False, False)]
