@@ -34,7 +34,7 @@ def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))
 
 
-def fair_limits(wanted: Sequence[float], total: float) -> list[float]:
+def fair_limits(wanted: Sequence[int] | Sequence[float], total: int | float) -> list[float]:
     """How much of a total each may have at most: all the same, and what some do not want goes to the others."""
     limits = [0.0] * len(wanted)
     for n_served, who in enumerate(sorted(range(len(wanted)), key=lambda each: wanted[each])):

@@ -174,7 +174,7 @@ def test_what_is_used_of_everybody_is_as_much_as_of_one(scene: CrowdScene) -> No
     # The brief one has 0.4 s; the other the rest, to a frame.
     assert parts[1].n_frames == 6
     assert parts[0].frame_time_s[-1] - parts[0].frame_time_s[0] == pytest.approx(1.6, abs=0.08)
-    unseen = replace(people[1], points2d_px=np.full_like(people[1].points2d_px, np.nan), confidence=0.0)
+    unseen = replace(people[1], points2d_px=np.full_like(people[1].points2d_px, np.nan))
     assert seen_by_two([people[0], unseen]) == [people[0]]
     assert seen_by_two([unseen]) == [unseen]
 
