@@ -233,22 +233,28 @@ class Observations:
 
     def check_cameras(self, rig_names: tuple[str, ...]) -> None:
         """Raise ValueError unless the rig has exactly these cameras in this order; unnamed ones go by their order."""
-        if self.camera_names == rig_names or self._is_unnamed(rig_names):
-            return
-        missing = [name for name in self.camera_names if name not in rig_names]
-        unused = [name for name in rig_names if name not in self.camera_names]
-        if missing:
-            raise ValueError(
-                f"the calibration lacks camera {', '.join(missing)} of the keypoints; it has {', '.join(rig_names)}"
-            )
-        if unused:
-            raise ValueError(
-                f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with rig.subset(...)"
-            )
+        if not self._is_unnamed(rig_names):
+            check_cameras(self.camera_names, rig_names)
+
+
+def check_cameras(camera_names: tuple[str, ...], rig_names: tuple[str, ...]) -> None:
+    """Raise ValueError unless the rig has exactly the cameras of the keypoints in their order."""
+    if camera_names == rig_names:
+        return
+    missing = [name for name in camera_names if name not in rig_names]
+    unused = [name for name in rig_names if name not in camera_names]
+    if missing:
         raise ValueError(
-            f"the cameras of the keypoints ({', '.join(self.camera_names)}) and of the calibration "
-            f"({', '.join(rig_names)}) come in a different order; use rig.subset(observations.camera_names)"
+            f"the calibration lacks camera {', '.join(missing)} of the keypoints; it has {', '.join(rig_names)}"
         )
+    if unused:
+        raise ValueError(
+            f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with rig.subset(...)"
+        )
+    raise ValueError(
+        f"the cameras of the keypoints ({', '.join(camera_names)}) and of the calibration ({', '.join(rig_names)}) "
+        "come in a different order; use rig.subset(observations.camera_names)"
+    )
 
 
 def positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.ndarray, "*shape"]:

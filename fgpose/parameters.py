@@ -186,13 +186,13 @@ class CalibrationConfig:
     """Time constant with which the online estimate of time offsets forgets, seconds, since clocks drift. Raising it
     makes the offsets less noisy and slower to follow a drift."""
     independent_measurements: float = 50.0
-    """How many independent measurements of a camera's pose all its detections are worth: the errors of a network on one
-    person in one view are correlated. Raising it trusts the recording more, the calibration less."""
+    """How many independent measurements of a camera's pose all its detections of a person are worth: the errors of a
+    network on one person in one view are correlated. Raising it trusts the recording more, the calibration less."""
     max_frames: int = 300
-    """Frames that are used, spread evenly. Raising it takes longer."""
+    """Frames that are used, spread evenly; of several people, of all together. Raising it takes longer."""
     max_duration_s: float = 30.0
-    """Longest part of the recording that time offsets are estimated on, seconds; the part where most is seen. Raising
-    it takes longer."""
+    """Longest part of the recording that time offsets are estimated on, seconds; the part where most is seen. Several
+    people share it out among them. Raising it takes longer."""
     max_rounds: int = 8
     """Greatest number of times that the motion is smoothed while time offsets are estimated. Raising it lets difficult
     recordings converge and may take longer."""

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
-from fgpose.observations import Observations, refuse_millimetres
+from fgpose.observations import Observations, check_cameras, refuse_millimetres
 from fgpose.skeleton import Skeleton
 
 NOBODY = -1
@@ -275,6 +275,10 @@ class PeopleObservations:
         kept = [self.camera_names.index(name) for name in camera_names]
         frames = None if self.given_frames is None else self.given_frames.subset(kept)
         return PeopleObservations(self.skeleton, tuple(camera_names), images, frames)
+
+    def check_cameras(self, rig_names: tuple[str, ...]) -> None:
+        """Raise ValueError unless the rig has exactly these cameras in this order."""
+        check_cameras(self.camera_names, rig_names)
 
     def first_frames(self, n_frames: int) -> PeopleObservations:
         """The images of the first frames. Raises ValueError if there is none."""

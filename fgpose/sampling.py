@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -30,6 +32,15 @@ def nearest(times_s: Float[np.ndarray, " time"], others_s: Float[np.ndarray, " o
 def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
     """Frames spread evenly over a long recording; all of a short one."""
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))
+
+
+def fair_limits(wanted: Sequence[int] | Sequence[float], total: int | float) -> list[float]:
+    """How much of a total each may have at most: all the same, and what some do not want goes to the others."""
+    limits = [0.0] * len(wanted)
+    for n_served, who in enumerate(sorted(range(len(wanted)), key=lambda each: wanted[each])):
+        limits[who] = total / (len(wanted) - n_served)
+        total -= min(wanted[who], limits[who])
+    return limits
 
 
 def mean_times_s(time_s: Float[np.ndarray, "frame camera"]) -> Float[np.ndarray, " frame"]:

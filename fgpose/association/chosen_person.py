@@ -100,13 +100,15 @@ def associate_somehow(people: PeopleObservations, rig: CameraRig) -> Association
     """Who is who (see associate), also where no two cameras agree on anybody: because there is one only, or because the
     calibration is wrong.
 
-    Every camera follows those whom it sees for itself then, and the first person is the one whom each of them sees
-    most. So what is wrong can be looked at.
+    Then it is what each_camera_alone says. So what is wrong can be looked at.
     """
     association = associate(people, rig)
-    if association.people:
-        return association
-    frames, rig = people.frames, association.rig
+    return association if association.people else each_camera_alone(people, association.rig)
+
+
+def each_camera_alone(people: PeopleObservations, rig: CameraRig) -> Association:
+    """Those whom each camera follows for itself: the first person is the one whom each of them sees most, and so on."""
+    frames = people.frames
     together: list[Seen] = []
     for c, name in enumerate(rig.names):
         if not (frames.image[:, c] != NO_IMAGE).any():

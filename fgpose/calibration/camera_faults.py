@@ -7,11 +7,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
+from fgpose.association.recording import Association
+from fgpose.calibration.everybody import each_person
+from fgpose.calibration.rig_refinement import moves
+from fgpose.calibration.search import Found, search
+from fgpose.calibration.sightings import seen_by_two
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import fair_limits, usual_step_s
 from fgpose.skeleton import Skeleton
 
 # These four bound the time that it takes. Errors of detections are correlated over 0.15 s: 25 Hz have as much
@@ -47,8 +51,16 @@ class CameraFault:
     """Whether it would have to be moved further than the calibration can be wrong."""
 
 
-def camera_faults(observations: Observations, rig: CameraRig, config: Config | None = None) -> tuple[CameraFault, ...]:
-    """Self-calibration (self_calibrate) on the limbs in at most 20 s from the middle of the recording.
+def camera_faults(
+    observations: Observations | Association, rig: CameraRig, config: Config | None = None
+) -> tuple[CameraFault, ...]:
+    """Self-calibration (see self_calibrate) on the limbs in at most 20 s from the middle of the recording.
+
+    Args:
+        observations: of one person, or of everybody who was told apart; then the 20 s are shared out among them, each
+            in the middle of the time in which they are there.
+        rig: the cameras.
+        config: the parameters.
 
     Returns:
         One for each camera; none with fewer than three cameras, a single frame, or no joint seen by two that agree.
@@ -57,21 +69,28 @@ def camera_faults(observations: Observations, rig: CameraRig, config: Config | N
         ValueError: the cameras of the observations and of the rig differ.
     """
     config = (config or Config()).replace(solver={"max_iterations": _MAX_ITERATIONS})
-    observations.check_cameras(rig.names)
-    if rig.n_cameras < 3 or observations.n_frames < 2:
+    if isinstance(observations, Observations):
+        observations.check_cameras(rig.names)
+        everybody = [observations]
+    else:
+        observations.observations.check_cameras(rig.names)
+        everybody = each_person(observations.observations, observations)
+    people = [own for own in seen_by_two(everybody) if own.n_frames >= 2]
+    if rig.n_cameras < 3 or not people:
         return ()
-    step_s = usual_step_s(observations.frame_time_s)
+    step_s = min(usual_step_s(own.frame_time_s) for own in people)
+    parts = [_limbs_only(part) for part in _thinned(people, step_s)]
     try:
-        calibration = self_calibrate(_limbs_only(_thinned(observations, step_s)), rig, config)
+        found = search(parts, rig, config, poses=True, clocks=True)
     except ValueError:  # no joint is seen by two cameras that agree: RecordingInfo reports that
         return ()
-    return _faults(calibration, rig, config, step_s)
+    return _faults(found, rig, config, step_s)
 
 
-def _faults(calibration: SelfCalibration, rig: CameraRig, config: Config, step_s: float) -> tuple[CameraFault, ...]:
-    offsets = calibration.time_offsets
-    offsets_s, sigma_s = _relative_to_nearest(offsets.offsets_s - rig.time_offsets_s, offsets.sigma_s)
-    rotation_deg, translation_m = calibration.refinement.rotation_deg, calibration.refinement.translation_m
+def _faults(found: Found, rig: CameraRig, config: Config, step_s: float) -> tuple[CameraFault, ...]:
+    late_s = found.rig.time_offsets_s - rig.time_offsets_s
+    offsets_s, sigma_s = _relative_to_nearest(late_s, found.sigmas[:, 6])
+    rotation_deg, translation_m = moves(rig, found.rig)
     late = np.abs(offsets_s) > np.maximum(_SIGNIFICANT_SIGMAS * sigma_s, _NOTICEABLE_FRAMES * step_s)
     moved = (rotation_deg > _SIGNIFICANT_SIGMAS * config.calibration.rotation_sigma_deg) | (
         translation_m > _SIGNIFICANT_SIGMAS * config.calibration.translation_sigma_m
@@ -90,10 +109,16 @@ def _relative_to_nearest(
     return offsets_s - offsets_s[nearest], both_s
 
 
-def _thinned(observations: Observations, step_s: float) -> Observations:
-    """The middle of the recording, at about 25 frames a second."""
+def _thinned(people: list[Observations], step_s: float) -> list[Observations]:
+    """The middle of what was seen of each, at about 25 frames a second."""
     stride = max(1, round(1 / (_RATE_HZ * step_s)))
-    n_frames = min(observations.n_frames, int(_MAX_DURATION_S / step_s), _MAX_FRAMES * stride)
+    at_most = min(int(_MAX_DURATION_S / step_s), _MAX_FRAMES * stride)
+    limits = fair_limits([own.n_frames for own in people], at_most)
+    return [_middle(own, int(limit), stride) for own, limit in zip(people, limits, strict=True)]
+
+
+def _middle(observations: Observations, at_most: int, stride: int) -> Observations:
+    n_frames = min(observations.n_frames, at_most)
     first = (observations.n_frames - n_frames) // 2
     return observations.frames(slice(first, first + max(n_frames, 1), stride))
 

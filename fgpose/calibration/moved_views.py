@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -10,9 +11,13 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
 
+Recording = TypeVar("Recording", Observations, PeopleObservations)
 
-def moved_with_cameras(observations: Observations, before: CameraRig, after: CameraRig) -> Observations:
-    """The views' own 3D joints, moved with their cameras."""
+
+def moved_with_cameras(observations: Recording, before: CameraRig, after: CameraRig) -> Recording:
+    """The views' own 3D joints, of one person or of everybody, moved with their cameras."""
+    if isinstance(observations, PeopleObservations):
+        return _everybody_moved(observations, before, after)
     points3d_m, covariance_m2 = observations.points3d_m, observations.covariance3d_m2
     if points3d_m is None:
         return observations
@@ -25,8 +30,7 @@ def moved_with_cameras(observations: Observations, before: CameraRig, after: Cam
     )
 
 
-def people_moved_with_cameras(people: PeopleObservations, before: CameraRig, after: CameraRig) -> PeopleObservations:
-    """The same of everybody."""
+def _everybody_moved(people: PeopleObservations, before: CameraRig, after: CameraRig) -> PeopleObservations:
     moves = dict(zip(before.names, _moves(before, after), strict=True))
     images = []
     for image in people.images:

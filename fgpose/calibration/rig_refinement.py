@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic
 
 import gtsam
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig
+from fgpose.calibration.everybody import on_everybody
 from fgpose.calibration.motion import has_converged, smoothed_motion
-from fgpose.calibration.moved_views import moved_with_cameras
-from fgpose.calibration.sightings import Sightings, agreed_joints_m, frames_of_use, sighting_weights
+from fgpose.calibration.moved_views import Recording, moved_with_cameras
+from fgpose.calibration.sightings import (
+    Adjusted,
+    Sightings,
+    agreed_joints_m,
+    frames_of_each,
+    seen_by_two,
+    sighting_weights,
+)
 from fgpose.config import Config
 from fgpose.estimation.delays import delays_s, on_time_px
 from fgpose.geometry.camera import CameraRig
@@ -21,11 +31,11 @@ from fgpose.sampling import usual_step_s
 
 
 @dataclass(frozen=True, eq=False)
-class RigRefinement:
+class RigRefinement(Generic[Recording]):
     """A rig whose cameras agree better, and how far each was moved."""
 
     rig: CameraRig
-    observations: Observations
+    observations: Recording
     """The observations, their per-view 3D moved with the cameras that saw it."""
     rotation_deg: Float[np.ndarray, " camera"]
     translation_m: Float[np.ndarray, " camera"]
@@ -35,63 +45,77 @@ class RigRefinement:
     residual_after_px: Float[np.ndarray, " camera"]
     converged: bool = True
     """Whether the optimiser has converged, and the smoother whose motion corrected the delays."""
+    reassigned: tuple[float, ...] = ()
+    """Of several people, each time that they were told apart with the new rig: the share of the detected joints that
+    belonged to somebody else then, of the camera where it is largest. Above 5 % the cameras were calibrated again."""
 
 
-def refine_rig(observations: Observations, rig: CameraRig, config: Config | None = None) -> RigRefinement:
-    """Move the cameras, as little as needed, so that they agree on the person.
+def refine_rig(observations: Recording, rig: CameraRig, config: Config | None = None) -> RigRefinement[Recording]:
+    """Move the cameras, as little as needed, so that they agree on the person, or on everybody.
 
     Poses of the cameras and joints of up to calibration.max_frames frames are variables; the calibration is the prior,
     robust, for most cameras were not touched (fgpose.calibration.bundle_adjustment). Known delays (time stamps, offsets
     of the rig) are corrected first. A common shift of all cameras and joints by a few centimetres cannot be seen in the
     images; it is known only as well as the calibration was. The errors of a detector are correlated from frame to
-    frame, so the detections of a camera together count as calibration.independent_measurements measurements, not as
-    thousands. A camera without detections keeps its pose.
+    frame, so the detections of a person in a camera together count as calibration.independent_measurements
+    measurements, not as thousands. A camera without detections keeps its pose.
+
+    Several people (fgpose.load_people) are told apart with the rig as it was given, and again with the refined one,
+    which may be refined once more then (reassigned). The frames are shared out among them, so that everybody is used.
 
     Raises:
         ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
     """
     config = config or Config()
-    observations.check_cameras(rig.names)
-    frames = frames_of_use(observations, config.calibration.max_frames)
-    undistorted_px, on_time = _on_time_px(observations, rig, config)
-    undistorted_px = undistorted_px[frames]
-    confidence = observations.confidence[frames]
-    joints_m = agreed_joints_m(undistorted_px, confidence, rig, config)
-    known = np.asarray(np.isfinite(joints_m).all(axis=-1))
-    used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
-    weights = sighting_weights(used, confidence, usual_step_s(observations.frame_time_s[frames]), config, poses=True)
-    start = Calibration(np.zeros((rig.n_cameras, 7)), np.nan_to_num(joints_m))
-    sightings = Sightings(undistorted_px, weights, np.zeros_like(start.joints_m), np.zeros(rig.n_cameras))
-    solution = BundleProblem(rig, sightings, config, poses=True, clocks=False).solve(start)
-    refined = moved_rig(rig, solution.state.changes, config)
-    converged = on_time and solution.convergence.converged
-    return refinement(observations, rig, refined, undistorted_px, confidence, config, converged=converged)
+    refined, reassigned = on_everybody(observations, rig, config, _refined)
+    return refinement(observations, rig, refined, config, reassigned)
 
 
 def refinement(
-    observations: Observations,
-    before: CameraRig,
-    after: CameraRig,
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
-    confidence: Float[np.ndarray, "frame camera joint"],
-    config: Config,
-    *,
-    converged: bool,
-) -> RigRefinement:
-    """How a rig was changed, judged by some detections."""
+    observations: Recording, before: CameraRig, found: Adjusted, config: Config, reassigned: tuple[float, ...]
+) -> RigRefinement[Recording]:
+    """How a rig was changed, judged by the detections that were used."""
+    after, (rotation_deg, translation_m) = found.rig, moves(before, found.rig)
+    return RigRefinement(
+        rig=after,
+        observations=moved_with_cameras(observations, before, after),
+        rotation_deg=rotation_deg,
+        translation_m=translation_m,
+        residual_before_px=_residual_px(found.undistorted_px, found.confidence, before, config),
+        residual_after_px=_residual_px(found.undistorted_px, found.confidence, after, config),
+        converged=found.converged,
+        reassigned=reassigned,
+    )
+
+
+def moves(before: CameraRig, after: CameraRig) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
+    """How far each camera was turned, degrees, and moved, metres."""
     moves = [
         gtsam.Pose3(old.world_T_camera).between(gtsam.Pose3(new.world_T_camera))
         for old, new in zip(before.cameras, after.cameras, strict=True)
     ]
-    return RigRefinement(
-        rig=after,
-        observations=moved_with_cameras(observations, before, after),
-        rotation_deg=np.array([np.rad2deg(np.linalg.norm(gtsam.Rot3.Logmap(move.rotation()))) for move in moves]),
-        translation_m=np.array([np.linalg.norm(move.translation()) for move in moves]),
-        residual_before_px=_residual_px(undistorted_px, confidence, before, config),
-        residual_after_px=_residual_px(undistorted_px, confidence, after, config),
-        converged=converged,
-    )
+    rotation_deg = np.array([np.rad2deg(np.linalg.norm(gtsam.Rot3.Logmap(move.rotation()))) for move in moves])
+    return rotation_deg, np.array([np.linalg.norm(move.translation()) for move in moves])
+
+
+def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> Adjusted:
+    people = seen_by_two(people)
+    frames = frames_of_each(people, config.calibration.max_frames)
+    on_time = [_on_time_px(own, rig, config) for own in people]
+    undistorted_px = np.concatenate([px[used] for (px, _), used in zip(on_time, frames, strict=True)])
+    confidence = np.concatenate([own.confidence[used] for own, used in zip(people, frames, strict=True)])
+    joints_m = agreed_joints_m(undistorted_px, confidence, rig, config)
+    known = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
+    begins = np.cumsum([len(own) for own in frames])[:-1]
+    steps_s = [usual_step_s(own.frame_time_s[of_own]) for own, of_own in zip(people, frames, strict=True)]
+    of_each = zip(np.split(used, begins), np.split(confidence, begins), steps_s, strict=True)
+    weights = np.concatenate([sighting_weights(*own, config, poses=True) for own in of_each])
+    start = Calibration(np.zeros((rig.n_cameras, 7)), np.nan_to_num(joints_m))
+    sightings = Sightings(undistorted_px, weights, np.zeros_like(start.joints_m), np.zeros(rig.n_cameras))
+    solution = BundleProblem(rig, sightings, config, poses=True, clocks=False).solve(start)
+    converged = all(smoothed for _, smoothed in on_time) and solution.convergence.converged
+    return Adjusted(moved_rig(rig, solution.state.changes, config), undistorted_px, confidence, converged)
 
 
 def _on_time_px(

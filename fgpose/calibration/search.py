@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,15 @@ from jaxtyping import Float, Int
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig, prior_sigmas
 from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import moved_with_cameras
-from fgpose.calibration.sightings import Sightings, agreed_joints_m, best_seen, frames_of_use, sighting_weights
+from fgpose.calibration.sightings import (
+    Adjusted,
+    Sightings,
+    agreed_joints_m,
+    best_seen_of_each,
+    frames_of_each,
+    seen_by_two,
+    sighting_weights,
+)
 from fgpose.config import Config
 from fgpose.estimation.delays import on_time_px
 from fgpose.geometry.camera import CameraRig
@@ -25,24 +34,29 @@ _TOLERANCE_SIGMAS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Found(Adjusted):
     """The best of the calibrations that were tried."""
 
-    rig: CameraRig
     sigmas: Float[np.ndarray, "camera 7"]
     """Standard deviations of what was estimated: radians, metres, seconds; zero for what was held."""
     objective: float
     """See fgpose.calibration.bundle_adjustment; at the smoothed motion."""
-    converged: bool
-    """Whether the last round changed nothing, and its optimisers have converged."""
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
-    """Detections of the frames that were used, where they would be if all cameras were synchronous."""
-    confidence: Float[np.ndarray, "frame camera joint"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """The motion of one person in the frames that are used."""
+
+    sightings: Sightings
+    joints_m: Float[np.ndarray, "frame joint 3"]
+    """Zero where not known."""
+    smoothed: bool
+    """Whether the smoother has converged."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Candidate:
-    """A calibration, and the motion that is most probable with it."""
+    """A calibration, and the motions that are most probable with it."""
 
     rig: CameraRig
     problem: BundleProblem
@@ -53,17 +67,17 @@ class _Candidate:
     """Whether the smoother has converged."""
 
 
-def search(observations: Observations, rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> Found:
-    """Smooth the motion with the calibration so far, adjust cameras and joints to the detections, and so on.
+def search(people: Sequence[Observations], rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> Found:
+    """Smooth the motions with the calibration so far, adjust cameras and joints to the detections, and so on.
 
-    Every calibration is judged by the objective of the adjustment, at the motion that was smoothed with it, and the
-    best one counts; the given one is the first. At most calibration.max_rounds motions of calibration.max_duration_s
-    are smoothed.
+    Every person has joints of their own, and all share the cameras. Every calibration is judged by the objective of the
+    adjustment, at the motions that were smoothed with it, and the best one counts; the given one is the first. At most
+    calibration.max_rounds times motions of calibration.max_duration_s, all together, are smoothed.
 
     Raises:
         ValueError: poses are wanted, and no joint is seen by two cameras that agree.
     """
-    setting = _setting(observations, rig, config, poses=poses, clocks=clocks)
+    setting = _setting(people, rig, config, poses=poses, clocks=clocks)
     tolerances, changes, rounds = setting.tolerances(), np.zeros((rig.n_cameras, 7)), 1
     best = setting.candidate(changes)
     solution = best.problem.solve(best.state)
@@ -84,7 +98,7 @@ def search(observations: Observations, rig: CameraRig, config: Config, *, poses:
         objective=best.objective,
         converged=not unsettled and best.smoothed and solution.convergence.converged,
         undistorted_px=best.undistorted_px,
-        confidence=setting.part.confidence[setting.frames],
+        confidence=setting.confidence,
     )
 
 
@@ -92,9 +106,10 @@ def search(observations: Observations, rig: CameraRig, config: Config, *, poses:
 class _Setting:
     """What stays the same from one calibration to the next."""
 
-    part: Observations
-    frames: Int[np.ndarray, " sample"]
-    """The frames of the part that are used in the adjustment."""
+    parts: list[Observations]
+    """What is smoothed of each person."""
+    frames: list[Int[np.ndarray, " sample"]]
+    """The frames of each part that are used in the adjustment."""
     rig: CameraRig
     config: Config
     poses: bool
@@ -102,35 +117,55 @@ class _Setting:
 
     def tolerances(self) -> Float[np.ndarray, " 7"]:
         """Changes of a camera, in standard deviations of the priors, that are negligible."""
-        step_s, sigma_s = usual_step_s(self.part.frame_time_s), self.config.calibration.offset_sigma_s
+        step_s = min(usual_step_s(part.frame_time_s) for part in self.parts)
+        sigma_s = self.config.calibration.offset_sigma_s
         return np.array([*6 * [_TOLERANCE_SIGMAS], _TOLERANCE_FRAMES * step_s / sigma_s])
 
+    @property
+    def confidence(self) -> Float[np.ndarray, "frame camera joint"]:
+        """Of the detections in the frames that are used."""
+        return np.concatenate([part.confidence[used] for part, used in zip(self.parts, self.frames, strict=True)])
+
     def candidate(self, changes: Float[np.ndarray, "camera 7"]) -> _Candidate:
-        """The motion with a calibration, and the adjustment that starts from there."""
+        """The motions with a calibration, and the adjustment that starts from there."""
         rig = moved_rig(self.rig, changes, self.config)
-        trajectory = smoothed_motion(moved_with_cameras(self.part, self.rig, rig), rig, self.config)
-        undistorted_px = on_time_px(self.part, rig, trajectory.positions_m)[self.frames]
-        joints_m, velocities_mps = trajectory.positions_m[self.frames], _velocities_mps(trajectory)[self.frames]
+        motions = [self._motion(*own, rig, changes) for own in zip(self.parts, self.frames, strict=True)]
+        sightings = Sightings.together([motion.sightings for motion in motions])
+        problem = BundleProblem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
+        state = Calibration(changes, np.concatenate([motion.joints_m for motion in motions]))
+        smoothed = all(motion.smoothed for motion in motions)
+        return _Candidate(rig, problem, state, problem.error(state), sightings.undistorted_px, smoothed)
+
+    def _motion(
+        self,
+        part: Observations,
+        frames: Int[np.ndarray, " sample"],
+        rig: CameraRig,
+        changes: Float[np.ndarray, "camera 7"],
+    ) -> _Motion:
+        trajectory = smoothed_motion(moved_with_cameras(part, self.rig, rig), rig, self.config)
+        undistorted_px = on_time_px(part, rig, trajectory.positions_m)[frames]
+        joints_m, velocities_mps = trajectory.positions_m[frames], _velocities_mps(trajectory)[frames]
         known = np.asarray(np.isfinite(joints_m + velocities_mps).all(axis=-1))
         used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
-        step_s, confidence = usual_step_s(self.part.frame_time_s[self.frames]), self.part.confidence[self.frames]
+        step_s = usual_step_s(part.frame_time_s[frames])
         sightings = Sightings(
             undistorted_px,
-            sighting_weights(used, confidence, step_s, self.config, poses=self.poses),
+            sighting_weights(used, part.confidence[frames], step_s, self.config, poses=self.poses),
             np.where(known[..., None], velocities_mps, 0.0),
             changes[:, 6],
         )
-        problem = BundleProblem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
-        state = Calibration(changes, np.where(known[..., None], joints_m, 0.0))
-        return _Candidate(rig, problem, state, problem.error(state), undistorted_px, has_converged(trajectory))
+        return _Motion(sightings, np.where(known[..., None], joints_m, 0.0), has_converged(trajectory))
 
 
-def _setting(observations: Observations, rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:
-    part = best_seen(observations, config.calibration.max_duration_s)
-    frames = frames_of_use(part, config.calibration.max_frames)
+def _setting(people: Sequence[Observations], rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:
+    parts = best_seen_of_each(seen_by_two(people), config.calibration.max_duration_s)
+    setting = _Setting(parts, frames_of_each(parts, config.calibration.max_frames), rig, config, poses, clocks)
     if poses:
-        agreed_joints_m(rig.undistort(part.points2d_px[frames]), part.confidence[frames], rig, config)
-    return _Setting(part, frames, rig, config, poses, clocks)
+        pairs = zip(parts, setting.frames, strict=True)
+        points2d_px = np.concatenate([part.points2d_px[frames] for part, frames in pairs])
+        agreed_joints_m(rig.undistort(points2d_px), setting.confidence, rig, config)
+    return setting
 
 
 def _velocities_mps(trajectory: Trajectory) -> Float[np.ndarray, "frame joint 3"]:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Generic
 
+from fgpose.calibration.everybody import on_everybody
+from fgpose.calibration.moved_views import Recording
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig, refinement
-from fgpose.calibration.search import search
+from fgpose.calibration.search import Found, search
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
@@ -13,13 +17,13 @@ from fgpose.observations import Observations
 
 
 @dataclass(frozen=True, eq=False)
-class SelfCalibration:
+class SelfCalibration(Generic[Recording]):
     """A rig whose cameras agree better in place and time."""
 
     rig: CameraRig
-    observations: Observations
+    observations: Recording
     """The observations, their per-view 3D moved with the cameras that saw it."""
-    refinement: RigRefinement
+    refinement: RigRefinement[Recording]
     time_offsets: TimeOffsets
     objective: float
     """The objective of the calibration (fgpose.calibration.bundle_adjustment); at most that of the given rig."""
@@ -28,43 +32,51 @@ class SelfCalibration:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraCalibration:
+class CameraCalibration(Generic[Recording]):
     """A recording whose cameras have been calibrated on it."""
 
     rig: CameraRig
-    observations: Observations
-    refinement: RigRefinement | None
+    observations: Recording
+    refinement: RigRefinement[Recording] | None
     """None where the poses were held."""
     time_offsets: TimeOffsets | None
     """None where the clocks were held."""
     converged: bool
 
+    @property
+    def reassigned(self) -> tuple[float, ...]:
+        """See RigRefinement.reassigned."""
+        calibrated = self.refinement or self.time_offsets
+        return () if calibrated is None else calibrated.reassigned
 
-def self_calibrate(observations: Observations, rig: CameraRig, config: Config | None = None) -> SelfCalibration:
+
+def self_calibrate(observations: Recording, rig: CameraRig, config: Config | None = None) -> SelfCalibration[Recording]:
     """Refine the poses of the cameras and estimate their time offsets, both at once.
 
     While the person walks in one direction, a late camera and a moved camera cause the same errors. If one were
     estimated first, it would absorb the error of the other. So both are unknowns of one bundle adjustment, with the
     motion smoothed anew between two of them (fgpose.calibration.search). The result is never worse than the given rig
     by the objective of that adjustment; where nothing is better it is the given rig. Of the recording the
-    calibration.max_duration_s are used in which most is seen.
+    calibration.max_duration_s are used in which most is seen. Several people (fgpose.load_people) are told apart with
+    the rig, see refine_rig, and share out that duration.
 
     Raises:
         ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
     """
     config = config or Config()
-    observations.check_cameras(rig.names)
-    found = search(observations, rig, config, poses=True, clocks=True)
-    refined = refinement(
-        observations, rig, found.rig, found.undistorted_px, found.confidence, config, converged=found.converged
-    )
-    offsets = TimeOffsets(found.rig.time_offsets_s, found.sigmas[:, 6], found.rig, found.converged)
+    found, reassigned = on_everybody(observations, rig, config, _both)
+    refined = refinement(observations, rig, found, config, reassigned)
+    offsets = TimeOffsets(found.rig.time_offsets_s, found.sigmas[:, 6], found.rig, found.converged, reassigned)
     return SelfCalibration(found.rig, refined.observations, refined, offsets, found.objective, found.converged)
 
 
+def _both(people: Sequence[Observations], rig: CameraRig, config: Config) -> Found:
+    return search(people, rig, config, poses=True, clocks=True)
+
+
 def calibrate_cameras(
-    observations: Observations, rig: CameraRig, config: Config | None = None, *, poses: bool, clocks: bool
-) -> CameraCalibration:
+    observations: Recording, rig: CameraRig, config: Config | None = None, *, poses: bool, clocks: bool
+) -> CameraCalibration[Recording]:
     """Refine the cameras' poses, estimate their time offsets, or both at once, as asked for.
 
     Raises:

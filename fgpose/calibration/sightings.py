@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from fgpose.estimation.weights import LEAST_WEIGHT
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
-from fgpose.sampling import spread_evenly
+from fgpose.sampling import fair_limits, spread_evenly
 
 # A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be
 # an inlier, and could not be calibrated.
@@ -22,7 +23,7 @@ _INLIER_FACTOR = 2.5
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """The detections in the frames that are used."""
+    """The detections in the frames that are used; those of several people one after the other."""
 
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
     """Detections, moved to the times of their frames as offset_changes say."""
@@ -32,6 +33,37 @@ class Sightings:
     """Of the joints; zero where clocks are held."""
     offset_changes: Float[np.ndarray, " camera"]
     """Calibration.changes of the clocks that are accounted for in undistorted_px."""
+
+    @staticmethod
+    def together(people: Sequence[Sightings]) -> Sightings:
+        """Those of several people; the cameras' clocks are the same."""
+        names = ("undistorted_px", "weights", "velocities_mps")
+        arrays = {name: np.concatenate([getattr(own, name) for own in people]) for name in names}
+        return Sightings(**arrays, offset_changes=people[0].offset_changes)
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """A rig, and the detections that it was adjusted to; those of several people one after the other."""
+
+    rig: CameraRig
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
+    """Of the frames that were used, where they would be if all cameras were synchronous."""
+    confidence: Float[np.ndarray, "frame camera joint"]
+    converged: bool
+    """Whether the last round changed nothing, and its optimisers have converged."""
+
+
+def seen_by_two(people: Sequence[Observations]) -> list[Observations]:
+    """Those of whom two cameras see a joint at a time; everybody if there is nobody."""
+    known = [own for own in people if (own.seen.sum(axis=1) >= 2).any()]
+    return known or list(people)
+
+
+def best_seen_of_each(people: Sequence[Observations], duration_s: float) -> list[Observations]:
+    """Of each person the part in which they are seen best, all together of this duration."""
+    wanted_s = [float(own.frame_time_s[-1] - own.frame_time_s[0]) for own in people]
+    return [best_seen(own, limit_s) for own, limit_s in zip(people, fair_limits(wanted_s, duration_s), strict=True)]
 
 
 def best_seen(observations: Observations, duration_s: float) -> Observations:
@@ -53,6 +85,12 @@ def frames_of_use(observations: Observations, at_most: int) -> Int[np.ndarray, "
     return useful[spread_evenly(len(useful), at_most)]
 
 
+def frames_of_each(people: Sequence[Observations], at_most: int) -> list[Int[np.ndarray, " sample"]]:
+    """The frames of use of each person, all together so many at most."""
+    wanted = [len(frames_of_use(own, own.n_frames)) for own in people]
+    return [frames_of_use(own, int(limit)) for own, limit in zip(people, fair_limits(wanted, at_most), strict=True)]
+
+
 def sighting_weights(
     used: Bool[np.ndarray, "frame camera joint"],
     confidence: Float[np.ndarray, "frame camera joint"],
@@ -61,11 +99,11 @@ def sighting_weights(
     *,
     poses: bool,
 ) -> Float[np.ndarray, "frame camera joint"]:
-    """Sightings.weights: by confidence, discounted for errors that are correlated in time.
+    """Sightings.weights of one person: by confidence, discounted for errors that are correlated in time.
 
-    The errors that matter to a pose do not average out, so that all detections of a camera together count as
-    calibration.independent_measurements at most. The agreement of the views, which the estimator uses too, depends on
-    the calibration that is judged, so it is not used here.
+    The errors that matter to a pose do not average out, so that all detections of a person in a camera together count
+    as calibration.independent_measurements at most. The agreement of the views, which the estimator uses too, depends
+    on the calibration that is judged, so it is not used here.
     """
     counted_as_one = np.full(used.shape[1], correlated_frames(step_s, CORRELATION_S))
     if poses:

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
+    import numpy as np
     from rich.console import Console
 
+    from fgpose.calibration.self_calibration import CameraCalibration
     from fgpose.cli.options import AnySource
     from fgpose.config import Config
     from fgpose.pipeline import Outputs
@@ -19,27 +21,38 @@ def calibrated(
 ) -> AnySource:
     """The recording with refined camera poses, with estimated time offsets, with both or with neither.
 
-    Of several people, the one who is seen most is what the cameras are calibrated on. Writes the resulting calibration
-    as NAME_calibration.toml and prints what has changed.
+    Of several people, the cameras are calibrated on all. Writes the resulting calibration as NAME_calibration.toml and
+    prints what has changed.
     """
-    from fgpose.calibration.moved_views import people_moved_with_cameras
     from fgpose.calibration.self_calibration import calibrate_cameras
-    from fgpose.cli.tables import calibration_table
-    from fgpose.io.calibration import save_rig
     from fgpose.pipeline import PeopleSource, Source
 
     if not poses and not clocks:
         return source
-    one = source.one() if isinstance(source, PeopleSource) else source
-    with new_console(stderr=True).status("calibrating the cameras"):
-        result = calibrate_cameras(one.observations, one.rig, config, poses=poses, clocks=clocks)
+    status = new_console(stderr=True).status("calibrating the cameras")
+    if isinstance(source, PeopleSource):
+        with status:
+            everybody = calibrate_cameras(source.people, source.rig, config, poses=poses, clocks=clocks)
+        _save_and_print(everybody, source.people.frames.frame_time_s, outputs, console)
+        return PeopleSource(everybody.rig, everybody.observations)
+    with status:
+        one = calibrate_cameras(source.observations, source.rig, config, poses=poses, clocks=clocks)
+    _save_and_print(one, source.observations.frame_time_s, outputs, console)
+    return Source(one.rig, one.observations)
+
+
+def _save_and_print(
+    calibration: CameraCalibration, frame_time_s: np.ndarray, outputs: Outputs, console: Console
+) -> None:
+    from fgpose.cli.tables import calibration_table
+    from fgpose.io.calibration import save_rig
+
     path = outputs.folder / f"{outputs.name}_calibration.toml"
-    save_rig(result.rig, path)
-    calibrated = Source(result.rig, result.observations)
-    console.print(calibration_table(calibrated, result.refinement, result.time_offsets))
-    if not result.converged:
+    save_rig(calibration.rig, path)
+    console.print(calibration_table(calibration, frame_time_s))
+    if calibration.reassigned:
+        shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)
+        console.print(f"With it, {shares} of the joints in a camera, at most, belong to somebody else.")
+    if not calibration.converged:
         console.print("The calibration has not converged: raise --calibration.max-rounds or --solver.max-iterations.")
     console.print(f"wrote {path}", soft_wrap=True)
-    if isinstance(source, PeopleSource):
-        return PeopleSource(result.rig, people_moved_with_cameras(source.people, source.rig, result.rig))
-    return calibrated

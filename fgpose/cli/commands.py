@@ -152,14 +152,17 @@ class Info(RecordingOptions):
         from fgpose.pipeline import PeopleSource
 
         source, console = self.load_people(), new_console()
+        everybody = None
         if isinstance(source, PeopleSource):
-            print_association(console, associated(source))
-            console.print("Of the person who is seen most:")
+            everybody = associated(source)
+            print_association(console, everybody)
+            console.print("Of the person who is seen most; late and moved cameras by everybody:")
             source = source.one()
+        recording = everybody if everybody and everybody.people else source.observations
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
             # Time offsets and small moves can only be judged where the calibration is roughly right.
-            faults = () if info.suspected_calibration else camera_faults(source.observations, source.rig)
+            faults = () if info.suspected_calibration else camera_faults(recording, source.rig)
         print_info(console, info, faults)
 
 

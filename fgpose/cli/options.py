@@ -138,11 +138,11 @@ class ParameterOptions(OutputOptions):
     parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
     """All parameters, with their units."""
     refine_calibration: bool = False
-    """First refine the poses of the cameras on the person (--calibration.*). Writes the new calibration as
-    NAME_calibration.toml."""
+    """First refine the poses of the cameras on the person, or on all people together (--calibration.*). Writes the new
+    calibration as NAME_calibration.toml."""
     estimate_time_offsets: bool = False
-    """First estimate the time offset of each camera from the motion. The offsets are written with the calibration, as
-    NAME_calibration.toml. With --refine-calibration both are estimated together."""
+    """First estimate the time offset of each camera from the motion, of all people together. The offsets are written
+    with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
 def first_frames(source: AnySource, frames: int | None) -> AnySource:

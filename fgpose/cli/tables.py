@@ -13,8 +13,7 @@ from rich.table import Table
 from fgpose.assessment.evaluation import Evaluation
 from fgpose.assessment.metrics import jitter_mps3
 from fgpose.assessment.people import PeopleEvaluation
-from fgpose.calibration.rig_refinement import RigRefinement
-from fgpose.calibration.time_offsets import TimeOffsets
+from fgpose.calibration.self_calibration import CameraCalibration
 from fgpose.pipeline import Result, Source
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
@@ -71,15 +70,11 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
     return table
 
 
-def calibration_table(source: Source, refinement: RigRefinement | None, offsets: TimeOffsets | None) -> Table:
-    """How far each camera was moved, its error before and after, and its time offset.
-
-    Args:
-        source: the recording.
-        refinement: None, as offsets: was not asked for.
-        offsets: with their standard deviations, also in frames of the recording.
-    """
-    table = new_table("calibration", *source.rig.names)
+def calibration_table(calibration: CameraCalibration, frame_time_s: np.ndarray) -> Table:
+    """How far each camera was moved, its error before and after, and its time offset with its standard deviation, also
+    in frames of the recording (T,)."""
+    refinement, offsets = calibration.refinement, calibration.time_offsets
+    table = new_table("calibration", *calibration.rig.names)
     rows: dict[str, tuple[np.ndarray, int]] = {}
     if refinement is not None:
         rows |= {
@@ -89,7 +84,7 @@ def calibration_table(source: Source, refinement: RigRefinement | None, offsets:
             "triangulation error after [px]": (refinement.residual_after_px, 1),
         }
     if offsets is not None:
-        fps = frames_per_second(source.observations.frame_time_s)
+        fps = frames_per_second(frame_time_s)
         rows |= {
             "taken later [ms]": (1000 * offsets.offsets_s, 1),
             "standard deviation [ms]": (1000 * offsets.sigma_s, 1),

@@ -12,6 +12,8 @@ import pytest
 from rrd_contents import entities, rows
 
 from fgpose.assessment.people import evaluate_people
+from fgpose.association.chosen_person import main_person
+from fgpose.calibration.rig_refinement import refine_rig
 from fgpose.cli import live, main, view
 from fgpose.config import Config
 from fgpose.io.calibration import load_rig, save_rig
@@ -216,7 +218,7 @@ def test_info_says_how_many_and_when(source: list[str], capsys: pytest.CaptureFi
     assert "person 0" in printed
     assert "person 1" in printed
     assert "person 2" not in printed
-    assert "Of the person who is seen most:" in printed
+    assert "Of the person who is seen most; late and moved cameras by everybody:" in printed
 
 
 @pytest.mark.slow
@@ -296,3 +298,30 @@ def test_cameras_of_different_rates_keep_their_times(tmp_path: Path) -> None:
         score = evaluate_people(result.main, scene.truth(frames_s), time_s=frames_s)
         assert score.switches == 0
         assert score.mpjpe_mm < 50
+
+
+def test_cameras_are_calibrated_on_everybody(
+    scene: CrowdScene, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The calibration that is written is the one that everybody was estimated with."""
+    options = ["--refine-calibration", *FAST, "--frames", "30", "--formats", "parquet", "-o", str(tmp_path)]
+    assert main(["smooth", *source, *options]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "turned by [deg]" in printed
+    assert "% of the joints in a camera, at most, belong to somebody else" in printed
+    assert {path.name for path in tmp_path.iterdir()} == {"room.parquet", "room_calibration.toml"}
+    observations = scene.observations.first_frames(30)
+    refined, alone = refine_rig(observations, scene.rig), refine_rig(main_person(observations, scene.rig), scene.rig)
+    written = load_rig(tmp_path / "room_calibration.toml").projection_matrices
+    # The file has 15 digits of a rotation vector, the table of keypoints 32 bits of a pixel.
+    np.testing.assert_allclose(written, refined.rig.projection_matrices, rtol=1e-4, atol=1e-2)
+    assert np.abs(written - alone.rig.projection_matrices).max() > 0.1
+    assert set(load_people_trajectories(tmp_path / "room.parquet")) == {0, 1}
+
+
+@pytest.mark.parametrize("command", ["smooth", "track", "run"])
+def test_help_says_on_whom_cameras_are_calibrated(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert printed.count("all people together") == 2
