@@ -12,8 +12,8 @@ from fgpose.association.track import TrackEvent, TrackState
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
-from fgpose.people import Detections
+from fgpose.observations import refuse_millimetres
+from fgpose.people import NOTHING, Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 
@@ -47,6 +47,8 @@ class Tracker:
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators: dict[int, Estimator] = {}
         self._image_s: dict[str, float] = {}
+        self._has_covariance: bool | None = None
+        """Whether per-view 3D comes with covariance; None: there was none yet."""
 
     def update(self, images: Sequence[Detections]) -> list[Tracked]:
         """Take the newest images: of all cameras or some, of one moment or one after another.
@@ -57,8 +59,8 @@ class Tracker:
 
         Raises:
             ValueError: a camera is not in the rig, an image has another number of joints, is not later than the one
-                before of its camera, or is older than the newest image by more than online.lag_s. The tracker is then
-                as it was before.
+                before of its camera, or is older than the newest image by more than online.lag_s; per-view 3D looks
+                like millimetres, or has a covariance in some images only. The tracker is then as it was before.
         """
         self._check(images)
         people: list[Tracked] = []
@@ -73,7 +75,7 @@ class Tracker:
         return events
 
     def _check(self, images: Sequence[Detections]) -> None:
-        newest = dict(self._image_s)
+        newest, has_covariance = dict(self._image_s), self._has_covariance
         for image in sorted(images, key=lambda image: image.time_s):
             if image.camera not in self.rig.names:
                 raise ValueError(f"{image}: the rig has no such camera, only {', '.join(self.rig.names)}")
@@ -87,7 +89,15 @@ class Tracker:
             if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
                 raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
             newest[image.camera] = image.time_s
-        self._image_s = newest
+            if image.points3d_m is not None:
+                try:
+                    refuse_millimetres(image.points3d_m)
+                except ValueError as error:
+                    raise ValueError(f"{image}: {error}") from None
+                if has_covariance not in (None, image.covariance3d_m2 is not None):
+                    raise ValueError(f"{image}: give a covariance3d_m2 with all points3d_m or with none")
+                has_covariance = image.covariance3d_m2 is not None
+        self._image_s, self._has_covariance = newest, has_covariance
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)
@@ -99,30 +109,36 @@ class Tracker:
         numbers = {track.number for track in tracks}
         self._estimators = {number: each for number, each in self._estimators.items() if number in numbers}
         shown = [(sighting.image, sighting.people()) for sighting in sightings]
-        nothing = np.full((self.skeleton.n_joints, 2), np.nan), np.zeros(self.skeleton.n_joints)
         people = []
         for track in tracks:
             if track.number not in self._estimators:
                 self._estimators[track.number] = Estimator(self.rig, self.skeleton, self.config)
-            seen = [(image, of_image.get(track.number, nothing)) for image, of_image in shown]
+            seen = [(image, of_image.get(track.number, {})) for image, of_image in shown]
             estimate = self._estimate(self._estimators[track.number], seen)
             people.append(Tracked(track.person, track.state, estimate, in_images.get(track.number, {})))
         return people
 
-    def _estimate(self, estimator: Estimator, seen: list[tuple[Detections, tuple[np.ndarray, np.ndarray]]]) -> Estimate:
-        """Of one person, after these images and what they show of the person: pixels and confidence."""
-        if len(seen) == 1 and self.rig.n_cameras > 1:
-            ((image, own),) = seen
-            return estimator.update_camera(image.camera, image.time_s, *own)
-        shape = (1, self.rig.n_cameras, self.skeleton.n_joints)
-        points2d_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
-        time_s = np.full((1, self.rig.n_cameras), np.nan)
+    def _estimate(self, estimator: Estimator, seen: list[tuple[Detections, dict[str, np.ndarray]]]) -> Estimate:
+        """Of one person, after these images and the arrays of the person in each; none where it does not show them."""
+        n_cameras = self.rig.n_cameras
+        arrays = {
+            name: np.full((n_cameras, *array.shape[1:]), NOTHING[name])
+            for image, _ in seen
+            for name, array in image.arrays.items()
+        }
+        time_s = np.full(n_cameras, np.nan)
         for image, own in seen:
             c = self.rig.names.index(image.camera)
-            time_s[0, c], (points2d_px[0, c], confidence[0, c]) = image.time_s, own
-        return estimator.update(
-            Observations(self.skeleton, time_s, points2d_px, confidence, camera_names=self.rig.names)
-        )
+            time_s[c] = image.time_s
+            for name, values in own.items():
+                arrays[name][c] = values
+        if len(seen) == 1 and n_cameras > 1:
+            image, _ = seen[0]
+            c = self.rig.names.index(image.camera)
+            return estimator.update_camera(
+                image.camera, image.time_s, **{name: each[c] for name, each in arrays.items()}
+            )
+        return estimator.update_arrays(time_s, **arrays)
 
 
 def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:
