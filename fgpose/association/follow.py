@@ -1,8 +1,9 @@
 """Following everybody through all views, image by image, each at its own time.
 
 Detections are given to the people whose predicted pose they fit best (matching.py); where several cameras agree on a
-body that is nobody's, somebody new is followed (founding.py). Whether somebody is there at all is decided by a
-sequential probability ratio test (Wald 1945): each image in which they should be seen tells for or against them.
+body that is nobody's, or one tells how far it is, somebody new is followed (founding.py). Whether somebody is there at
+all is decided by a sequential probability ratio test (Wald 1945): each image in which they should be seen tells for or
+against them.
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ class Sighting:
 class Follower:
     """Follows everybody; see the module.
 
-    With one camera alone the distance of people is a guess by their size: where they are in its image is followed.
+    With one camera alone that does not tell it, the distance of people is a guess by their size: where they are in its
+    image is followed.
     """
 
     def __init__(

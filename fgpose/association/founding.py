@@ -61,13 +61,13 @@ def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list
     """
     people: list[Founded] = []
     free = _most_confident(np.asarray(np.isfinite(moment.points_px).all(axis=-1).any(axis=-1)), moment.confidence)
-    for candidates, n_cameras, least in ((_pairs, 2, _MIN_SCORE), (_at_a_distance, 1, 0.0)):
+    for candidates, n_cameras, least, max_gain in ((_pairs, 2, _MIN_SCORE, np.inf), (_at_a_distance, 1, 0.0, MAX_GAIN)):
         while np.count_nonzero(free.any(axis=1)) >= n_cameras:
             rest = moment.without(~free)
             bodies = candidates(rest, free, skeleton)
             if not len(bodies.score):
                 break
-            best = _best_supported(bodies, rest, known)
+            best = _best_supported(bodies, rest, known, max_gain)
             if best.score < least:
                 break
             people.append(best)
@@ -241,19 +241,21 @@ def _is_body(joints_m: Float[np.ndarray, "pair joint 3"], skeleton: Skeleton) ->
     return np.asarray((n_long <= n_bones / 4) & (reach_m > _SMALLEST_BODY_M) & (reach_m < _LARGEST_BODY_M))
 
 
-def _best_supported(bodies: _Bodies, moment: Moment, known: PoseFilters | None) -> Founded:
-    """The body of which the other cameras tell most."""
+def _best_supported(bodies: _Bodies, moment: Moment, known: PoseFilters | None, max_gain: float) -> Founded:
+    """The body of which the other cameras tell most, each at most max_gain in its favour."""
     people = PoseFilters.stacked([_first_guess(joints, moment.time_s) for joints in bodies.joints_m])
     chosen = bodies.chosen.copy()
     is_its_own = chosen != NOBODY
     people = _updated(people, chosen, moment)
     likelihood = moment.likelihood(people.seen_by(moment.cameras, moment.times_s))
     score_of = np.where(likelihood.fits, likelihood.score, -np.inf)
-    best, gain = np.argmax(score_of, axis=-1).T, score_of.max(axis=-1).T
+    best, gain = np.argmax(score_of, axis=-1).T, np.minimum(score_of.max(axis=-1).T, max_gain)
     supported = ~is_its_own & (gain > 0)
     chosen[supported] = best[supported]
     missed = np.log1p(-detection_probability(people, known, moment.cameras))
-    total = bodies.score + np.where(is_its_own, 0.0, np.where(supported, gain, missed)).sum(axis=1)
+    # Who is there in the image at another distance is somebody else, or the distance is wrong.
+    undecided = is_its_own | (likelihood.fits_pixels.any(axis=-1).T & ~supported)
+    total = bodies.score + np.where(undecided, 0.0, np.where(supported, gain, missed)).sum(axis=1)
     first = int(np.argmax(total + bodies.preferred))
     pose = _updated(_first_guess(bodies.joints_m[first], moment.time_s), chosen[first : first + 1], moment)
     return Founded(pose, chosen[first], float(total[first]))

@@ -95,11 +95,16 @@ class Likelihood:
         return np.asarray((self.probability > 0.5).sum(axis=-1))
 
     @cached_property
-    def fits(self) -> Bool[np.ndarray, "camera person detection"]:
-        """Whether nearly all of a detection is where the person is expected: nobody else is that near."""
+    def fits_pixels(self) -> Bool[np.ndarray, "camera person detection"]:
+        """Whether nearly all of a detection is where the person is expected in the image."""
         known = np.isfinite(self.log_ratio).sum(axis=-1)
+        return (self.score > 0) & (self._n_fitting >= _NEARLY_ALL * known)
+
+    @cached_property
+    def fits(self) -> Bool[np.ndarray, "camera person detection"]:
+        """Whether it is also as far as the person, where that is known: nobody else is that near."""
         elsewhere = np.isfinite(self.distance_log_ratio) & (probability_of(self.distance_log_ratio) < 0.5)
-        return (self.score > 0) & (self._n_fitting >= _NEARLY_ALL * known) & ~elsewhere
+        return self.fits_pixels & ~elsewhere
 
     def mirrored_where_better(
         self, expected: Expected, undistorted_px: np.ndarray, cameras: CameraRig, mirror: Int[np.ndarray, " joint"]
