@@ -54,11 +54,9 @@ class Likelihood:
     else may be anywhere."""
     near_share: Float[np.ndarray, "#camera #person 1 #joint"] = field(default_factory=lambda: np.ones((1, 1, 1, 1)))
     """Area in which the joints are that a detector takes wrongly for one of this person, over that of the image."""
-    distance_log_ratio: Float[np.ndarray, "#camera #person #detection"] = field(
-        default_factory=lambda: np.full((1, 1, 1), np.nan)
-    )
+    distance_log_ratio: Float[np.ndarray, "camera person detection"] | None = None
     """Density of the distance of a whole detection where this person is expected, over that of anybody; NaN: the camera
-    does not tell it."""
+    does not tell it. None: no camera does."""
 
     @staticmethod
     def of(
@@ -87,8 +85,10 @@ class Likelihood:
         """Log of the ratio of probabilities of the whole detection; -inf where too little of it is known or fits."""
         n_known = np.isfinite(self.log_ratio).sum(axis=-1)
         enough = (n_known >= _MIN_JOINTS) & (self._n_fitting >= _MIN_FITTING * n_known)
-        of_distance = score_of(self.distance_log_ratio[..., None])
-        return np.where(enough, score_of(self.log_ratio) + of_distance, -np.inf)
+        score = score_of(self.log_ratio)
+        if self.distance_log_ratio is not None:
+            score = score + score_of(self.distance_log_ratio[..., None])
+        return np.where(enough, score, -np.inf)
 
     @cached_property
     def _n_fitting(self) -> Int[np.ndarray, "camera person detection"]:
@@ -103,6 +103,8 @@ class Likelihood:
     @cached_property
     def fits(self) -> Bool[np.ndarray, "camera person detection"]:
         """Whether it is also as far as the person, where that is known: nobody else is that near."""
+        if self.distance_log_ratio is None:
+            return self.fits_pixels
         elsewhere = np.isfinite(self.distance_log_ratio) & (probability_of(self.distance_log_ratio) < 0.5)
         return self.fits_pixels & ~elsewhere
 
@@ -116,7 +118,8 @@ class Likelihood:
             mirror: the joint on the other side of each.
         """
         exchanged = Likelihood.of(expected, undistorted_px[:, :, mirror], cameras)
-        exchanged = replace(exchanged, distance_log_ratio=self.distance_log_ratio)
+        if self.distance_log_ratio is not None:
+            exchanged = replace(exchanged, distance_log_ratio=self.distance_log_ratio)
         mirrored = exchanged.score > np.maximum(self.score, 0.0) + _MIRRORED_LOG_RATIO
         better = Likelihood(
             np.where(mirrored[..., None, None], exchanged.residual_px, self.residual_px),

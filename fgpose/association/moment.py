@@ -74,8 +74,9 @@ class Moment:
     @property
     def tells_distance(self) -> Bool[np.ndarray, "camera detection joint"]:
         """Of which joints the camera tells how far they are."""
-        known = np.asarray(np.isfinite(self.points_px).all(axis=-1))
-        return known & (np.isfinite(self.distances.distance_m) if self.distances else np.False_)
+        if self.distances is None:
+            return np.zeros(self.points_px.shape[:3], dtype=bool)
+        return np.asarray(np.isfinite(self.points_px).all(axis=-1)) & np.isfinite(self.distances.distance_m)
 
     def likelihood(self, expected: Expected) -> Likelihood:
         """Of the detections against people of whom this is expected, with their distances."""

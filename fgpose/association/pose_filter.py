@@ -124,9 +124,8 @@ class PoseFilters:
         sigma_px = SIGMA_M * cameras.focal_px[:, None, None] / depth_m
         innovation_px2 = jacobian @ covariance_m2 @ jacobian.swapaxes(-1, -2)
         innovation_px2 = innovation_px2 + (sigma_px**2)[..., None, None] * np.eye(2)
-        camera_m = np.stack([camera.position_m for camera in cameras.cameras])[:, None, None]
         return Expected(
-            pixels, jacobian, innovation_px2, sigma_px, ago_s, positions_m - camera_m, np.asarray(covariance_m2)
+            pixels, jacobian, innovation_px2, sigma_px, ago_s, cameras, positions_m, np.asarray(covariance_m2)
         )
 
     def _position_covariance_m2(self, ago_s: Float[np.ndarray, "camera person 1 1 1"]) -> np.ndarray:
@@ -184,19 +183,24 @@ class Expected:
     """Standard deviation of a detection around the true joint."""
     ago_s: Float[np.ndarray, "camera person 1"]
     """Time of the image less that of the filter."""
-    from_camera_m: Float[np.ndarray, "camera person joint 3"]
-    """Position less that of the camera, world frame."""
+    cameras: CameraRig
+    positions_m: Float[np.ndarray, "camera person joint 3"]
+    """World frame, at the times of the images."""
     position_covariance_m2: Float[np.ndarray, "... person joint 3 3"]
+
+    @cached_property
+    def _from_camera_m(self) -> Float[np.ndarray, "camera person joint 3"]:
+        return self.positions_m - np.stack([camera.position_m for camera in self.cameras.cameras])[:, None, None]
 
     @cached_property
     def distance_m(self) -> Float[np.ndarray, "camera person joint"]:
         """From the camera."""
-        return np.linalg.norm(self.from_camera_m, axis=-1)
+        return np.linalg.norm(self._from_camera_m, axis=-1)
 
     @cached_property
     def rays(self) -> Float[np.ndarray, "camera person joint 3"]:
         """Unit vectors from the camera, world frame."""
-        return self.from_camera_m / np.maximum(self.distance_m, _AT_CAMERA_M)[..., None]
+        return self._from_camera_m / np.maximum(self.distance_m, _AT_CAMERA_M)[..., None]
 
     @cached_property
     def distance_variance_m2(self) -> Float[np.ndarray, "camera person joint"]:
