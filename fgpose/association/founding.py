@@ -248,14 +248,14 @@ def _best_supported(bodies: _Bodies, moment: Moment, known: PoseFilters | None, 
     is_its_own = chosen != NOBODY
     people = _updated(people, chosen, moment)
     likelihood = moment.likelihood(people.seen_by(moment.cameras, moment.times_s))
-    score_of = np.where(likelihood.fits, likelihood.score, -np.inf)
+    score_of = np.where(likelihood.fits_pixels, likelihood.score, -np.inf)
     best, gain = np.argmax(score_of, axis=-1).T, np.minimum(score_of.max(axis=-1).T, max_gain)
     supported = ~is_its_own & (gain > 0)
     chosen[supported] = best[supported]
+    # Whom a camera shows there, but at another distance, is somebody else, or the distance is wrong.
+    gain = np.where(likelihood.fits.any(axis=-1).T, gain, 0.0)
     missed = np.log1p(-detection_probability(people, known, moment.cameras))
-    # Who is there in the image at another distance is somebody else, or the distance is wrong.
-    undecided = is_its_own | (likelihood.fits_pixels.any(axis=-1).T & ~supported)
-    total = bodies.score + np.where(undecided, 0.0, np.where(supported, gain, missed)).sum(axis=1)
+    total = bodies.score + np.where(is_its_own, 0.0, np.where(supported, gain, missed)).sum(axis=1)
     first = int(np.argmax(total + bodies.preferred))
     pose = _updated(_first_guess(bodies.joints_m[first], moment.time_s), chosen[first : first + 1], moment)
     return Founded(pose, chosen[first], float(total[first]))
