@@ -1,8 +1,9 @@
 """Following everybody through all views, image by image, each at its own time.
 
 Detections are given to the people whose predicted pose they fit best (matching.py); where several cameras agree on a
-body that is nobody's, somebody new is followed (founding.py). Whether somebody is there at all is decided by a
-sequential probability ratio test (Wald 1945): each image in which they should be seen tells for or against them.
+body that is nobody's, or one tells how far it is, somebody new is followed (founding.py). Whether somebody is there at
+all is decided by a sequential probability ratio test (Wald 1945): each image in which they should be seen tells for or
+against them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.association.appearance import Looks, Resemblance
-from fgpose.association.founding import detection_probability, found, found_alone
+from fgpose.association.founding import MAX_GAIN, detection_probability, found, found_alone
 from fgpose.association.identity import Likeness
 from fgpose.association.lost import Lost
 from fgpose.association.matching import Matches
@@ -22,7 +23,7 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackEvent, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, Detections
+from fgpose.people import NOBODY, NOTHING, Detections
 from fgpose.skeleton import Skeleton
 
 # Errors of detections are correlated over about so much time: images within it tell once.
@@ -31,8 +32,6 @@ _CORRELATED_S = 0.1
 _MISSED_S = 0.3
 # Log of the probability that all cameras miss somebody who is there, at which they are taken to have gone.
 _GONE = np.log(1e-3)
-# One image does not tell more than this, however well it fits.
-_MAX_GAIN = 2.0
 # Nobody is so certain that being absent for a second would not count.
 _MAX_SCORE = 30.0
 # Older images of other cameras are of the same moment for somebody who walks (5 cm at 1 m/s).
@@ -81,23 +80,24 @@ class Sighting:
             known = self.image.confidence[begun.detection] > 0
             yield begun.track, np.where(known, begun.detection, NOBODY), np.arange(len(known))
 
-    def people(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """What the image shows of each, by the number of the track: pixels of the original image (J, 2), NaN where
-        nothing, and confidence (J,)."""
-        shown: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+    def people(self) -> dict[int, dict[str, np.ndarray]]:
+        """What the image shows of each, by the number of the track: the arrays of the image by name, of one person;
+        NaN with confidence 0 where nothing is shown."""
+        arrays = self.image.arrays
+        shown: dict[int, dict[str, np.ndarray]] = {}
         for track, detection, joint in self.joints():
             known = detection != NOBODY
-            nothing = np.full((len(known), 2), np.nan), np.zeros(len(known))
-            points2d_px, confidence = shown.setdefault(track, nothing)
-            points2d_px[known] = self.image.points2d_px[detection[known], joint[known]]
-            confidence[known] = self.image.confidence[detection[known], joint[known]]
+            nothing = {name: np.full(array.shape[1:], NOTHING[name]) for name, array in arrays.items()}
+            for name, values in shown.setdefault(track, nothing).items():
+                values[known] = arrays[name][detection[known], joint[known]]
         return shown
 
 
 class Follower:
     """Follows everybody; see the module.
 
-    With one camera alone the distance of people is a guess by their size: where they are in its image is followed.
+    With one camera alone that does not tell it, the distance of people is a guess by their size: where they are in its
+    image is followed.
     """
 
     def __init__(
@@ -105,7 +105,7 @@ class Follower:
     ) -> None:
         self._rig, self._skeleton, self._config = rig, skeleton, config or TrackingConfig()
         self._n_agreeing = min(2, rig.n_cameras)
-        """So many cameras must agree on somebody."""
+        """So many cameras must agree on somebody of whom none tells the distance."""
         self.tracks: list[Track] = []
         self.events: list[TrackEvent] = []
         self._free: dict[str, Moment] = {}
@@ -126,8 +126,9 @@ class Follower:
         moment = Moment.of(images, self._rig)
         tracks = np.array([track.number for track in self.tracks], dtype=int)
         matches = self._match(moment)
-        self._free |= {name: self._free_of(moment, matches, c) for c, name in enumerate(moment.cameras.names)}
         self._look(images, matches)
+        free = moment.without(~matches.is_free)
+        self._free |= {name: free.of_camera(c) for c, name in enumerate(moment.cameras.names)}
         begun = self._found(moment.time_s)
         self._age(moment.time_s)
         return [Sighting(image, tracks, matches, c, tuple(begun[image.camera])) for c, image in enumerate(images)]
@@ -137,19 +138,6 @@ class Follower:
         for track in self.tracks:
             if track.state is TrackState.TENTATIVE and track.score >= 0 and not track.near_s:
                 self._confirm(track, track.seen_s)
-
-    def _free_of(self, moment: Moment, matches: Matches, camera: int) -> Moment:
-        own = slice(camera, camera + 1)
-        name = moment.cameras.names[camera]
-        free_px = np.where(matches.is_free[own, :, None, None], moment.points_px[own], np.nan)
-        return Moment(self._rig.subset([name]), moment.times_s[own], free_px, moment.confidence[own])
-
-    def _moment(self, images: list[Moment]) -> Moment:
-        cameras = self._rig.subset([image.cameras.names[0] for image in images])
-        times_s = np.concatenate([image.times_s for image in images])
-        return Moment.together(
-            cameras, times_s, [each.points_px[0] for each in images], [each.confidence[0] for each in images]
-        )
 
     def _match(self, moment: Moment) -> Matches:
         """Give the detections to those who are followed, and let these follow them."""
@@ -174,7 +162,7 @@ class Follower:
             track.pose = people[k : k + 1]
             for c, (name, time_s) in enumerate(zip(moment.cameras.names, moment.times_s.tolist(), strict=True)):
                 is_found = bool(matches.chosen[c, k] != NOBODY)
-                gain = min(float(matches.gain[c, k]), _MAX_GAIN) if is_found else float(missed[k, c])
+                gain = min(float(matches.gain[c, k]), MAX_GAIN) if is_found else float(missed[k, c])
                 if is_found:
                     track.seen_s = max(track.seen_s, time_s)
                     track.cameras.add(name)
@@ -190,21 +178,24 @@ class Follower:
         """Follow those who are new. By camera those whom its newest image shows."""
         begun: dict[str, list[Begun]] = {name: [] for name in self._rig.names}
         recent = [free for free in self._free.values() if free.time_s > now_s - _SAME_MOMENT_S]
-        if sum(bool(np.isfinite(free.points_px).any()) for free in recent) < self._n_agreeing:
+        agreeing = sum(bool(np.isfinite(free.points_px).any()) for free in recent) >= self._n_agreeing
+        if not agreeing and not any(free.tells_distance.any() for free in recent):
             return begun
-        moment = self._moment(recent)
+        moment = Moment.together(recent, self._rig)
         known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
         people = found_alone(moment) if self._rig.n_cameras == 1 else found(moment, known, self._skeleton)
         for somebody in people:
             numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
             chosen = {name: number for name, number in numbers if number != NOBODY}
-            track = self._begin(somebody.pose, set(chosen), now_s)
+            # On whom several agree was searched for among all their pairs: that does not count again.
+            score = min(somebody.score, MAX_GAIN) if len(chosen) == 1 else 0.0
+            track = self._begin(somebody.pose, score, set(chosen), now_s)
             for name, number in chosen.items():
                 self._free[name].points_px[0, number] = np.nan
                 begun[name].append(Begun(track, number, somebody.pose))
         return begun
 
-    def _begin(self, pose: PoseFilters, cameras: set[str], now_s: float) -> int:
+    def _begin(self, pose: PoseFilters, score: float, cameras: set[str], now_s: float) -> int:
         """The number of the track: of the nearest who coasts near there, or a new one."""
         coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - _SAME_MOMENT_S]
         middle_m = pose.middle_m[0]
@@ -216,7 +207,7 @@ class Follower:
                 self._note(now_s, track, "found again", f"{', '.join(sorted(cameras))} agree on a body near there")
                 return track.number
         likeness = Likeness(self._skeleton, Looks(self._resemblance))
-        track = Track(self._n_tracks, pose, 0.0, now_s, now_s, set(cameras), likeness)
+        track = Track(self._n_tracks, pose, score, now_s, now_s, set(cameras), likeness)
         track.scored_s = dict.fromkeys(cameras, now_s)
         self._n_tracks += 1
         self.tracks.append(track)
@@ -229,7 +220,7 @@ class Follower:
             unseen_s, age_s = now_s - track.seen_s, track.seen_s - track.founded_s
             if track.state is TrackState.TENTATIVE:
                 # Who is at the place of somebody else may be the same one, found twice.
-                if track.score >= confirm and not track.near_s and len(track.cameras) >= self._n_agreeing:
+                if track.score >= confirm and not track.near_s:
                     self._confirm(track, now_s)
                 elif track.score < _HARDLY or unseen_s > _TENTATIVE_S:
                     track.state = TrackState.ENDED

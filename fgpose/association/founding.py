@@ -1,4 +1,4 @@
-"""New people: detections that belong to nobody, where several cameras agree on a body."""
+"""New people: detections that belong to nobody, where several cameras agree on a body, or one tells how far it is."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.association.likelihood import Likelihood, score_of
+from fgpose.association.distances import Distances, log_ratio_of
+from fgpose.association.likelihood import score_of
 from fgpose.association.moment import Moment
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters
 from fgpose.geometry.camera import Camera, CameraRig
@@ -29,6 +30,8 @@ _DETECTED, _DETECTED_BEHIND = 0.9, 0.5
 _HIDES_M = 0.4  # somebody whose middle is nearer than this to the line of sight
 # Views that agree by chance once in a thousand moments are worth following for a while.
 _MIN_SCORE = np.log(1e3)
+MAX_GAIN = 2.0
+"""One image does not tell more than this, however well it fits."""
 # The diagonal of the box around somebody who stands is about as long as the person.
 _BODY_M = 1.7
 # Bound the time where an image has 200 candidates.
@@ -47,7 +50,8 @@ class Founded:
 
 
 def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list[Founded]:
-    """People on whom at least two cameras agree, the most probable first; no detection is of two of them.
+    """People on whom at least two cameras agree, then those of whom one alone tells the distance; of each kind the most
+    probable first. No detection is of two of them.
 
     Args:
         moment: the detections that are nobody's. A camera with an image that does not show somebody counts against
@@ -57,38 +61,44 @@ def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list
     """
     people: list[Founded] = []
     free = _most_confident(np.asarray(np.isfinite(moment.points_px).all(axis=-1).any(axis=-1)), moment.confidence)
-    while np.count_nonzero(free.any(axis=1)) >= 2:
-        rest = moment.without(~free)
-        pairs, joints_m, score = _pairs(rest, free, skeleton)
-        if not len(pairs):
-            break
-        best = _best_supported(pairs, joints_m, score, rest, known)
-        if best.score < _MIN_SCORE:
-            break
-        people.append(best)
-        # What fits somebody is theirs, or of them once more.
-        expected = best.pose.seen_by(rest.cameras, rest.times_s)
-        free &= ~Likelihood.of(expected, rest.points_px, rest.cameras).fits[:, 0]
-        camera = np.flatnonzero(best.chosen != NOBODY)
-        free[camera, best.chosen[camera]] = False
+    for candidates, n_cameras, least, max_gain in ((_pairs, 2, _MIN_SCORE, np.inf), (_at_a_distance, 1, 0.0, MAX_GAIN)):
+        while np.count_nonzero(free.any(axis=1)) >= n_cameras:
+            rest = moment.without(~free)
+            bodies = candidates(rest, free, skeleton)
+            if not len(bodies.score):
+                break
+            best = _best_supported(bodies, rest, known, max_gain)
+            if best.score < least:
+                break
+            people.append(best)
+            # What fits somebody is theirs, or of them once more.
+            expected = best.pose.seen_by(rest.cameras, rest.times_s)
+            free &= ~rest.likelihood(expected).fits[:, 0]
+            camera = np.flatnonzero(best.chosen != NOBODY)
+            free[camera, best.chosen[camera]] = False
     return people
 
 
 def found_alone(moment: Moment) -> list[Founded]:
-    """People in the image of the only camera there is, at the distance at which their boxes are as large as a body."""
+    """People in the image of the only camera there is: at the distance that it tells, else where their boxes are as
+    large as a body."""
     (camera,) = moment.cameras.cameras
     people = []
     for number, points_px in enumerate(moment.points_px[0]):
         known = np.isfinite(points_px).all(axis=-1)
         if known.sum() < min(_MIN_JOINTS, len(known)):
             continue
-        size_px = float(np.linalg.norm(np.ptp(points_px[known], axis=0)))
-        rays = _rays(camera, points_px)
-        # Along the axis of the camera a step of 1 for all joints, so that they lie in one plane.
-        in_plane = rays / (rays @ camera.world_T_camera[:3, 2])[:, None]
-        distance_m = np.sqrt(camera.K[0, 0] * camera.K[1, 1]) * _BODY_M / max(size_px, 1.0)
-        pose = _first_guess(camera.position_m + distance_m * in_plane, moment.time_s)
-        people.append(Founded(_updated(pose, np.array([[number]]), moment), np.array([number]), 0.0))
+        if moment.tells_distance[0, number].sum() >= min(_MIN_JOINTS, len(known)):
+            joints_m, score = _joints_m(moment, 0, number), MAX_GAIN
+        else:
+            size_px = float(np.linalg.norm(np.ptp(points_px[known], axis=0)))
+            rays = _rays(camera, points_px)
+            # Along the axis of the camera a step of 1 for all joints, so that they lie in one plane.
+            in_plane = rays / (rays @ camera.world_T_camera[:3, 2])[:, None]
+            distance_m = np.sqrt(camera.K[0, 0] * camera.K[1, 1]) * _BODY_M / max(size_px, 1.0)
+            joints_m, score = camera.position_m + distance_m * in_plane, 0.0
+        pose = _first_guess(joints_m, moment.time_s)
+        people.append(Founded(_updated(pose, np.array([[number]]), moment), np.array([number]), score))
     return people
 
 
@@ -100,10 +110,22 @@ def _most_confident(
     return free & (rank < _MAX_PER_IMAGE)
 
 
-def _pairs(
-    moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton: Skeleton
-) -> tuple[Int[np.ndarray, "pair 2 2"], Float[np.ndarray, "pair joint 3"], Float[np.ndarray, " pair"]]:
-    """Pairs (camera, detection) whose rays meet in a body, its joints, and the score; only the best."""
+@dataclass(frozen=True, eq=False)
+class _Bodies:
+    """Where there may be somebody."""
+
+    chosen: Int[np.ndarray, "body camera"]
+    """Number of the detection in the image of each camera that is taken for theirs, or NOBODY."""
+    joints_m: Float[np.ndarray, "body joint 3"]
+    score: Float[np.ndarray, " body"]
+    """Of these detections, as of Founded."""
+    preferred: Float[np.ndarray, " body"]
+    """Which of two is right, as far as that tells nothing of whether any is: views that disagree on the distance may
+    both be wrong about it."""
+
+
+def _pairs(moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton: Skeleton) -> _Bodies:
+    """Two detections of different cameras whose rays meet in a body; only the best."""
     candidates = np.argwhere(free)
     pairs = np.array(
         [(a, b) for a, b in combinations(range(len(candidates)), 2) if candidates[a, 0] != candidates[b, 0]]
@@ -121,8 +143,61 @@ def _pairs(
     score = score_of(peak - 0.5 * (distance_m / spread_m) ** 2)
     possible = np.flatnonzero((n_known >= min(_MIN_JOINTS, skeleton.n_joints)) & (score > 0))
     possible = possible[_is_body(joints_m[possible], skeleton)]
-    best = possible[np.argsort(-score[possible], kind="stable")][:_MAX_PAIRS]
-    return candidates[pairs[best]], joints_m[best], score[best]
+    preferred = np.zeros(len(pairs))
+    if moment.distances is not None:
+        off_m2 = 2 * SIGMA_M**2 / np.maximum(1 - np.sum(a * b, axis=-1) ** 2, _MIN_SIN2)
+        for side in range(2):
+            preferred += _fit_of_distance(
+                moment.distances, moment.cameras, candidates[pairs[:, side]], joints_m, off_m2
+            )
+    best = possible[np.argsort(-(score + preferred)[possible], kind="stable")][:_MAX_PAIRS]
+    chosen = np.full((len(best), moment.cameras.n_cameras), NOBODY)
+    for side in range(2):
+        chosen[np.arange(len(best)), camera[best, side]] = detection[best, side]
+    return _Bodies(chosen, joints_m[best], score[best], preferred[best])
+
+
+def _fit_of_distance(
+    distances: Distances,
+    cameras: CameraRig,
+    candidates: Int[np.ndarray, "body 2"],
+    joints_m: Float[np.ndarray, "body joint 3"],
+    off_m2: Float[np.ndarray, "body joint"],
+) -> Float[np.ndarray, " body"]:
+    """Log of the ratio of probabilities that a detection is of a body, by the distance that its camera tells.
+
+    Args:
+        distances: of the detections.
+        cameras: that have them.
+        candidates: camera and detection, for each body.
+        joints_m: of the bodies.
+        off_m2: variance of the distances of these.
+    """
+    camera, detection = candidates.T
+    position_m = np.stack([each.position_m for each in cameras.cameras])[camera]
+    distance_m = np.linalg.norm(joints_m - position_m[:, None], axis=-1)
+    told_m, variance_m2 = distances.distance_m[camera, detection], distances.variance_m2[camera, detection]
+    return score_of(log_ratio_of(told_m - distance_m, variance_m2 + off_m2, distance_m)[..., None])
+
+
+def _at_a_distance(moment: Moment, free: Bool[np.ndarray, "camera detection"], skeleton: Skeleton) -> _Bodies:
+    """Detections of which the camera tells the distance, and which make a body there."""
+    enough = moment.tells_distance.sum(axis=-1) >= min(_MIN_JOINTS, skeleton.n_joints)
+    camera, detection = np.nonzero(free & enough)
+    joints_m = np.full((len(camera), *moment.points_px.shape[2:3], 3), np.nan)
+    for n, (c, number) in enumerate(zip(camera.tolist(), detection.tolist(), strict=True)):
+        joints_m[n] = _joints_m(moment, c, number)
+    body = np.flatnonzero(_is_body(joints_m, skeleton))
+    chosen = np.full((len(body), moment.cameras.n_cameras), NOBODY)
+    chosen[np.arange(len(body)), camera[body]] = detection[body]
+    return _Bodies(chosen, joints_m[body], np.full(len(body), MAX_GAIN), np.zeros(len(body)))
+
+
+def _joints_m(moment: Moment, camera: int, detection: int) -> Float[np.ndarray, "joint 3"]:
+    """World frame, at the distances that the camera tells; NaN where it does not."""
+    assert moment.distances is not None
+    seen_by, points_px = moment.cameras.cameras[camera], moment.points_px[camera, detection]
+    return seen_by.position_m + moment.distances.distance_m[camera, detection, :, None] * _rays(seen_by, points_px)
 
 
 def _rays(camera: Camera, points_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 3"]:
@@ -166,30 +241,23 @@ def _is_body(joints_m: Float[np.ndarray, "pair joint 3"], skeleton: Skeleton) ->
     return np.asarray((n_long <= n_bones / 4) & (reach_m > _SMALLEST_BODY_M) & (reach_m < _LARGEST_BODY_M))
 
 
-def _best_supported(
-    pairs: Int[np.ndarray, "pair 2 2"],
-    joints_m: Float[np.ndarray, "pair joint 3"],
-    score: Float[np.ndarray, " pair"],
-    moment: Moment,
-    known: PoseFilters | None,
-) -> Founded:
-    """The body on which two views agree and of which the other cameras tell most."""
-    people = PoseFilters.stacked([_first_guess(joints, moment.time_s) for joints in joints_m])
-    rows = np.arange(len(pairs))[:, None]
-    chosen = np.full((len(pairs), moment.cameras.n_cameras), NOBODY)
-    chosen[rows, pairs[..., 0]] = pairs[..., 1]
-    is_of_pair = chosen != NOBODY
+def _best_supported(bodies: _Bodies, moment: Moment, known: PoseFilters | None, max_gain: float) -> Founded:
+    """The body of which the other cameras tell most, each at most max_gain in its favour."""
+    people = PoseFilters.stacked([_first_guess(joints, moment.time_s) for joints in bodies.joints_m])
+    chosen = bodies.chosen.copy()
+    is_its_own = chosen != NOBODY
     people = _updated(people, chosen, moment)
-    expected = people.seen_by(moment.cameras, moment.times_s)
-    likelihood = Likelihood.of(expected, moment.points_px, moment.cameras)
-    score_of = np.where(likelihood.fits, likelihood.score, -np.inf)
-    best, gain = np.argmax(score_of, axis=-1).T, score_of.max(axis=-1).T
-    supported = ~is_of_pair & (gain > 0)
+    likelihood = moment.likelihood(people.seen_by(moment.cameras, moment.times_s))
+    score_of = np.where(likelihood.fits_pixels, likelihood.score, -np.inf)
+    best, gain = np.argmax(score_of, axis=-1).T, np.minimum(score_of.max(axis=-1).T, max_gain)
+    supported = ~is_its_own & (gain > 0)
     chosen[supported] = best[supported]
+    # Whom a camera shows there, but at another distance, is somebody else, or the distance is wrong.
+    gain = np.where(likelihood.fits.any(axis=-1).T, gain, 0.0)
     missed = np.log1p(-detection_probability(people, known, moment.cameras))
-    total = score + np.where(is_of_pair, 0.0, np.where(supported, gain, missed)).sum(axis=1)
-    first = int(np.argmax(total))
-    pose = _updated(_first_guess(joints_m[first], moment.time_s), chosen[first : first + 1], moment)
+    total = bodies.score + np.where(is_its_own, 0.0, np.where(supported, gain, missed)).sum(axis=1)
+    first = int(np.argmax(total + bodies.preferred))
+    pose = _updated(_first_guess(bodies.joints_m[first], moment.time_s), chosen[first : first + 1], moment)
     return Founded(pose, chosen[first], float(total[first]))
 
 
@@ -204,7 +272,8 @@ def _updated(people: PoseFilters, chosen: Int[np.ndarray, "person camera"], mome
     expected = people.seen_by(moment.cameras, moment.times_s)
     own_px = moment.points_px[np.arange(moment.cameras.n_cameras)[:, None], np.maximum(chosen.T, 0)]
     residual_px = np.where((chosen.T == NOBODY)[..., None, None], np.nan, own_px - expected.pixels)
-    return people.updated(residual_px, expected, np.ones(residual_px.shape[:-1]))
+    distance = None if moment.distances is None else moment.distances.chosen(chosen.T).against(expected)
+    return people.updated(residual_px, expected, np.ones(residual_px.shape[:-1]), distance)
 
 
 def detection_probability(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,6 +37,12 @@ def score_of(log_ratio: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, 
     return np.asarray(mean * np.minimum(n_known, _INDEPENDENT_JOINTS))
 
 
+def probability_of(log_ratio: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, "*shape"]:
+    """That a measurement is of somebody, where so many of their detection's are not; 0 where it is unknown."""
+    odds = np.exp(np.clip(log_ratio, -50.0, 50.0)) * ((1 - _WRONG_SHARE) / _WRONG_SHARE)
+    return np.nan_to_num(odds / (1 + odds))
+
+
 @dataclass(frozen=True, eq=False)
 class Likelihood:
     """At most P detections in an image of each camera against K people; NaN where there is none."""
@@ -48,6 +54,9 @@ class Likelihood:
     else may be anywhere."""
     near_share: Float[np.ndarray, "#camera #person 1 #joint"] = field(default_factory=lambda: np.ones((1, 1, 1, 1)))
     """Area in which the joints are that a detector takes wrongly for one of this person, over that of the image."""
+    distance_log_ratio: Float[np.ndarray, "camera person detection"] | None = None
+    """Density of the distance of a whole detection where this person is expected, over that of anybody; NaN: the camera
+    does not tell it. None: no camera does."""
 
     @staticmethod
     def of(
@@ -69,25 +78,35 @@ class Likelihood:
     def probability(self) -> Float[np.ndarray, "camera person detection joint"]:
         """That a joint of the detection is that of the person, if the detection is; 0 where there is none."""
         log_ratio = self.log_ratio + np.log(self.near_share)
-        odds = np.exp(np.clip(log_ratio, -50.0, 50.0)) * ((1 - _WRONG_SHARE) / _WRONG_SHARE)
-        return np.nan_to_num(odds / (1 + odds))
+        return probability_of(log_ratio)
 
     @cached_property
     def score(self) -> Float[np.ndarray, "camera person detection"]:
         """Log of the ratio of probabilities of the whole detection; -inf where too little of it is known or fits."""
         n_known = np.isfinite(self.log_ratio).sum(axis=-1)
         enough = (n_known >= _MIN_JOINTS) & (self._n_fitting >= _MIN_FITTING * n_known)
-        return np.where(enough, score_of(self.log_ratio), -np.inf)
+        score = score_of(self.log_ratio)
+        if self.distance_log_ratio is not None:
+            score = score + score_of(self.distance_log_ratio[..., None])
+        return np.where(enough, score, -np.inf)
 
     @cached_property
     def _n_fitting(self) -> Int[np.ndarray, "camera person detection"]:
         return np.asarray((self.probability > 0.5).sum(axis=-1))
 
     @cached_property
-    def fits(self) -> Bool[np.ndarray, "camera person detection"]:
-        """Whether nearly all of a detection is where the person is expected: nobody else is that near."""
+    def fits_pixels(self) -> Bool[np.ndarray, "camera person detection"]:
+        """Whether nearly all of a detection is where the person is expected in the image."""
         known = np.isfinite(self.log_ratio).sum(axis=-1)
         return (self.score > 0) & (self._n_fitting >= _NEARLY_ALL * known)
+
+    @cached_property
+    def fits(self) -> Bool[np.ndarray, "camera person detection"]:
+        """Whether it is also as far as the person, where that is known: nobody else is that near."""
+        if self.distance_log_ratio is None:
+            return self.fits_pixels
+        elsewhere = np.isfinite(self.distance_log_ratio) & (probability_of(self.distance_log_ratio) < 0.5)
+        return self.fits_pixels & ~elsewhere
 
     def mirrored_where_better(
         self, expected: Expected, undistorted_px: np.ndarray, cameras: CameraRig, mirror: Int[np.ndarray, " joint"]
@@ -99,10 +118,13 @@ class Likelihood:
             mirror: the joint on the other side of each.
         """
         exchanged = Likelihood.of(expected, undistorted_px[:, :, mirror], cameras)
+        if self.distance_log_ratio is not None:
+            exchanged = replace(exchanged, distance_log_ratio=self.distance_log_ratio)
         mirrored = exchanged.score > np.maximum(self.score, 0.0) + _MIRRORED_LOG_RATIO
         better = Likelihood(
             np.where(mirrored[..., None, None], exchanged.residual_px, self.residual_px),
             np.where(mirrored[..., None], exchanged.log_ratio, self.log_ratio),
             self.near_share,
+            self.distance_log_ratio,
         )
         return better, mirrored

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -39,7 +40,7 @@ def look_back(
         now_s = -float(moment.times_s.min())
         poses = {track: pose for track, pose in poses.items() if now_s - seen_s[track] <= _GAP_S}
         if poses:
-            backwards = Moment(moment.cameras, -moment.times_s, moment.points_px, moment.confidence)
+            backwards = replace(moment, times_s=-moment.times_s)
             tracks, equal = list(poses), np.zeros(len(poses), dtype=int)
             people, matches = follow(PoseFilters.stacked(list(poses.values())), equal, backwards, mirror)
             poses = {track: people[k : k + 1] for k, track in enumerate(tracks)}

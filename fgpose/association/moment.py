@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.association.distances import Distances, padded
 from fgpose.association.likelihood import Likelihood
 from fgpose.association.matching import Matches, match
-from fgpose.association.pose_filter import PoseFilters
+from fgpose.association.pose_filter import Expected, PoseFilters
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections
 
@@ -27,6 +28,8 @@ class Moment:
     """Undistorted."""
     confidence: Float[np.ndarray, "camera detection"]
     """Mean over the joints."""
+    distances: Distances | None = None
+    """From the cameras, where there is per-view 3D."""
 
     @staticmethod
     def of(images: Sequence[Detections], rig: CameraRig) -> Moment:
@@ -36,31 +39,51 @@ class Moment:
         points_px = [camera.undistort(image.points2d_px) for camera, image in zip(cameras.cameras, images, strict=True)]
         confidence = [image.confidence.mean(axis=-1) for image in images]
         times_s = np.array([image.time_s for image in images]) + cameras.time_offsets_s
-        return Moment.together(cameras, times_s, points_px, confidence)
+        return Moment(
+            cameras, times_s, padded(points_px, np.nan), padded(confidence, 0.0), Distances.of(images, cameras)
+        )
 
     @staticmethod
-    def together(
-        cameras: CameraRig,
-        times_s: Float[np.ndarray, " camera"],
-        points_px: Sequence[Float[np.ndarray, "_ joint 2"]],
-        confidence: Sequence[Float[np.ndarray, " _"]],
-    ) -> Moment:
-        """From the detections of each camera, which may be differently many."""
-        most = max(map(len, points_px))
-        moment = Moment(
-            cameras,
-            times_s,
-            np.full((len(points_px), most, *points_px[0].shape[1:]), np.nan),
-            np.zeros((len(points_px), most)),
+    def together(moments: Sequence[Moment], rig: CameraRig) -> Moment:
+        """From moments of one camera each, in which detections may be differently many."""
+        n_joints = moments[0].points_px.shape[2]
+        return Moment(
+            rig.subset([name for moment in moments for name in moment.cameras.names]),
+            np.concatenate([moment.times_s for moment in moments]),
+            padded([moment.points_px[0] for moment in moments], np.nan),
+            padded([moment.confidence[0] for moment in moments], 0.0),
+            Distances.together([(moment.distances, moment.points_px.shape[1]) for moment in moments], n_joints),
         )
-        for c, (points, sure) in enumerate(zip(points_px, confidence, strict=True)):
-            moment.points_px[c, : len(points)], moment.confidence[c, : len(points)] = points, sure
-        return moment
+
+    def of_camera(self, camera: int) -> Moment:
+        """The image of one camera alone, by its number."""
+        own = slice(camera, camera + 1)
+        return Moment(
+            self.cameras.subset([self.cameras.names[camera]]),
+            self.times_s[own],
+            self.points_px[own].copy(),
+            self.confidence[own],
+            None if self.distances is None else self.distances[own],
+        )
 
     @property
     def time_s(self) -> float:
         """Of the newest image."""
         return float(self.times_s.max())
+
+    @property
+    def tells_distance(self) -> Bool[np.ndarray, "camera detection joint"]:
+        """Of which joints the camera tells how far they are."""
+        if self.distances is None:
+            return np.zeros(self.points_px.shape[:3], dtype=bool)
+        return np.asarray(np.isfinite(self.points_px).all(axis=-1)) & np.isfinite(self.distances.distance_m)
+
+    def likelihood(self, expected: Expected) -> Likelihood:
+        """Of the detections against people of whom this is expected, with their distances."""
+        likelihood = Likelihood.of(expected, self.points_px, self.cameras)
+        if self.distances is None:
+            return likelihood
+        return replace(likelihood, distance_log_ratio=self.distances.log_ratio(expected))
 
     def without(self, taken: Bool[np.ndarray, "camera detection"]) -> Moment:
         """The same without some of the detections; the others keep their numbers."""
@@ -80,8 +103,10 @@ def follow(
     """
     people = people.predicted(moment.time_s)
     expected = people.seen_by(moment.cameras, moment.times_s)
-    as_detected = Likelihood.of(expected, moment.points_px, moment.cameras)
+    as_detected = moment.likelihood(expected)
     likelihood, mirrored = as_detected.mirrored_where_better(expected, moment.points_px, moment.cameras, mirror)
     matches = match(likelihood, mirrored, priority, mirror)
     residual_px = matches.of(moment.points_px, np.nan) - expected.pixels
-    return people.updated(residual_px, expected, matches.probability(likelihood)), matches
+    weight = matches.probability(likelihood)
+    distance = None if moment.distances is None else moment.distances.matched(matches).against(expected)
+    return people.updated(residual_px, expected, weight, distance), matches

@@ -30,6 +30,7 @@ _BODY_MPS2 = 2.0
 _REACH_M = 0.4
 # A new person walks in any direction, or not.
 _FIRST_MPS = 1.0
+_AT_CAMERA_M = 1e-6  # keeps rays finite
 _BACKWARDS = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0])
 
 
@@ -128,7 +129,9 @@ class PoseFilters:
         sigma_px = SIGMA_M * cameras.focal_px[:, None, None] / depth_m
         innovation_px2 = jacobian @ covariance_m2 @ jacobian.swapaxes(-1, -2)
         innovation_px2 = innovation_px2 + (sigma_px**2)[..., None, None] * np.eye(2)
-        return Expected(pixels, jacobian, innovation_px2, sigma_px, ago_s)
+        return Expected(
+            pixels, jacobian, innovation_px2, sigma_px, ago_s, cameras, positions_m, np.asarray(covariance_m2)
+        )
 
     def _position_covariance_m2(self, ago_s: Float[np.ndarray, "camera person 1 1 1"]) -> np.ndarray:
         of_position, both = self.covariance[..., :3, :3], self.covariance[..., :3, 3:]
@@ -141,6 +144,7 @@ class PoseFilters:
         residual_px: Float[np.ndarray, "camera person joint 2"],
         expected: Expected,
         weight: Float[np.ndarray, "camera person joint"],
+        distance: RayResidual | None = None,
     ) -> PoseFilters:
         """After the detections of one image of each camera.
 
@@ -148,12 +152,18 @@ class PoseFilters:
             residual_px: detected less expected; NaN where there is none.
             expected: see seen_by.
             weight: probability that a detection is of the joint; its information counts so much.
+            distance: the same along the rays, where there is per-view 3D.
         """
         used = np.asarray(np.isfinite(residual_px).all(axis=-1) & np.isfinite(expected.jacobian).all(axis=(-1, -2)))
         information = np.where(used, weight / expected.sigma_px**2, 0.0)[..., None]
         jacobian = np.where(used[..., None, None], expected.jacobian, 0.0)
         pull = jacobian.swapaxes(-1, -2) @ (np.where(used[..., None], residual_px, 0.0) * information)[..., None]
         square = jacobian.swapaxes(-1, -2) @ (jacobian * information[..., None])
+        if distance is not None:
+            told = used & np.isfinite(distance.residual_m)
+            along = np.where(told, weight * distance.information, 0.0)[..., None]
+            pull = pull + (expected.rays * along * np.where(told, distance.residual_m, 0.0)[..., None])[..., None]
+            square = square + (expected.rays * along)[..., None] * expected.rays[..., None, :]
         ago_s = expected.ago_s[..., None, None]
         gained, towards = np.zeros_like(self.covariance), np.zeros((*self.mean.shape, 1))
         gained[..., :3, :3], towards[..., :3, :] = square.sum(axis=0), pull.sum(axis=0)
@@ -178,6 +188,39 @@ class Expected:
     """Standard deviation of a detection around the true joint."""
     ago_s: Float[np.ndarray, "camera person 1"]
     """Time of the image less that of the filter."""
+    cameras: CameraRig
+    positions_m: Float[np.ndarray, "camera person joint 3"]
+    """World frame, at the times of the images."""
+    position_covariance_m2: Float[np.ndarray, "... person joint 3 3"]
+
+    @cached_property
+    def _from_camera_m(self) -> Float[np.ndarray, "camera person joint 3"]:
+        return self.positions_m - np.stack([camera.position_m for camera in self.cameras.cameras])[:, None, None]
+
+    @cached_property
+    def distance_m(self) -> Float[np.ndarray, "camera person joint"]:
+        """From the camera."""
+        return np.linalg.norm(self._from_camera_m, axis=-1)
+
+    @cached_property
+    def rays(self) -> Float[np.ndarray, "camera person joint 3"]:
+        """Unit vectors from the camera, world frame."""
+        return self._from_camera_m / np.maximum(self.distance_m, _AT_CAMERA_M)[..., None]
+
+    @cached_property
+    def distance_variance_m2(self) -> Float[np.ndarray, "camera person joint"]:
+        """Of the distance, from the covariance of the position."""
+        return np.einsum("...i,...ik,...k->...", self.rays, self.position_covariance_m2, self.rays)
+
+
+@dataclass(frozen=True, eq=False)
+class RayResidual:
+    """How much farther than expected cameras say that the joints of K people are."""
+
+    residual_m: Float[np.ndarray, "camera person joint"]
+    """NaN where it is not told."""
+    information: Float[np.ndarray, "camera person joint"]
+    """1/m^2."""
 
 
 def _process_noise(step_s: Float[np.ndarray, "person 1 1"]) -> Float[np.ndarray, "person 1 6 6"]:

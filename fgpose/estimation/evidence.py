@@ -15,6 +15,7 @@ from fgpose.estimation.fusion import fuse_undistorted
 from fgpose.estimation.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.observations import Observations
 
 _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
@@ -23,8 +24,6 @@ _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate 
 _MAX_BODY_M = 30.0
 _LEAST_SHARE = 1e-6  # keeps standard deviations finite
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
-# Of depths that no covariance comes with: measured on a monocular network (BlazePose, 150 mm at 3.5 m).
-_RELATIVE_SIGMA = 0.043
 # So many depths of a view tell their spread: 17 joints for 30 frames. The depths of a body share most of their error,
 # which is correlated in time, so fewer would tell the error of that moment.
 _ENOUGH_DEPTHS = 500
@@ -240,12 +239,9 @@ def _depths(
         nothing = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
         nowhere = nothing[..., None].repeat(3, axis=-1)
         return nowhere, nowhere, nothing
-    rays_m = views_m - np.array([camera.position_m for camera in rig.cameras])[:, None]
-    distance_m = np.linalg.norm(rays_m, axis=-1)
-    rays = rays_m / distance_m[..., None]
-    sigma_m = np.full(distance_m.shape, np.nan)
-    if observations.covariance3d_m2 is not None:
-        sigma_m = np.sqrt(np.einsum("tcji,tcjik,tcjk->tcj", rays, observations.covariance3d_m2, rays))
+    position_m = np.array([camera.position_m for camera in rig.cameras])[:, None]
+    depth = ViewDepth.of(views_m, observations.covariance3d_m2, position_m)
+    rays, distance_m, sigma_m = depth.rays, depth.distance_m, depth.sigma_m
     unstated = np.isnan(sigma_m) & np.isfinite(distance_m)
     if unstated.any():
         error_m = np.einsum("tcji,tcji->tcj", rays, views_m - triangulated_m[:, None])
@@ -264,7 +260,7 @@ def _relative_sigma(error: Float[np.ndarray, "frame camera joint"]) -> Float[np.
     Args:
         error: of the depths against the triangulated joints, relative to the distance; NaN where either is missing.
     """
-    sigma = np.full(error.shape[1], _RELATIVE_SIGMA)
+    sigma = np.full(error.shape[1], RELATIVE_SIGMA)
     for view in range(error.shape[1]):
         known = error[:, view][np.isfinite(error[:, view])]
         if known.size >= _ENOUGH_DEPTHS:

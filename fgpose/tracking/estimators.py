@@ -11,23 +11,20 @@ from jaxtyping import Float
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 
 
 @dataclass(frozen=True, eq=False)
-class OneImage:
-    """What an image that comes alone shows of somebody; see Estimator.update_camera."""
+class Newest:
+    """What is new of somebody, as the estimator takes it."""
 
-    camera: str
-    time_s: float
-    points2d_px: Float[np.ndarray, "joint 2"]
-    confidence: Float[np.ndarray, " joint"]
-
-
-Newest = OneImage | Observations
-"""What is new of somebody: one image alone, or one frame of several cameras."""
+    camera: str | None
+    """Of an image that comes alone; None: one frame of several cameras."""
+    time_s: float | Float[np.ndarray, " camera"]
+    """Of the image, or of that of each camera (NaN: none)."""
+    arrays: Mapping[str, np.ndarray]
+    """Of the image, or of all cameras; see Estimator.update_arrays."""
 
 
 class Estimators:
@@ -47,6 +44,6 @@ class Estimators:
 
 
 def _updated(estimator: Estimator, new: Newest) -> Estimate:
-    if isinstance(new, OneImage):
-        return estimator.update_camera(new.camera, new.time_s, new.points2d_px, new.confidence)
-    return estimator.update(new)
+    if new.camera is None:
+        return estimator.update_arrays(new.time_s, **new.arrays)
+    return estimator.update_camera(new.camera, float(new.time_s), **new.arrays)

@@ -11,10 +11,10 @@ from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
-from fgpose.people import Detections, refuse_mixed_appearance
+from fgpose.observations import refuse_millimetres
+from fgpose.people import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
-from fgpose.tracking.estimators import Newest, OneImage
+from fgpose.tracking.estimators import Newest
 from fgpose.tracking.parallel import ParallelEstimators
 
 _MOST_EVENTS = 1000  # of hours, for those who never ask
@@ -33,6 +33,8 @@ class Tracker:
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators = ParallelEstimators(rig, skeleton, self.config)
         self._image_s: dict[str, float] = {}
+        self._has_covariance: bool | None = None
+        """Whether per-view 3D comes with covariance; None: there was none yet."""
         self._with_appearance: list[Detections] = []
         """The first image that has appearance vectors."""
 
@@ -55,8 +57,8 @@ class Tracker:
 
         Raises:
             ValueError: a camera is not in the rig, an image has another number of joints, is not later than the one
-                before of its camera, or is older than the newest image by more than online.lag_s. The tracker is then
-                as it was before.
+                before of its camera, or is older than the newest image by more than online.lag_s; per-view 3D looks
+                like millimetres, or has a covariance in some images only. The tracker is then as it was before.
             OSError: a process of estimators cannot be started again.
 
         Warns:
@@ -75,7 +77,7 @@ class Tracker:
         return events
 
     def _check(self, images: Sequence[Detections]) -> None:
-        newest = dict(self._image_s)
+        newest, has_covariance = dict(self._image_s), self._has_covariance
         for image in sorted(images, key=lambda image: image.time_s):
             if image.camera not in self.rig.names:
                 raise ValueError(f"{image}: the rig has no such camera, only {', '.join(self.rig.names)}")
@@ -89,9 +91,18 @@ class Tracker:
             if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
                 raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
             newest[image.camera] = image.time_s
+            if image.points3d_m is not None:
+                try:
+                    refuse_millimetres(image.points3d_m)
+                except ValueError as error:
+                    raise ValueError(f"{image}: {error}") from None
+                if has_covariance not in (None, image.covariance3d_m2 is not None):
+                    raise ValueError(f"{image}: give a covariance3d_m2 with all points3d_m or with none")
+                has_covariance = image.covariance3d_m2 is not None
         with_appearance = [*self._with_appearance, *(image for image in images if image.appearance is not None)]
         refuse_mixed_appearance(with_appearance)
         self._image_s, self._with_appearance = newest, with_appearance[:1]
+        self._has_covariance = has_covariance
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)
@@ -101,10 +112,8 @@ class Tracker:
                 in_images.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
         shown = [(sighting.image, sighting.people()) for sighting in sightings]
-        nothing = np.full((self.skeleton.n_joints, 2), np.nan), np.zeros(self.skeleton.n_joints)
         newest = {
-            track.number: self._newest([(image, of_image.get(track.number, nothing)) for image, of_image in shown])
-            for track in tracks
+            track.number: self._newest([(image, own.get(track.number, {})) for image, own in shown]) for track in tracks
         }
         estimates = self._estimators.update(newest)
         return [
@@ -112,18 +121,26 @@ class Tracker:
             for track in tracks
         ]
 
-    def _newest(self, seen: list[tuple[Detections, tuple[np.ndarray, np.ndarray]]]) -> Newest:
-        """What is new of one person: the images, and what each shows of the person, pixels and confidence."""
-        if len(seen) == 1 and self.rig.n_cameras > 1:
-            ((image, own),) = seen
-            return OneImage(image.camera, image.time_s, *own)
-        shape = (1, self.rig.n_cameras, self.skeleton.n_joints)
-        points2d_px, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
-        time_s = np.full((1, self.rig.n_cameras), np.nan)
+    def _newest(self, seen: list[tuple[Detections, dict[str, np.ndarray]]]) -> Newest:
+        """What is new of one person: the images, and the arrays of the person in each; none where it does not show
+        them."""
+        n_cameras = self.rig.n_cameras
+        arrays = {
+            name: np.full((n_cameras, *array.shape[1:]), NOTHING[name])
+            for image, _ in seen
+            for name, array in image.arrays.items()
+        }
+        time_s = np.full(n_cameras, np.nan)
         for image, own in seen:
             c = self.rig.names.index(image.camera)
-            time_s[0, c], (points2d_px[0, c], confidence[0, c]) = image.time_s, own
-        return Observations(self.skeleton, time_s, points2d_px, confidence, camera_names=self.rig.names)
+            time_s[c] = image.time_s
+            for name, values in own.items():
+                arrays[name][c] = values
+        if len(seen) == 1 and n_cameras > 1:
+            image, _ = seen[0]
+            c = self.rig.names.index(image.camera)
+            return Newest(image.camera, image.time_s, {name: each[c] for name, each in arrays.items()})
+        return Newest(None, time_s, arrays)
 
 
 def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:

@@ -52,6 +52,16 @@ def test_infinite_and_implausible_3d_is_named():
         PeopleObservations(BODY, ("a", "b"), (in_mm,))
 
 
+def test_a_wrong_covariance_is_named():
+    points3d_m, covariance_m2 = np.ones((2, 3, 3)), np.tile(np.eye(3), (2, 3, 1, 1))
+    covariance_m2[1, 2, 0, 0] = -1.0
+    in_2d = np.zeros((2, 3, 2)), np.ones((2, 3))
+    with pytest.raises(ValueError, match="person 1, joint number 2: a covariance that is not positive definite"):
+        Detections("a", 0.0, *in_2d, points3d_m, covariance_m2)
+    points3d_m[1, 2] = np.nan
+    Detections("a", 0.0, *in_2d, points3d_m, covariance_m2)
+
+
 def test_an_image_has_a_time():
     with pytest.raises(ValueError, match="camera a: the time of an image is not finite"):
         image(time_s=np.nan)

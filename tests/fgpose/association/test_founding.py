@@ -159,9 +159,9 @@ def test_the_pairs_that_are_tried_are_bounded(
 
     supported: list[int] = []
 
-    def count_supported(pairs: np.ndarray, *others: object) -> founding.Founded:
-        supported.append(len(pairs))
-        return best_supported(pairs, *others)  # pyright: ignore[reportArgumentType]
+    def count_supported(bodies: founding._Bodies, *others: object) -> founding.Founded:
+        supported.append(len(bodies.score))
+        return best_supported(bodies, *others)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(founding, "meeting", count_meeting)
     monkeypatch.setattr(founding, "_best_supported", count_supported)

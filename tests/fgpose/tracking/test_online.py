@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowds import crowd
@@ -73,6 +75,70 @@ def test_several_moments_at_once_are_taken_one_after_the_other(scene: CrowdScene
 
 def test_nothing_new_is_nobody(scene: CrowdScene):
     assert fgpose.Tracker(scene.rig, scene.motion.skeleton).update([]) == []
+
+
+def in_3d(image: Detections, rig: fgpose.CameraRig) -> Detections:
+    """At distances that tell which joint of which detection it is, and hardly known."""
+    (camera,) = rig.subset([image.camera]).cameras
+    number = np.arange(image.confidence.size).reshape(image.confidence.shape)
+    points3d_m = camera.position_m + (5.0 + 1e-3 * number)[..., None] * camera.ray(camera.undistort(image.points2d_px))
+    return replace(image, points3d_m=points3d_m, covariance3d_m2=np.tile(np.eye(3), (*number.shape, 1, 1)))
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+def test_everybody_s_estimator_gets_their_per_view_3d(
+    at_once: bool, scene: CrowdScene, monkeypatch: pytest.MonkeyPatch
+):
+    """Of the same joints as their pixels; a camera without has none."""
+    taken: list[tuple[str, list[np.ndarray]]] = []
+    names = "points2d_px", "points3d_m", "covariance3d_m2"
+    skeleton = scene.motion.skeleton
+    estimate = fgpose.Estimate(skeleton, 0, 0.0, np.zeros((skeleton.n_joints, 3)), np.zeros(skeleton.n_joints))
+
+    def take_arrays(_: fgpose.Estimator, time_s: np.ndarray, **arrays: np.ndarray) -> fgpose.Estimate:
+        taken.extend((camera, [arrays[name][c] for name in names]) for c, camera in enumerate(scene.rig.names))
+        return estimate
+
+    def take_image(_: fgpose.Estimator, camera: str, time_s: float, **arrays: np.ndarray) -> fgpose.Estimate:
+        if camera == "ring_2":
+            assert set(arrays) == {"points2d_px", "confidence"}
+        else:
+            taken.append((camera, [arrays[name] for name in names]))
+        return estimate
+
+    monkeypatch.setattr(fgpose.Estimator, "update_arrays", take_arrays)
+    monkeypatch.setattr(fgpose.Estimator, "update_camera", take_image)
+    tracker = fgpose.Tracker(scene.rig, skeleton, FAST)
+    given: dict[tuple[float, ...], np.ndarray] = {}
+    for images in moments(scene)[:12]:
+        images = [image if image.camera == "ring_2" else in_3d(image, scene.rig) for image in images]
+        for image in images:
+            if image.points3d_m is not None:
+                pairs = zip(image.points2d_px.reshape(-1, 2).tolist(), image.points3d_m.reshape(-1, 3), strict=True)
+                given |= {tuple(px): point_m for px, point_m in pairs}
+        for part in [images] if at_once else [[image] for image in images]:
+            tracker.update(part)
+    assert {camera for camera, *_ in taken} >= {"ring_0", "ring_1", "ring_3"}
+    for camera, (points2d_px, points3d_m, covariance3d_m2) in taken:
+        shown = np.asarray(np.isfinite(points2d_px).all(axis=-1)) & (camera != "ring_2")
+        for px, point_m in zip(points2d_px[shown].tolist(), points3d_m[shown], strict=True):
+            np.testing.assert_array_equal(point_m, given[tuple(px)])
+        assert np.isnan(points3d_m[~shown]).all()
+        np.testing.assert_array_equal(covariance3d_m2[shown], np.tile(np.eye(3), (shown.sum(), 1, 1)))
+
+
+def test_bad_per_view_3d_is_named_and_changes_nothing(scene: CrowdScene):
+    tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
+    first, second = (in_3d(image, scene.rig) for image in moments(scene)[0][:2])
+    assert second.points3d_m is not None
+    tracker.update([first])
+    message = "camera ring_1, image at 0 s: points3d_m has a median coordinate of .* millimetres"
+    with pytest.raises(ValueError, match=message):
+        tracker.update([replace(second, points3d_m=1e5 * second.points3d_m)])
+    message = "camera ring_1, image at 0 s: give a covariance3d_m2 with all points3d_m or with none"
+    with pytest.raises(ValueError, match=message):
+        tracker.update([replace(second, covariance3d_m2=None)])
+    tracker.update([second])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from fgpose.people import Detections
 from fgpose.synthetic import CrowdScene
 from fgpose.tracking import parallel
 from fgpose.tracking.estimator_process import EstimatorProcess
-from fgpose.tracking.estimators import Estimators, Newest, OneImage
+from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.tracking.parallel import ParallelEstimators
 
 CONFIG = fgpose.Config(online={"lag_s": 0.2}, tracking={"max_processes": 2})
@@ -39,16 +39,8 @@ def estimators(scene: CrowdScene) -> Iterator[ParallelEstimators]:
 def newest(scene: CrowdScene, frame: int, people: tuple[int, ...]) -> dict[int, Newest]:
     """Anybody's detections will do: the first of each camera, for all."""
     images = [scene.observations.by_camera[name][frame] for name in scene.rig.names]
-    return {
-        person: fgpose.Observations(
-            scene.motion.skeleton,
-            np.array([images[0].time_s]),
-            np.stack([image.points2d_px[0] for image in images])[None],
-            np.stack([image.confidence[0] for image in images])[None],
-            camera_names=scene.rig.names,
-        )
-        for person in people
-    }
+    arrays = {name: np.stack([image.arrays[name][0] for image in images]) for name in images[0].arrays}
+    return {person: Newest(None, np.full(len(images), images[0].time_s), arrays) for person in people}
 
 
 def process_ids(estimators: ParallelEstimators) -> list[int]:
@@ -116,7 +108,7 @@ def test_processes_end_with_the_tracker(scene: CrowdScene):
 @pytest.mark.slow
 def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
     process = EstimatorProcess(scene.rig, scene.motion.skeleton, CONFIG)
-    wrong = OneImage("door", 0.0, np.zeros((17, 2)), np.ones(17))
+    wrong = Newest("door", 0.0, {"points2d_px": np.zeros((17, 2))})
     assert process.send({0: wrong})
     with pytest.raises(ValueError, match="door"):
         process.receive()

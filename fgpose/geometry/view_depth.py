@@ -1,0 +1,38 @@
+"""How far a camera's own 3D says that joints are from it: what per-view 3D tells beside the detections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+RELATIVE_SIGMA = 0.043
+"""Standard deviation of a network's distances, over the distance, where none is stated and the recording does not tell:
+measured on BlazePose, 150 mm at 3.5 m."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewDepth:
+    """Distances of joints from the camera, along their rays; NaN where the view has no 3D, or one at the camera."""
+
+    rays: Float[np.ndarray, "*joints 3"]
+    """Unit vectors from the camera to the joints, world frame."""
+    distance_m: Float[np.ndarray, "*joints"]
+    sigma_m: Float[np.ndarray, "*joints"]
+    """Standard deviation of the distance as the covariance states it; NaN where there is none."""
+
+    @staticmethod
+    def of(
+        points3d_m: Float[np.ndarray, "*joints 3"],
+        covariance3d_m2: Float[np.ndarray, "*joints 3 3"] | None,
+        position_m: Float[np.ndarray, "*#joints 3"],
+    ) -> ViewDepth:
+        """Of joints in the world frame, from where the camera is."""
+        from_camera_m = points3d_m - position_m
+        distance_m = np.linalg.norm(from_camera_m, axis=-1)
+        distance_m = np.where(distance_m > 0, distance_m, np.nan)
+        rays = from_camera_m / distance_m[..., None]
+        if covariance3d_m2 is None:
+            return ViewDepth(rays, distance_m, np.full(distance_m.shape, np.nan))
+        return ViewDepth(rays, distance_m, np.sqrt(np.einsum("...i,...ik,...k->...", rays, covariance3d_m2, rays)))
