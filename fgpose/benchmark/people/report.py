@@ -171,18 +171,18 @@ _WHO_IS_THERE = (
     _percent("F1", "f1"),
     _percent("MOTA", "mota"),
     tables.lower_is_better("fragm.", "fragmentations", 2),
-    _time("found after", "confirmed_s", np.median, 1000, 0),
-    _time("95 %", "confirmed_s", lambda times_s: float(np.percentile(times_s, 95)), 1000, 0),
+    _time("found after", "confirmed_s", np.median, 1000.0, 0),
+    _time("95 %", "confirmed_s", lambda times_s: float(np.percentile(times_s, 95)), 1000.0, 0),
     _total_of("never", "n_unconfirmed"),
-    _rate("false tracks", "false_tracks_s", "minutes", 10, 1),
-    replace(_time("longest", "false_tracks_s", np.max, 1, 2), cost=None),  # without false tracks there is none
+    _rate("false tracks", "false_tracks_s", "minutes", 10.0, 1),
+    replace(_time("longest", "false_tracks_s", np.max, 1.0, 2), cost=None),  # without false tracks there is none
 )
 _WHO_IS_WHO = (
     _percent("IDF1", "idf1"),
     _percent("HOTA", "hota"),
     tables.lower_is_better("switches", "switches", 2),
-    _rate("at 0.5–1 m", "pass_switches", "person_minutes", 1, 2, "n_passes"),
-    _rate("nearer", "close_switches", "person_minutes", 1, 2, "n_close_passes"),
+    _rate("at 0.5–1 m", "pass_switches", "person_minutes", 1.0, 2, "n_passes"),
+    _rate("nearer", "close_switches", "person_minutes", 1.0, 2, "n_close_passes"),
     _part("back in 5 s", "n_short_recognised", "n_short_returns", 1),
     _part("back later", "n_long_recognised", "n_long_returns", 1),
     _part("mistaken", "n_mistaken", "n_arrivals", -1),

@@ -123,9 +123,9 @@ def test_arrivals_passes_and_false_tracks_are_counted():
 
 @pytest.mark.parametrize(("away_s", "kind"), [(4.0, "short"), (6.0, "long")])
 def test_returns_after_five_seconds_are_counted_apart(away_s: float, kind: str):
-    n_frames, motion = round((away_s + 2) * 30), passing(2, 2)
+    n_frames, motion = round((away_s + 3) * 30), passing(2, 2)
     truth_m = np.repeat(motion.truth_m[:, :1], n_frames, axis=1)
-    truth_m[1, 30 : n_frames - 30] = np.nan
+    truth_m[1, 30 : n_frames - 60] = np.nan
     recording = recorded(replace(motion, truth_m=truth_m), 3)
     score = score_people(recording, PeopleResult(recording.truth, 1.0), TOLD)
     counts = {"short": (score.n_short_returns, score.n_short_recognised)}
