@@ -38,10 +38,6 @@ _MODEL = (
     "blazepose-lite, blazepose-full or blazepose-heavy, the faster first, which are fetched at the first use; or an "
     "ONNX file, see --network."
 )
-_MAX_PEOPLE = (
-    "How many people to find in each image at most. More take longer; fewer than there are, and some are not estimated."
-)
-_MOST_PEOPLE = 8
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,9 +65,9 @@ class VideoOptions:
     person_region: Annotated[
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
     ] = None
-    max_people: Annotated[
-        int | None, arg(metavar="N", help=_MAX_PEOPLE, help_behavior_hint="(default: 8, with --people 1: 1)")
-    ] = None
+    max_people: Annotated[int, arg(metavar="N")] = 8
+    """How many people to find in each image at most. More take longer; fewer than there are, and some are not
+    estimated, or the one who is chosen is somebody else in some images."""
     jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
     """How many cameras to work on at the same time."""
     cache: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: ~/.cache/fgpose/detections)")] = (
@@ -100,14 +96,13 @@ class VideoOptions:
         """The network, fetched if need be."""
         from fgpose.monocular.networks import open_network
 
-        most = 1 if self.people == "1" and self.person_region is None else _MOST_PEOPLE
         with new_console(stderr=True).status("opening the network") as status:
             return open_network(
                 self.model,
                 kind=self.network,
                 detector=self.detector,
                 skeleton=self.skeleton,
-                max_people=most if self.max_people is None else self.max_people,
+                max_people=self.max_people,
                 progress=status.update,
             )
 
