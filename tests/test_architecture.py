@@ -56,6 +56,7 @@ ESTIMATION_FLOORS = (
     },
 )
 GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}
+MESSAGES = {"fgpose.live.outputs"}
 FILES = {"fgpose.io", "fgpose.config", "fgpose.benchmark"}
 STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
@@ -63,8 +64,14 @@ ALLOWED = {
     "gtsam": GTSAM,
     "rerun": {"fgpose.viewer"},
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
+    "av": {"fgpose.live.sources"},
     "tyro": {"fgpose.cli"},
-    **dict.fromkeys(("json", "tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "yaml", "csv"), FILES),
+    **dict.fromkeys(("pylsl", "mcap", "rosbags"), MESSAGES),
+    "zmq": {"fgpose.live"},
+    "msgpack": {"fgpose.io.packing"},
+    "waitress": {"fgpose.live.page_server"},
+    "json": {*FILES, "fgpose.live"},
+    **dict.fromkeys(("tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "yaml", "csv"), FILES),
 }
 
 
@@ -178,7 +185,22 @@ def test_the_library_never_prints() -> None:
 
 
 def test_importing_fgpose_stays_light() -> None:
-    heavy = ("rerun", "onnxruntime", "onnx", "tflite", "tyro", "pyarrow", "cv2", "ezc3d")
+    heavy = (
+        "rerun",
+        "onnxruntime",
+        "onnx",
+        "tflite",
+        "tyro",
+        "pyarrow",
+        "cv2",
+        "ezc3d",
+        "zmq",
+        "msgpack",
+        "pylsl",
+        "mcap",
+        "rosbags",
+        "av",
+    )
     command = f"import sys, fgpose; print(*[name for name in {heavy} if name in sys.modules])"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "factors")))}
     found = subprocess.run(

@@ -1,0 +1,1 @@
+"""A running system: cameras in, poses out."""

@@ -1,0 +1,90 @@
+"""What is published, at a steady rate: the people, the cameras, and how much of the volume is observed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from fgpose.association.track import TrackState
+from fgpose.skeleton import Skeleton
+
+
+class CameraState(Enum):
+    """What can be said of a camera now."""
+
+    OK = "ok"
+    LATE = "late"
+    """Its images come, but slower or later than they should."""
+    LOST = "lost"
+    """Nothing has come for a while."""
+    RECONNECTING = "reconnecting"
+    """Its source has failed and is opened again."""
+    DOUBTFUL = "doubtful"
+    """Images come that should not be trusted: frozen, black, garbled, of a camera that was moved, or with a clock that
+    jumps."""
+
+
+@dataclass(frozen=True)
+class CameraStatus:
+    """A camera at the time of a frame."""
+
+    name: str
+    state: CameraState
+    reason: str = ""
+    """In words, where the state is not ok."""
+    image_s: float | None = None
+    """When its newest image was taken, Unix time; None: there was none yet."""
+    rate_hz: float = 0.0
+    """Of its images over the last seconds."""
+    clock_offset_s: float | None = None
+    """What is added to the stamps of its images to get Unix time; None: they have none, or it is not known yet."""
+    clock_sigma_s: float | None = None
+    n_images: int = 0
+    """That have arrived."""
+    n_used: int = 0
+    """Whose detections entered the estimate."""
+    n_lost: int = 0
+    """Too old when their detections were there."""
+
+
+@dataclass(frozen=True, eq=False)
+class LivePerson:
+    """Somebody at the time of a frame."""
+
+    person: int
+    state: TrackState
+    """CONFIRMED, or COASTING where no camera detects them at the moment."""
+    positions_m: np.ndarray
+    """(J, 3) in the world frame; NaN where nothing determines a joint."""
+    covariance_m2: np.ndarray
+    """(J, 3, 3)"""
+    status: np.ndarray
+    """(J,) values of fgpose.Status."""
+    probability: np.ndarray
+    """(J,) that at least one camera really sees the joint at the moment."""
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """One message. It is published also when nobody is there and when nothing is observed; then it says so."""
+
+    sequence: int
+    """Counts the frames of a run, from 0."""
+    time_s: float
+    """At which the people are where this frame says, Unix time: when the newest image was taken."""
+    published_s: float
+    """Unix time."""
+    skeleton: Skeleton
+    people: tuple[LivePerson, ...]
+    cameras: tuple[CameraStatus, ...]
+    """In the order of the rig."""
+    observed_share: float
+    """Of the volume, that at least two cameras that are ok observe: elsewhere, nobody does not mean that nobody is
+    there."""
+
+    @property
+    def age_s(self) -> float:
+        """Of the newest image when the frame was published."""
+        return self.published_s - self.time_s
