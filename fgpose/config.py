@@ -107,7 +107,7 @@ class Config:
 
     def __init__(self, **sections: Unpack[Sections]) -> None:
         every_section: dict[str, Any] = {name: {} for name in _kinds(Config)}
-        for name, section in _converted(Config, every_section | {**sections}, "").items():
+        for name, section in checked_fields(Config, every_section | {**sections}, "").items():
             object.__setattr__(self, name, section)
 
     def replace(self, **sections: Unpack[Sections]) -> Config:
@@ -169,7 +169,7 @@ def _kinds(cls: type) -> dict[str, Any]:
     return typing.get_type_hints(cls)
 
 
-def _converted(cls: type, table: Mapping[str, Any], prefix: str) -> dict[str, Any]:
+def checked_fields(cls: type, table: Mapping[str, Any], prefix: str) -> dict[str, Any]:
     """The values of a table, checked against the fields of a dataclass."""
     known = _kinds(cls)
     for name in table:
@@ -184,7 +184,7 @@ def _convert(kind: Any, value: Any, name: str) -> Any:
         table = vars(value) if isinstance(value, typing.cast(type, kind)) else value
         if not isinstance(table, Mapping):
             raise ValueError(f"{name} is a section, got {reprlib.repr(value)}")
-        return typing.cast(type, kind)(**_converted(typing.cast(type, kind), table, f"{name}."))
+        return typing.cast(type, kind)(**checked_fields(typing.cast(type, kind), table, f"{name}."))
     if typing.get_origin(kind) is Literal:
         choices = typing.get_args(kind)
         if value not in choices:

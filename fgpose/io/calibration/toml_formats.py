@@ -12,7 +12,7 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -40,15 +40,22 @@ def read(text: str) -> tuple[list[CalibratedView], Unit]:
     if not tables:
         raise ValueError("no camera in it: a calibration has one table per camera with matrix, rotation, translation")
     is_pose2sim = all(isinstance(table.get("fisheye"), bool) for table in tables.values())
-    is_caliscope = "cameras" in document or all("port" in table for table in tables.values())
+    is_caliscope = _has_calibration(document.get("cameras")) or all("port" in table for table in tables.values())
     names = list(tables) if is_pose2sim else sorted(tables, key=natural_key)
     views = [_view(name, tables[name]) for name in names if not tables[name].get("ignore", False)]
     return views, "m" if is_pose2sim or is_caliscope else "auto"
 
 
+def _has_calibration(cameras: Any) -> TypeGuard[dict[str, dict[str, Any]]]:
+    """Whether these are caliscope's cameras, and not only tables that say where a camera's images come from."""
+    if not isinstance(cameras, dict):
+        return False
+    return any(isinstance(table, dict) and any(key in table for key in _KEYS[:4]) for table in cameras.values())
+
+
 def _camera_tables(document: dict[str, Any]) -> dict[str, dict[str, Any]]:
     nested = document.get("cameras")
-    if isinstance(nested, dict):
+    if _has_calibration(nested):
         document = {f"cam_{key}" if key.isdigit() else key: table for key, table in nested.items()}
     return {
         name: table

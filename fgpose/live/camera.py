@@ -1,0 +1,147 @@
+"""A camera of a live system: its newest image, its clock and its state."""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fgpose.live.clock import Clock
+from fgpose.live.clock_model import ClockModel
+from fgpose.live.frame import CameraState, CameraStatus
+from fgpose.live.health import Health, Verdict
+from fgpose.live.image import Image, SourceImage
+from fgpose.live.mailbox import Mailbox
+from fgpose.live.picture_faults import PictureFaults
+from fgpose.live.sources import CameraSource
+
+_LOG = logging.getLogger("fgpose.live")
+_CONNECTING = Verdict(CameraState.RECONNECTING, "connecting")
+
+
+@dataclass(frozen=True)
+class CameraEvent:
+    """The state of a camera has changed, or what it is in that state for."""
+
+    time_s: float
+    """Unix time."""
+    camera: str
+    state: CameraState
+    reason: str
+
+    def __str__(self) -> str:
+        return f"camera {self.camera}: {self.state.value}{': ' if self.reason else ''}{self.reason}"
+
+
+class LiveCamera:
+    """What is known of a camera. Any thread may use it.
+
+    Args:
+        name: as in the rig.
+        settings: of its source.
+        clock: of the live system.
+        late_s: an image that arrives this long after it was taken is late; the lag of the estimator.
+        mailbox: where images go.
+        on_event: called once for every change of its state, in whatever thread notices it.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        settings: CameraSource,
+        clock: Clock,
+        late_s: float,
+        mailbox: Mailbox[Image] | None = None,
+        on_event: Callable[[CameraEvent], None] | None = None,
+    ) -> None:
+        self.name, self.settings, self.clock = name, settings, clock
+        self.mailbox = mailbox or Mailbox[Image]()
+        self.n_used = 0
+        """Images whose detections entered the estimate; counted by whoever uses them."""
+        self.n_lost = 0
+        """Images that were too old when their detections were there."""
+        self._on_event = on_event
+        self._model = ClockModel(settings.latency_s)
+        self._health, self._picture_faults = Health(settings.fps, late_s), PictureFaults()
+        self._lock = threading.Lock()
+        self._said = _CONNECTING
+        self._n_images = 0
+        self._image_s: float | None = None
+
+    def connected(self) -> None:
+        """Its source was opened: stamps may begin anew."""
+        with self._lock:
+            self._model.restart()
+            self._picture_faults.restart()
+            self._health.connected(self.clock.now_s())
+
+    def failed(self, reason: str) -> None:
+        """Its source failed and will be opened again."""
+        with self._lock:
+            self._health.failed(reason)
+        self.look()
+
+    def ended(self, reason: str) -> None:
+        """Nothing more will come."""
+        with self._lock:
+            self._health.ended(reason)
+        self.look()
+
+    def receive(self, image: SourceImage) -> None:
+        """Take an image that has just arrived: with its time it goes to the mailbox, unless it is damaged."""
+        arrived_s = self.clock.now_s()
+        with self._lock:
+            n_jumps = self._model.n_jumps
+            captured_s = self._model.captured_s(image.stamp, arrived_s)
+            faults: dict[str, str] = {}
+            if image.picture is not None and not image.is_damaged:
+                faults = self._picture_faults.add(image.picture, arrived_s)
+            if self._model.n_jumps > n_jumps:
+                faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s"
+            self._health.add(arrived_s, captured_s, faults, is_damaged=image.is_damaged)
+            number, self._n_images = self._n_images, self._n_images + 1
+            if image.is_damaged:
+                return
+            self._image_s = captured_s
+        if image.detections is not None:
+            detections = dataclasses.replace(image.detections, time_s=captured_s)
+            image = dataclasses.replace(image, detections=detections)
+        self.mailbox.put(Image(self.name, number, captured_s, arrived_s, image))
+
+    def status(self, now_s: float) -> CameraStatus:
+        """The camera at a time, which is now."""
+        with self._lock:
+            verdict = self._health.verdict(now_s)
+            return CameraStatus(
+                name=self.name,
+                state=verdict.state,
+                reason=verdict.reason,
+                image_s=self._image_s,
+                rate_hz=self._health.rate_hz(now_s),
+                clock_offset_s=self._model.offset_s,
+                clock_sigma_s=self._model.sigma_s,
+                n_images=self._n_images,
+                n_used=self.n_used,
+                n_lost=self.n_lost,
+            )
+
+    def look(self) -> None:
+        """Say it, once, if the state has changed. To be called several times a second."""
+        now_s = self.clock.now_s()
+        with self._lock:
+            verdict, said = self._health.verdict(now_s), self._said
+            # Reasons of other faults have numbers that change.
+            is_new = verdict.fault != said.fault or (verdict.fault == "failed" and verdict.reason != said.reason)
+            if not is_new:
+                return
+            self._said = verdict
+        event = CameraEvent(now_s, self.name, verdict.state, verdict.reason)
+        _LOG.log(logging.INFO if verdict.state is CameraState.OK else logging.WARNING, "%s", event)
+        if self._on_event is None:
+            return
+        try:
+            self._on_event(event)
+        except Exception:
+            _LOG.exception("whoever is told of events has failed")

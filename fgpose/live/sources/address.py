@@ -1,0 +1,54 @@
+"""Where images come from: devices, URLs, files, and how they are shown to people."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import Literal
+from urllib.parse import urlsplit
+
+Kind = Literal["device", "url", "folder", "file", "zmq"]
+
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
+
+
+def kind_of(source: str) -> Kind:
+    """What sort of source this is. A path that does not exist is a file, which then cannot be opened."""
+    if source == "zmq":
+        return "zmq"
+    if "://" in source:
+        return "url"
+    if source.startswith("/dev/video") or source.isdecimal():
+        return "device"
+    return "folder" if os.path.isdir(source) else "file"
+
+
+def shown(source: str) -> str:
+    """The source without user, password and query, in which many cameras want the password too."""
+    if "://" not in source:
+        return source
+    try:
+        parts = urlsplit(source)
+        host, port = parts.hostname or "", f":{parts.port}" if parts.port else ""
+    except ValueError:
+        return f"{source.partition('://')[0]}://..."
+    if "@" in source.partition("://")[2].removeprefix(parts.netloc):
+        # A password with a character that should be escaped: what looks like the host is a part of it.
+        return f"{parts.scheme}://..."
+    return f"{parts.scheme}://{host}{port}{parts.path}{'?...' if parts.query else ''}"
+
+
+def with_environment(source: str) -> str:
+    """The source with ``${NAME}`` replaced by what the environment variable holds, so that no file has a password.
+
+    Raises:
+        ValueError: a variable is not set.
+    """
+
+    def value(match: re.Match[str]) -> str:
+        try:
+            return os.environ[match[1]]
+        except KeyError:
+            raise ValueError(f"the environment variable {match[1]} is not set") from None
+
+    return _VARIABLE.sub(value, source)

@@ -1,0 +1,55 @@
+"""Images in a folder, played as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from fgpose.live.image import ArrayPicture, Picture, SourceImage
+from fgpose.live.sources.playback import Playback
+from fgpose.live.sources.source import SourceError
+from fgpose.monocular.clips import image_files
+
+
+class FolderSource:
+    """The images of a folder in natural order.
+
+    Raises:
+        SourceError: there are none, or the first cannot be read.
+    """
+
+    is_recording = True
+
+    def __init__(
+        self, name: str, folder: str, fps: float, playback: Playback, *, in_real_time: bool, loop: bool
+    ) -> None:
+        self._name, self._folder, self._fps = name, folder, fps
+        self._playback, self._in_real_time, self._loop = playback, in_real_time, loop
+        try:
+            self._files = image_files(Path(folder))
+        except OSError as error:
+            raise SourceError(name, folder, error.strerror or "it cannot be listed") from None
+        if not self._files:
+            raise SourceError(name, folder, "there are no images in it")
+        first = _read(self._files[0])
+        if first is None:
+            raise SourceError(name, str(self._files[0]), "not an image, or a damaged one")
+        self.size_px = first.size_px
+        playback.join(len(self._files) / fps)
+
+    def images(self) -> Iterator[SourceImage]:
+        return self._playback.play(self._frames, in_real_time=self._in_real_time, loop=self._loop)
+
+    def close(self) -> None:
+        pass
+
+    def _frames(self) -> Iterator[tuple[float, Picture | None]]:
+        for k, path in enumerate(self._files):
+            yield k / self._fps, _read(path)
+
+
+def _read(path: Path) -> ArrayPicture | None:
+    import cv2
+
+    array = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    return None if array is None else ArrayPicture(array)

@@ -1,0 +1,81 @@
+"""Recordings played as if they were cameras: all start together and go on in step."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Iterator
+
+from fgpose.live.clock import Clock
+from fgpose.live.clock_model import Stamp
+from fgpose.live.image import Picture, SourceImage
+
+# Later than this, a recording that was opened again joins in where the others are; and if the computer cannot keep up,
+# all of them are delayed together.
+_OVERDUE_S = 1.0
+
+
+class Playback:
+    """The start and the period that all recordings of a rig share."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lock = threading.Lock()
+        self._start_s: float | None = None
+        self.period_s = 0.0
+        """After which looping recordings begin anew: the length of the longest."""
+
+    @property
+    def start_s(self) -> float:
+        """Unix time of the first images: when this is first asked for."""
+        with self._lock:
+            if self._start_s is None:
+                self._start_s = self._clock.now_s()
+            return self._start_s
+
+    def join(self, duration_s: float) -> None:
+        """Tell how long a recording is."""
+        with self._lock:
+            self.period_s = max(self.period_s, duration_s)
+
+    def play(
+        self, frames: Callable[[], Iterable[tuple[float, Picture | None]]], *, in_real_time: bool, loop: bool
+    ) -> Iterator[SourceImage]:
+        """The images of a recording, stamped with Unix time.
+
+        Args:
+            frames: begins anew at each call: seconds since the first image, and the picture; None where it is damaged.
+            in_real_time: wait until each is due.
+            loop: again and again.
+        """
+        n_rounds, begin_s = self._position(loop=loop) if in_real_time else (0, 0.0)
+        while loop or n_rounds == 0:
+            is_empty = True
+            for since_s, picture in frames():
+                is_empty = False
+                if since_s < begin_s:
+                    continue
+                since_start_s = n_rounds * self.period_s + since_s
+                due_s = self._wait_until(since_start_s) if in_real_time else self.start_s + since_start_s
+                yield SourceImage(picture, Stamp(due_s, is_host_time=True), is_damaged=picture is None)
+            if is_empty:
+                return
+            n_rounds, begin_s = n_rounds + 1, 0.0
+
+    def _position(self, *, loop: bool) -> tuple[int, float]:
+        """Rounds that are over, and where the others are in theirs."""
+        elapsed_s = self._clock.now_s() - self.start_s
+        if elapsed_s < _OVERDUE_S:
+            return 0, 0.0
+        n_rounds = int(elapsed_s // self.period_s) if loop and self.period_s else 0
+        return n_rounds, elapsed_s - n_rounds * self.period_s
+
+    def _wait_until(self, since_start_s: float) -> float:
+        """Wait for an image that is due so long after the start; Unix time for which it counts."""
+        due_s = self.start_s + since_start_s
+        self._clock.sleep(due_s - self._clock.now_s())
+        now_s = self._clock.now_s()
+        if now_s - due_s < _OVERDUE_S:
+            return due_s
+        with self._lock:
+            self._start_s = max(self._start_s or 0.0, now_s - since_start_s)
+            return self._start_s + since_start_s

@@ -1,0 +1,187 @@
+"""Faults in when images come, in simulated time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from fgpose.live.camera import CameraEvent, LiveCamera
+from fgpose.live.clock import SimulatedClock
+from fgpose.live.clock_model import Stamp
+from fgpose.live.frame import CameraState
+from fgpose.live.image import SourceImage
+from fgpose.live.sources import CameraSource
+
+FPS = 30.0
+LATE_S = 0.5
+
+
+class Simulation:
+    """A camera whose images come with jitter, looked at five times a second."""
+
+    def __init__(self, settings: CameraSource | None = None) -> None:
+        self.clock = SimulatedClock(1.7e9)
+        self.events: list[CameraEvent] = []
+        self.camera = LiveCamera(
+            "cam01", settings or CameraSource(source="rtsp://x"), self.clock, LATE_S, on_event=self.events.append
+        )
+        self._rng = np.random.default_rng(0)
+        self._looked_s = self.clock.now_s()
+        self.camera.connected()
+
+    def run(
+        self,
+        duration_s: float,
+        fps: float = FPS,
+        image: Callable[[float], SourceImage] = lambda now_s: SourceImage(stamp=Stamp(now_s - 1e9)),
+    ) -> None:
+        """Images come for a while; image makes one from the time at which it is taken."""
+        for _ in range(round(duration_s * fps)):
+            taken_s = self.clock.now_s()
+            self._wait(float(self._rng.uniform(0, 0.5)) / fps)
+            self.camera.receive(image(taken_s))
+            self._wait(max(taken_s + 1 / fps - self.clock.now_s(), 0.0))
+
+    def nothing(self, duration_s: float) -> None:
+        self._wait(duration_s)
+
+    def _wait(self, duration_s: float) -> None:
+        end_s = self.clock.now_s() + duration_s
+        while self._looked_s + 0.2 < end_s:
+            self._looked_s += 0.2
+            self.clock.advance(max(self._looked_s - self.clock.now_s(), 0.0))
+            self.camera.look()
+        self.clock.advance(max(end_s - self.clock.now_s(), 0.0))
+
+    def said(self) -> list[CameraState]:
+        return [event.state for event in self.events]
+
+    def state(self) -> CameraState:
+        return self.camera.status(self.clock.now_s()).state
+
+
+@pytest.fixture
+def simulation() -> Simulation:
+    """Which has been ok for a while."""
+    simulation = Simulation()
+    simulation.run(20)
+    assert simulation.said() == [CameraState.OK]
+    return simulation
+
+
+def test_a_camera_is_connecting_until_its_first_image() -> None:
+    simulation = Simulation()
+    assert simulation.state() is CameraState.RECONNECTING
+    simulation.run(1)
+    assert simulation.state() is CameraState.OK
+
+
+def test_what_is_counted(simulation: Simulation) -> None:
+    simulation.camera.n_used = 3
+    status = simulation.camera.status(simulation.clock.now_s())
+    assert (status.n_images, status.n_used, status.n_lost) == (600, 3, 0)
+    assert status.rate_hz == pytest.approx(FPS, abs=1.5)  # an image more or less in a second
+    assert status.image_s == pytest.approx(simulation.clock.now_s(), abs=2 / FPS)
+    assert status.clock_offset_s == pytest.approx(1e9, abs=1e-3)  # the least of 600 delays of up to 17 ms
+    assert simulation.camera.mailbox.n_overwritten == 599
+
+
+def check_said_once(simulation: Simulation, state: CameraState, reason: str, began_s: float) -> None:
+    """Noticed within a second, said once, and over when the camera is well again."""
+    assert simulation.said() == [CameraState.OK, state]
+    assert simulation.events[-1].time_s - began_s <= 1.0
+    assert reason in simulation.events[-1].reason
+    assert simulation.state() is state
+    simulation.run(5)
+    assert simulation.said() == [CameraState.OK, state, CameraState.OK]
+
+
+def test_a_camera_that_is_unplugged(simulation: Simulation) -> None:
+    began_s = simulation.clock.now_s()
+    simulation.nothing(30)
+    check_said_once(simulation, CameraState.LOST, "no image comes", began_s)
+
+
+def test_a_slow_camera_is_not_lost_between_its_images() -> None:
+    simulation = Simulation()
+    simulation.run(60, fps=2)
+    assert simulation.said() == [CameraState.OK]
+    simulation.nothing(1.9)  # the newest image came up to half a second before
+    assert simulation.state() is CameraState.OK
+    simulation.nothing(0.6)
+    assert simulation.state() is CameraState.LOST
+
+
+def test_half_the_rate(simulation: Simulation) -> None:
+    began_s = simulation.clock.now_s()
+    simulation.run(20, fps=FPS / 2)
+    check_said_once(simulation, CameraState.LATE, "images a second instead of 30", began_s)
+
+
+def test_less_than_the_rate_that_was_asked_for() -> None:
+    simulation = Simulation(CameraSource(source="/dev/video0", fps=60.0))
+    simulation.run(5)
+    assert simulation.state() is CameraState.LATE
+
+
+def test_images_that_come_late(simulation: Simulation) -> None:
+    began_s = simulation.clock.now_s()
+    for delay_s in np.append(np.linspace(0, 0.8, 50), np.full(100, 0.8)):
+        simulation.run(1 / FPS, image=lambda now_s, d=delay_s: SourceImage(stamp=Stamp(now_s - 1e9 - d)))
+    assert simulation.state() is CameraState.LATE
+    # Images exceed the limit after a second of the rise, and the median of a second half a second later.
+    assert simulation.events[-1].time_s - began_s < 1.0 + 0.5 + 0.3
+    assert "after they were taken" in simulation.events[-1].reason
+
+
+@pytest.mark.parametrize("jump_s", [5.0, -5.0])
+def test_a_clock_that_jumps(simulation: Simulation, jump_s: float) -> None:
+    began_s = simulation.clock.now_s()
+    simulation.run(0.9, image=lambda now_s: SourceImage(stamp=Stamp(now_s - 1e9 + jump_s)))
+    assert simulation.said() == [CameraState.OK, CameraState.DOUBTFUL]
+    assert simulation.events[-1].time_s - began_s <= 1.0
+    assert f"jumped by {jump_s:+.0f}" in simulation.events[-1].reason
+    simulation.run(5, image=lambda now_s: SourceImage(stamp=Stamp(now_s - 1e9 + jump_s)))
+    assert simulation.state() is CameraState.OK
+
+
+def test_a_decoder_that_reports_errors(simulation: Simulation) -> None:
+    began_s = simulation.clock.now_s()
+    n_overwritten = simulation.camera.mailbox.n_overwritten
+    simulation.run(10, image=lambda now_s: SourceImage(stamp=Stamp(now_s - 1e9), is_damaged=True))
+    assert simulation.camera.mailbox.n_overwritten == n_overwritten  # damaged images go nowhere
+    check_said_once(simulation, CameraState.DOUBTFUL, "damaged", began_s)
+
+
+def test_a_source_that_fails_is_reconnecting_until_an_image_comes(simulation: Simulation) -> None:
+    simulation.camera.failed("rtsp://x: nothing answers there")
+    assert simulation.events[-1].state is CameraState.RECONNECTING
+    assert str(simulation.events[-1]) == "camera cam01: reconnecting: rtsp://x: nothing answers there"
+    simulation.camera.failed("rtsp://x: nothing answers there")
+    simulation.nothing(5)
+    simulation.camera.connected()
+    simulation.nothing(0.3)
+    assert simulation.said() == [CameraState.OK, CameraState.RECONNECTING]
+    simulation.run(3)
+    assert simulation.said() == [CameraState.OK, CameraState.RECONNECTING, CameraState.OK]
+
+
+def test_the_end_of_a_recording_is_said(simulation: Simulation) -> None:
+    simulation.camera.ended("the recording has ended")
+    simulation.nothing(5)
+    assert simulation.said() == [CameraState.OK, CameraState.LOST]
+
+
+def test_whoever_is_told_may_fail() -> None:
+    simulation = Simulation()
+
+    def fail(event: CameraEvent) -> None:
+        raise RuntimeError("dead")
+
+    camera = LiveCamera("cam01", CameraSource(source="rtsp://x"), simulation.clock, LATE_S, on_event=fail)
+    camera.connected()
+    camera.receive(SourceImage())
+    camera.look()
+    assert camera.status(simulation.clock.now_s()).state is CameraState.OK

@@ -1,0 +1,105 @@
+"""All cameras of a rig, from its file to their newest images."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_videos import SIZE_PX, counted, pictures, write_video
+
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.live.cameras import LiveCameras
+from fgpose.live.clock import Clock
+from fgpose.live.frame import CameraState
+from fgpose.live.image import SourceImage
+from fgpose.live.rig_file import LiveRig
+from fgpose.live.sources import CameraSource
+from fgpose.people import Detections
+
+pytest.importorskip("av")
+LONG_S = 120.0
+
+
+@pytest.fixture
+def small_rig(rig: CameraRig) -> CameraRig:
+    """Whose images have the size of the made videos."""
+
+    def small(camera: Camera) -> Camera:
+        return Camera(
+            name=camera.name,
+            size_px=SIZE_PX,
+            K=camera.K,
+            world_T_camera=camera.world_T_camera,
+            distortion=camera.distortion,
+        )
+
+    return CameraRig(tuple(small(camera) for camera in rig.cameras[:3]))
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("videos")
+    return [write_video(folder / f"{k}.mp4", pictures(20), 30) for k in range(2)]
+
+
+def live_rig(rig: CameraRig, *sources: CameraSource) -> LiveRig:
+    return LiveRig(rig, dict(zip(rig.names, sources, strict=True)))
+
+
+def test_images_of_all_cameras_come_with_their_times(small_rig: CameraRig, videos: list[Path]) -> None:
+    files = [CameraSource(source=str(path), pace="fast") for path in videos]
+    clock = Clock()
+    taken: dict[str, list[int]] = {name: [] for name in small_rig.names}
+    times_s: dict[str, list[float]] = {name: [] for name in small_rig.names}
+    detections = Detections(small_rig.names[2], 0.0, np.ones((1, 1, 2)), np.ones((1, 1)))
+    with LiveCameras(live_rig(small_rig, *files, CameraSource(source="zmq")), clock) as cameras:
+        cameras[small_rig.names[2]].receive(SourceImage(detections=detections))
+        end_s = time.monotonic() + LONG_S
+        while sum(map(len, taken.values())) < 41:
+            assert cameras.wait(LONG_S)
+            assert time.monotonic() < end_s
+            images = cameras.take_newest()
+            assert [image.captured_s for image in images] == sorted(image.captured_s for image in images)
+            for image in images:
+                times_s[image.camera].append(image.captured_s)
+                if image.detections is None:
+                    taken[image.camera].append(counted(image.picture))
+                else:
+                    assert image.detections.time_s == image.captured_s
+                    taken[image.camera].append(-1)
+                    with pytest.raises(ValueError, match="there is no picture"):
+                        _ = image.picture
+        assert [status.n_images for status in cameras.statuses()] == [20, 20, 1]
+    a, b, c = small_rig.names
+    assert taken == {a: list(range(20)), b: list(range(20)), c: [-1]}
+    assert times_s[a] == pytest.approx(times_s[b], abs=1e-6)  # recordings begin together
+    assert not cameras.wait(0.0)
+
+
+def test_all_that_is_wrong_is_said_before_any_work(small_rig: CameraRig, videos: list[Path]) -> None:
+    bad = [CameraSource(source=source) for source in ("nothing.mp4", "rtsp://viewer:hunter2@127.0.0.1:1/a")]
+    with pytest.raises(ValueError, match="there is no such thing") as error:
+        LiveCameras(live_rig(small_rig, *bad, CameraSource(source=str(videos[0]))), Clock())
+    a, b, _ = small_rig.names
+    lines = str(error.value).splitlines()
+    assert [line.split(":")[0] for line in lines] == [f"camera {a}", f"camera {b}"]
+    assert "hunter2" not in str(error.value)
+
+
+def test_images_of_another_size_than_the_calibration(rig: CameraRig, videos: list[Path]) -> None:
+    one = CameraRig(rig.cameras[:1])
+    with pytest.raises(ValueError, match=f"camera {rig.names[0]}: the images are 160 x 120, the calibration is for"):
+        LiveCameras(live_rig(one, CameraSource(source=str(videos[0]))), Clock())
+
+
+def test_states_are_said_without_anybody_asking(small_rig: CameraRig, videos: list[Path]) -> None:
+    one = CameraRig(small_rig.cameras[:1])
+    said: list[CameraState] = []
+    source = CameraSource(source=str(videos[0]))
+    with LiveCameras(live_rig(one, source), Clock(), on_event=lambda event: said.append(event.state)):
+        end_s = time.monotonic() + LONG_S
+        while CameraState.LOST not in said and time.monotonic() < end_s:
+            time.sleep(0.02)
+    assert said[-1] is CameraState.LOST  # the recording has ended
