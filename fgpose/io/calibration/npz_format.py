@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,14 +27,18 @@ _ADDED = ("time_offset_s",)
 
 def read(path: Path) -> list[CalibratedView]:
     """Cameras of an npz written by write, in metres. Raises ValueError for anything else."""
-    file = read_arrays(path)
+    return views(read_arrays(path))
+
+
+def views(file: Mapping[str, np.ndarray]) -> list[CalibratedView]:
+    """Cameras from the arrays that rig_arrays gives. Raises ValueError if they are others."""
     missing = [name for name in (*_TEXTS, *_NUMBERS) if name not in file and name not in _ADDED]
     if missing:
         raise ValueError(f"not a calibration of fgpose: the array {', '.join(missing)} is missing")
     names, lenses = (texts(file, name) for name in _TEXTS)
     if len(lenses) != len(names):
         raise ValueError(f"{len(names)} cameras have {len(lenses)} lenses")
-    file = {name: np.zeros(len(names)) for name in _ADDED} | file
+    file = {name: np.zeros(len(names)) for name in _ADDED} | dict(file)
     arrays = [checked(file, name, "numbers", len(names), *shape).astype(float) for name, shape in _NUMBERS.items()]
     return [_view(*row) for row in zip(names, lenses, *arrays, strict=True)]
 
@@ -64,11 +69,16 @@ def _view(
 
 
 def write(rig: CameraRig, path: Path) -> None:
-    """Write a rig as read reads it; unused distortion coefficients are NaN."""
+    """Write a rig as read reads it."""
+    write_arrays(path, rig_arrays(rig))
+
+
+def rig_arrays(rig: CameraRig) -> dict[str, np.ndarray]:
+    """All that is known of the cameras; unused distortion coefficients are NaN."""
     distortion = np.full((rig.n_cameras, _MAX_COEFFICIENTS), np.nan)
     for row, camera in zip(distortion, rig.cameras, strict=True):
         row[: camera.distortion.size] = camera.distortion
-    arrays = {
+    return {
         "camera_names": np.array(rig.names),
         "size_px": np.array([camera.size_px for camera in rig.cameras]),
         "K": np.stack([camera.K for camera in rig.cameras]),
@@ -77,4 +87,3 @@ def write(rig: CameraRig, path: Path) -> None:
         "lens": np.array([camera.lens for camera in rig.cameras]),
         "time_offset_s": rig.time_offsets_s,
     }
-    write_arrays(path, arrays)

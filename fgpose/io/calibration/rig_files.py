@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import npz_format, opencv_yaml, qualisys, toml_formats
+from fgpose.io.calibration import live_format, npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
 from fgpose.io.content import read_content
 
@@ -18,7 +18,8 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
     """The cameras of a calibration file; the format is recognised by its content.
 
     Pose2Sim, aniposelib and caliscope TOML, Qualisys ``.qca.txt``, EasyMocap / OpenCV FileStorage YAML (the folder with
-    ``intri.yml`` and ``extri.yml``, or either file) and the npz of save_rig. All of them store world to camera.
+    ``intri.yml`` and ``extri.yml``, or either file), the npz of save_rig, and the recording of a live system.
+    All but the last two store world to camera.
 
     Args:
         path: the file, or the folder of the two YAML files.
@@ -44,6 +45,8 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
 def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
     if path.is_dir():
         return opencv_yaml.read(path), "m"
+    if live_format.is_live(path):
+        return live_format.read(path), "m"
     content = read_content(path, _MAX_BYTES)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not start:

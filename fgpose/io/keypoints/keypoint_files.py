@@ -11,7 +11,7 @@ from fgpose.association.chosen_person import PersonRegion, chosen_person, main_p
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras, natural_key
-from fgpose.io.keypoints import camera_files, image_files, people_files, recording_files
+from fgpose.io.keypoints import camera_files, image_files, live_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
@@ -45,6 +45,7 @@ def load_observations(
       OpenPose or MMPose; the frame number is the last number in the file name.
     - A folder with one file per camera (``cam01.json``), of MMPose, COCO results or MeTRAbs (JSON or npz).
     - A recording written by save_observations or save_people_observations, npz or parquet.
+    - The recording of a live system; its times count from its beginning.
 
     A frame that one camera lacks was not seen by it; where the numbers leave out a frame in all cameras, nobody saw it.
     Camera names are compared without case, underscores, hyphens and ``_json``.
@@ -67,8 +68,9 @@ def load_observations(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, person, points3d_frame, points3d_unit)
-    if people_files.is_people(path):
-        return _one_of(path, people_files.read(path, rig, skeleton), rig, person)
+    own = _own_people(path, rig, skeleton)
+    if own is not None:
+        return _one_of(path, own, rig, person)
     if recording_files.is_recording(path):
         return recording_files.read(path, rig, skeleton)
     return _one_of(path, _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit), rig, person)
@@ -89,11 +91,21 @@ def load_people(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
-    if people_files.is_people(path):
-        return people_files.read(path, rig, skeleton)
+    own = _own_people(path, rig, skeleton)
+    if own is not None:
+        return own
     if recording_files.is_recording(path):
         return PeopleObservations.of_one(recording_files.read(path, rig, skeleton))
     return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit)
+
+
+def _own_people(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations | None:
+    """Everybody in our own formats that have several people; None: it is another one."""
+    if people_files.is_people(path):
+        return people_files.read(path, rig, skeleton)
+    if path.is_file() and live_files.is_live(path):
+        return live_files.read(path, rig, skeleton)
+    return None
 
 
 def _read_people(
@@ -151,6 +163,8 @@ def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
         OSError: it cannot be read.
     """
     path = Path(path)
+    if path.is_file() and live_files.is_live(path):
+        return live_files.camera_names(path)
     return recording_files.camera_names(path) if recording_files.is_recording(path) else tuple(_sources(path))
 
 

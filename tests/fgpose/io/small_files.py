@@ -19,6 +19,9 @@ from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
+from fgpose.io.live_recordings import RecordedImage, images_document, start_document
+from fgpose.io.packing import packed
+from fgpose.io.record_files import MAGIC, as_record
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.monocular.detection_cache import ViewDetections, load_detections, store_detections
@@ -280,6 +283,13 @@ def _read_tflite(folder: Path) -> bytes:
     return convert((folder / "tiny.tflite").read_bytes(), name="tiny.tflite")
 
 
+def _make_live_recording(folder: Path) -> None:
+    images = [RecordedImage(image, image.time_s + 0.1) for image in everybody().images]
+    documents = [start_document(rig(), STICK, Config(), 0.0), *(images_document([image]) for image in images)]
+    records = [as_record(packed(document)) for document in [*documents, {"kind": "end"}]]
+    (folder / "live.fgpose").write_bytes(MAGIC + b"".join(records))
+
+
 def _copied(source: Path) -> Callable[[Path], Any]:
     return lambda folder: shutil.copy(source, folder / source.name)
 
@@ -351,6 +361,8 @@ FORMATS = {
             lambda folder: save_people_observations(everybody(), folder / "seen.parquet"),
             _one(_read_people),
         ),
+        Format("live recording", "bytes", _make_live_recording, _one(_read_people)),
+        Format("rig of a live recording", "bytes", _make_live_recording, _one(load_rig)),
         Format("motion npz", "npz", _make_motion, _one(motion_from_npz)),
         Format("predictions npz", "npz", _make_predictions, _one(load_predictions)),
         Format("detections npz", "npz", _make_detections, _read_detections),

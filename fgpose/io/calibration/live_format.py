@@ -1,0 +1,39 @@
+"""The cameras in the recording of a live system."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import npz_format
+from fgpose.io.calibration.calibrated_view import CalibratedView
+from fgpose.io.content import first_bytes
+from fgpose.io.packing import unpacked
+from fgpose.io.record_files import MAGIC, RecordFile
+
+
+def is_live(path: Path) -> bool:
+    """Whether a file is the recording of a live system, by its content. Raises OSError if it cannot be read."""
+    return first_bytes(path, len(MAGIC)) == MAGIC
+
+
+def read(path: Path) -> list[CalibratedView]:
+    """Cameras of a recording, in metres. Raises ValueError if it is damaged; the caller names it."""
+    start = next(iter(RecordFile(path)), None)
+    document = None if start is None else unpacked(start)
+    if not isinstance(document, dict) or not isinstance(document.get("rig"), dict):
+        raise ValueError("the recording does not begin with its cameras")
+    return npz_format.views({name: _array(value) for name, value in document["rig"].items()})
+
+
+def as_document(rig: CameraRig) -> dict[str, Any]:
+    """A rig as read reads it, exactly."""
+    arrays = npz_format.rig_arrays(rig)
+    return {name: array.tolist() if array.dtype.kind == "U" else array for name, array in arrays.items()}
+
+
+def _array(value: Any) -> np.ndarray:
+    return value if isinstance(value, np.ndarray) else np.array([str(text) for text in value], dtype=str)

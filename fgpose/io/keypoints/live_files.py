@@ -1,0 +1,57 @@
+"""The detections in the recording of a live system."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration.live_format import is_live as is_live
+from fgpose.io.camera_names import match_cameras
+from fgpose.io.live_recordings import LiveRecordingFile
+from fgpose.people import Detections, PeopleObservations
+from fgpose.skeleton import Skeleton
+
+
+def camera_names(path: Path) -> tuple[str, ...]:
+    """The cameras of a recording. Raises ValueError, which names the file, if it is damaged."""
+    return LiveRecordingFile(path).start.camera_names
+
+
+def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations:
+    """Everybody who was detected, those also who came too late for the live estimate. Times count from the beginning
+    of the recording. Of images of a camera that have one time only the first is taken.
+
+    Raises:
+        ValueError: the file is damaged, of another skeleton or other cameras; the message names the file.
+
+    Warns:
+        UserWarning: the recording is not complete, see LiveRecordingFile.
+    """
+    recording = LiveRecordingFile(path)
+    start = recording.start
+    try:
+        if start.skeleton.joints != skeleton.joints:
+            raise ValueError(
+                f"its joints are not those of skeleton {skeleton.name} but those of {start.skeleton.name}: "
+                f"{', '.join(start.skeleton.joints)}"
+            )
+        called = {theirs: ours for ours, theirs in match_cameras(start.camera_names, rig.names).items()}
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    images: dict[tuple[str, float], Detections] = {}
+    for update in recording.updates():
+        for image in update:
+            seen = image.detections
+            if seen.camera not in called:
+                raise ValueError(f"{path}: {seen}: the recording has no such camera")
+            ours = _called(seen, called[seen.camera], seen.time_s - start.started_s)
+            images.setdefault((ours.camera, ours.time_s), ours)
+    try:
+        return PeopleObservations(skeleton, rig.names, tuple(images.values()))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def _called(seen: Detections, camera: str, time_s: float) -> Detections:
+    in_3d = seen.points3d_m, seen.covariance3d_m2
+    return Detections(camera, time_s, seen.points2d_px, seen.confidence, *in_3d, seen.appearance)

@@ -1,0 +1,182 @@
+"""What a live system records: cameras, skeleton and parameters, then detections as they came, and what it published.
+
+A file of records (record_files), each a MessagePack document (packing) with a key ``kind``:
+
+- ``start``: the first. ``version``, ``started_s`` (Unix time), ``rig``, ``skeleton``, ``config`` (TOML).
+- ``images``: detections that the tracker was given together, as ``images``. Of each the camera, ``time_s`` (when it
+  was taken, Unix time), ``stamp_s`` (by the camera's own clock; null: it gave none), ``arrived_s``, ``is_used`` (it was
+  not too late for the estimate), and the arrays of fgpose.Detections.
+- ``frame``: a message as it was published, see docs/live_messages.md.
+- ``lost``: ``n`` records are missing at about this place, as the disk was too slow or full.
+- ``end``: the recording was closed.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import live_format
+from fgpose.io.packing import unpacked
+from fgpose.io.record_files import RecordFile
+from fgpose.people import Detections
+from fgpose.skeleton import Skeleton
+
+_VERSION = 1
+_ARRAYS = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2", "appearance")
+_PAIRS = ("bones", "left_right", "limbs", "lines")
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedImage:
+    """The detections of an image, and what is known of its time."""
+
+    detections: Detections
+    """At the time when the image was taken, Unix time."""
+    arrived_s: float
+    """Unix time."""
+    stamp_s: float | None = None
+    """When it was taken by the camera's own clock; None: the camera gave no stamp."""
+    is_used: bool = True
+    """It entered the estimate; False: it came too late."""
+
+
+@dataclass(frozen=True)
+class RecordingStart:
+    """The first record."""
+
+    started_s: float
+    """Unix time."""
+    skeleton: Skeleton
+    camera_names: tuple[str, ...]
+    config: Config
+
+
+def start_document(rig: CameraRig, skeleton: Skeleton, config: Config, started_s: float) -> dict[str, Any]:
+    """The first record."""
+    return {
+        "kind": "start",
+        "version": _VERSION,
+        "started_s": started_s,
+        "rig": live_format.as_document(rig),
+        "skeleton": {name: getattr(skeleton, name) for name in ("name", "joints", "root", *_PAIRS)},
+        "config": config_to_toml(config),
+    }
+
+
+def images_document(images: list[RecordedImage]) -> dict[str, Any]:
+    """A record of images that the tracker was given together."""
+    return {"kind": "images", "images": [_image_document(image) for image in images]}
+
+
+def _image_document(image: RecordedImage) -> dict[str, Any]:
+    seen = image.detections
+    times = {"time_s": seen.time_s, "stamp_s": image.stamp_s, "arrived_s": image.arrived_s}
+    arrays = {name: getattr(seen, name) for name in _ARRAYS}
+    given = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
+    return {"camera": seen.camera, **times, "is_used": image.is_used, **given}
+
+
+class LiveRecordingFile:
+    """The records of a file, in order.
+
+    Raises:
+        ValueError: it is not the recording of a live system, or its first record is damaged; the message names it.
+        OSError: it cannot be read.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        self._records = RecordFile(self.path)
+        try:
+            first = next(iter(self._records), None)
+            if first is None:
+                raise ValueError("it ends before anything was recorded")
+            self.start = _start(unpacked(first))
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    def __iter__(self) -> Iterator[dict[str, Any]]:
+        """The documents of all records but the first and the last.
+
+        Raises:
+            ValueError: the file is damaged other than by being cut off; the message names it.
+            OSError: it cannot be read.
+
+        Warns:
+            UserWarning: the recording was not closed, was cut off in the middle of a record, or lacks records.
+        """
+        n_lost, is_closed = 0, False
+        try:
+            records = iter(self._records)
+            next(records, None)
+            for body in records:
+                document = unpacked(body)
+                kind = document.get("kind") if isinstance(document, dict) else None
+                if kind == "lost":
+                    n_lost += int(document.get("n", 1))
+                elif kind == "end":
+                    is_closed = True
+                else:
+                    yield document if kind else {}
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from None
+        self._warn(n_lost, is_closed)
+
+    def _warn(self, n_lost: int, is_closed: bool) -> None:
+        if self._records.lost_bytes:
+            warnings.warn(
+                f"{self.path}: the recording was cut off; its last {self._records.lost_bytes} bytes are no whole "
+                "record and are left out",
+                stacklevel=3,
+            )
+        elif not is_closed:
+            warnings.warn(
+                f"{self.path}: the recording was not closed, so what came last may be missing (a second at most)",
+                stacklevel=3,
+            )
+        if n_lost:
+            warnings.warn(f"{self.path}: the disk was too slow or full, {n_lost} records are missing", stacklevel=3)
+
+    def updates(self) -> Iterator[list[RecordedImage]]:
+        """The images that the tracker was given together, in its order; errors and warnings as of iteration."""
+        for document in self:
+            if document.get("kind") == "images":
+                try:
+                    yield [_recorded_image(image) for image in document["images"]]
+                except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+                    raise ValueError(f"{self.path}: damaged images: {error}") from None
+
+
+def _start(document: Any) -> RecordingStart:
+    if not isinstance(document, dict) or document.get("kind") != "start":
+        raise ValueError("the recording does not begin with its cameras")
+    if document.get("version") != _VERSION:
+        raise ValueError(f"a live recording of version {document.get('version')!r:.40}, not {_VERSION}")
+    try:
+        skeleton, cameras = _skeleton(document["skeleton"]), document["rig"]["camera_names"]
+        config = config_from_dict(parse_toml(document["config"]))
+        return RecordingStart(float(document["started_s"]), skeleton, tuple(map(str, cameras)), config)
+    except (TypeError, KeyError, AttributeError) as error:
+        raise ValueError(f"a damaged first record: {type(error).__name__}: {error}") from None
+
+
+def _skeleton(table: dict[str, Any]) -> Skeleton:
+    pairs = {name: tuple((int(a), int(b)) for a, b in table[name]) for name in _PAIRS}
+    joints, root = tuple(map(str, table["joints"])), tuple(map(int, table["root"]))
+    return Skeleton(str(table["name"]), joints, root=root, **pairs)
+
+
+def _recorded_image(image: dict[str, Any]) -> RecordedImage:
+    arrays = {name: np.asarray(image[name], dtype=float) for name in _ARRAYS if name in image}
+    detections = Detections(str(image["camera"]), float(image["time_s"]), **arrays)
+    stamp_s = image["stamp_s"]
+    stamp_s = None if stamp_s is None else float(stamp_s)
+    return RecordedImage(detections, float(image["arrived_s"]), stamp_s, bool(image["is_used"]))

@@ -1,0 +1,188 @@
+"""A recording of a live system on disk that is complete, but for the last moment, whatever ends the process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from fgpose.config import Config
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.live_recordings import RecordedImage, images_document, start_document
+from fgpose.io.packing import packed
+from fgpose.io.record_files import MAGIC, as_record
+from fgpose.live.frame import LiveFrame
+from fgpose.live.frame_messages import frame_document
+from fgpose.live.outputs.output import OutputState
+from fgpose.skeleton import Skeleton
+
+# Records that may wait for the disk: ten seconds of four cameras at 30 Hz. Beyond that the newest are left out.
+_MAX_WAITING = 2000
+_FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 30.0
+_CLOSE_S = 5.0
+
+
+class Recorder:
+    """Writes what the tracker is given and what is published, record by record, from a thread of its own.
+
+    Every record is with the operating system as soon as it is written, so that a kill costs only those that wait: none
+    if the disk keeps up. A disk that is full or fails is tried again; what cannot wait any longer is left out and
+    counted, and the recording says how much. It is an Output, and all its methods may be called from any thread.
+
+    Args:
+        path: of the file; the folder must exist.
+        rig: the cameras.
+        skeleton: of the people.
+        config: what the tracker is run with.
+        now_s: Unix time.
+        tell: called with one line when writing fails, and when it works again.
+
+    Raises:
+        FileExistsError: the file is there already.
+        OSError: it cannot be written.
+        ImportError: MessagePack is not installed.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config | None = None,
+        *,
+        now_s: Callable[[], float] = time.time,
+        tell: Callable[[str], None] | None = None,
+    ) -> None:
+        self._path, self._tell = Path(path), tell
+        start = start_document(rig, skeleton, config or Config(), now_s())
+        self._file = self._path.open("xb", buffering=0)
+        self._file.write(MAGIC)
+        self._n_bytes, self._is_torn = len(MAGIC), False
+        self._append(start)
+        self._changed = threading.Condition()
+        self._waiting: deque[dict[str, Any]] = deque()
+        self._n_lost = 0
+        """Records left out that the file does not yet mention."""
+        self._n_frames = self._n_skipped = 0
+        self._is_failing, self._last_error, self._is_closed = False, "", False
+        self._thread = threading.Thread(target=self._run, name="fgpose recorder", daemon=True)
+        self._thread.start()
+
+    def record(self, images: Sequence[RecordedImage]) -> None:
+        """Record images that are given to the tracker together, or that are too late for it."""
+        self._put(images_document(list(images)))
+
+    def publish(self, frame: LiveFrame) -> None:
+        self._put({"kind": "frame", **frame_document(frame)})
+
+    @property
+    def state(self) -> OutputState:
+        name = f"recording {self._path}"
+        return OutputState(name, not self._is_failing, self._n_frames, self._n_skipped, self._last_error)
+
+    def close(self) -> None:
+        """Write what waits and end the recording; closing again does nothing."""
+        with self._changed:
+            self._is_closed = True
+            self._changed.notify()
+        self._thread.join(_CLOSE_S)
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _put(self, document: dict[str, Any]) -> None:
+        with self._changed:
+            if self._is_closed:
+                return
+            if len(self._waiting) >= _MAX_WAITING:
+                self._leave_out(document)
+                return
+            self._waiting.append(document)
+            self._changed.notify()
+
+    def _leave_out(self, document: dict[str, Any]) -> None:
+        self._n_lost += 1
+        self._n_skipped += document["kind"] == "frame"
+
+    def _run(self) -> None:
+        retry_s = _FIRST_RETRY_S
+        while self._is_waiting():
+            try:
+                self._write_oldest()
+            except OSError as error:
+                self._failed(error)
+                if self._pause(retry_s):
+                    break
+                retry_s = min(2 * retry_s, _LONGEST_RETRY_S)
+            else:
+                retry_s = _FIRST_RETRY_S
+        with contextlib.suppress(OSError):
+            self._append({"kind": "end"})
+        with contextlib.suppress(OSError):
+            self._file.close()
+
+    def _is_waiting(self) -> bool:
+        """Whether there is something to write, when there is; no: the recording is to end, and all is written."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            return bool(self._waiting)
+
+    def _write_oldest(self) -> None:
+        """Write a record, and how many are missing. It is taken away when it is written."""
+        with self._changed:
+            document = self._waiting[0]
+        try:
+            self._append(document)
+        except (ValueError, TypeError) as error:
+            self._last_error = f"a record that cannot be written: {error}"
+            with self._changed:
+                self._waiting.popleft()
+                self._leave_out(document)
+            return
+        with self._changed:
+            self._waiting.popleft()
+            self._n_frames += document["kind"] == "frame"
+            n_lost = self._n_lost if len(self._waiting) < _MAX_WAITING // 2 else 0
+        if n_lost:
+            self._append({"kind": "lost", "n": n_lost})
+            with self._changed:
+                self._n_lost -= n_lost
+        if self._is_failing:
+            self._is_failing = False
+            self._say(f"the recording {self._path} goes on")
+
+    def _append(self, document: dict[str, Any]) -> None:
+        """Write a record. What a full disk has taken of one before is cut off first."""
+        record = as_record(packed(document))
+        if self._is_torn:
+            os.ftruncate(self._file.fileno(), self._n_bytes)
+            self._file.seek(self._n_bytes)
+        self._is_torn = True
+        left = memoryview(record)
+        while left:
+            left = left[self._file.write(left) :]
+        self._n_bytes += len(record)
+        self._is_torn = False
+
+    def _failed(self, error: Exception) -> None:
+        self._last_error = f"{type(error).__name__}: {error}"
+        if not self._is_failing:
+            self._say(f"the recording {self._path} cannot be written ({self._last_error}); it is tried again")
+        self._is_failing = True
+
+    def _say(self, line: str) -> None:
+        if self._tell is not None:
+            self._tell(line)
+
+    def _pause(self, duration_s: float) -> bool:
+        """Whether the recording is ended meanwhile."""
+        with self._changed:
+            return self._changed.wait_for(lambda: self._is_closed, duration_s)
