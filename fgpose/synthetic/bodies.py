@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.geometry.segments import nearest_on_segments
 from fgpose.skeleton import Skeleton
 
 VISIBLE = -1
@@ -140,34 +141,11 @@ def _behind_capsules(
 ) -> Bool[np.ndarray, "pair joint"]:
     start_m, end_m = (body_m[:, None, capsules.ends[:, end]] for end in (0, 1))
     joints_m = joints_m[:, :, None]
-    hit = segment_distance_m(position_m, joints_m, start_m, end_m) < capsules.radius_m
+    hit = nearest_on_segments(position_m, joints_m, start_m, end_m)[-1] < capsules.radius_m
     if is_own.any():
-        at_joint_m = segment_distance_m(joints_m[is_own], joints_m[is_own], start_m[is_own], end_m[is_own])
+        *_, at_joint_m = nearest_on_segments(joints_m[is_own], joints_m[is_own], start_m[is_own], end_m[is_own])
         hit[is_own] &= (at_joint_m > capsules.radius_m + _FLESH_M) & ~capsules.covers
     return np.asarray(hit.any(axis=-1))
-
-
-def segment_distance_m(
-    a0_m: Float[np.ndarray, "*#shape 3"],
-    a1_m: Float[np.ndarray, "*#shape 3"],
-    b0_m: Float[np.ndarray, "*#shape 3"],
-    b1_m: Float[np.ndarray, "*#shape 3"],
-) -> Float[np.ndarray, "*shape"]:
-    """Distance of the segments a0-a1 and b0-b1 from each other (Ericson, Real-Time Collision Detection, 5.1.9)."""
-    a, b, apart = a1_m - a0_m, b1_m - b0_m, a0_m - b0_m
-    aa, bb = np.maximum(_dot(a, a), 1e-12), np.maximum(_dot(b, b), 1e-12)
-    ab, a_apart, b_apart = _dot(a, b), _dot(a, apart), _dot(b, apart)
-    along_a = np.clip((ab * b_apart - a_apart * bb) / np.maximum(aa * bb - ab**2, 1e-12), 0.0, 1.0)
-    along_b = np.clip((ab * along_a + b_apart) / bb, 0.0, 1.0)
-    along_a = np.clip((ab * along_b - a_apart) / aa, 0.0, 1.0)
-    # |apart + along_a a - along_b b|^2 without vectors of every pair; rounding leaves 1e-7 m where they touch.
-    distance_m2 = _dot(apart, apart) + along_a * (along_a * aa + 2 * a_apart - 2 * along_b * ab)
-    distance_m2 += along_b * (along_b * bb - 2 * b_apart)
-    return np.sqrt(np.maximum(distance_m2, 0.0))
-
-
-def _dot(u: Float[np.ndarray, "*#shape 3"], v: Float[np.ndarray, "*#shape 3"]) -> Float[np.ndarray, "*shape"]:
-    return np.asarray(np.einsum("...i,...i->...", u, v))
 
 
 def _behind_boxes(
