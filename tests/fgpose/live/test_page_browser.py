@@ -1,0 +1,243 @@
+"""The status page in a real browser, with people walking and a camera lost.
+
+``python tests/fgpose/live/test_page_browser.py docs/live_page.png`` takes the picture of the documentation.
+"""
+
+from __future__ import annotations
+
+import base64
+import fcntl
+import json
+import os
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+import cv2
+import numpy as np
+import pytest
+from live_frames import live_frame, live_person
+
+from fgpose.association.track import TrackState
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.io.skeletons import load_skeleton
+from fgpose.live.distances import Fault, LinkDistance
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
+from fgpose.live.page import StatusPage
+from fgpose.synthetic import ring_rig, walking
+
+SKELETON = load_skeleton("h36m_17")
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+# A camera whose name would be a program if the page took it for HTML.
+NAMES = ("door", "window", "<img src=x onerror=document.title='taken'>", "ceiling/2 ü")
+
+
+def named_rig(names: tuple[str, ...]) -> CameraRig:
+    cameras = ring_rig(4, 3.4, 2.3, focal_px=700.0, size_px=(1280, 720)).cameras
+    return CameraRig(tuple(replace(camera, name=name) for camera, name in zip(cameras, names, strict=True)))
+
+
+def people_m(time_s: float) -> list[np.ndarray]:
+    """Two who walk past each other, and one who stands and turns."""
+    stride_m = walking(120, 30.0, SKELETON)
+    cycle = stride_m - stride_m[:, :1] * (1.0, 1.0, 0.0)
+    pose_m = cycle[int(30 * time_s) % 120]
+    ways = (
+        (0.5 * time_s, np.array([-1.8 + 0.9 * (time_s % 4), 0.6, 0.0])),
+        (0.9 * time_s, np.array([1.6 - 0.7 * (time_s % 4), -0.9, 0.0])),
+        (0.2 * time_s, np.array([1.3, 1.5, 0.0])),
+    )
+    turned = []
+    for turn, place_m in ways:
+        R = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+        turned.append(pose_m @ R.T + place_m)
+    return turned
+
+
+def made_up_frame(rig: CameraRig, sequence: int, now_s: float, rng: np.random.Generator) -> LiveFrame:
+    """The third camera is lost after the first frames, the second is late; the third person is coasting."""
+    states = [CameraState.OK, CameraState.LATE, CameraState.LOST, CameraState.OK]
+    reasons = ["", "images come 140 ms late", "nothing has come for 12.4 s; opened again in 4 s", ""]
+    if sequence < 10:
+        states, reasons = [CameraState.OK] * 4, [""] * 4
+    cameras = tuple(
+        CameraStatus(
+            name, state, reason, now_s - (12.4 if state is CameraState.LOST else 0.04),
+            0.0 if state is CameraState.LOST else 29.97, -0.0123 - 0.004 * number, 0.0011 + 0.0004 * number,
+            8000 + sequence, 7950 + sequence, 12 * number,
+        )
+        for number, (name, state, reason) in enumerate(zip(rig.names, states, reasons, strict=True))
+    )  # fmt: skip
+    sigma_m = (0.02, 0.03, np.array([0.25, 0.15, 0.05]))
+    track = (TrackState.CONFIRMED, TrackState.CONFIRMED, TrackState.COASTING)
+    people = [
+        live_person(joints_m, number + 1, sigma_m[number], track[number])
+        for number, joints_m in enumerate(people_m(now_s))
+    ]
+    delay_s = float(0.018 + rng.gamma(2.0, 0.004))
+    frame = live_frame(SKELETON, people, now_s - delay_s, sequence=sequence, delay_s=delay_s)
+    return replace(frame, cameras=cameras, observed_share=0.83 if sequence >= 10 else 1.0)
+
+
+def picture(camera: Camera, time_s: float) -> np.ndarray:
+    """Stick figures on a floor."""
+    width, height = camera.size_px
+    image = np.full((height, width, 3), (84, 92, 102), np.uint8)
+    for at in np.arange(-3.0, 3.5, 0.5):
+        for ends_m in (((at, -3.0, 0.0), (at, 3.0, 0.0)), ((-3.0, at, 0.0), (3.0, at, 0.0))):
+            line_px = camera.project(np.linspace(*ends_m, 60))
+            known = np.isfinite(line_px).all(axis=1) & (np.abs(line_px) < 1e4).all(axis=1)
+            cv2.polylines(image, [np.round(line_px[known]).astype(np.int32)], False, (112, 120, 130), 2)
+    for colour, joints_m in zip(((120, 180, 255), (255, 190, 110), (150, 230, 160)), people_m(time_s), strict=True):
+        joints_px = np.round(camera.project(joints_m)).astype(int)
+        for start, end in SKELETON.bones:
+            cv2.line(image, joints_px[start].tolist(), joints_px[end].tolist(), colour, 16, cv2.LINE_AA)
+    return image
+
+
+@contextmanager
+def served(names: tuple[str, ...]) -> Iterator[StatusPage]:
+    """A page that is fed by a thread with 30 frames a second."""
+    rig, rng, over = named_rig(names), np.random.default_rng(0), threading.Event()
+    with StatusPage(rig, SKELETON, port=0) as page:
+        page.show_output("zmq tcp://127.0.0.1:5561")
+        page.show_output("recording out/today", "the disk is full")
+        fault = Fault("the data are 0.61 s old", time.time() - 300)
+        page.show_distances([
+            LinkDistance("forearm", 0.412, 0.55, 1, "left hand", "left_wrist", 0.82, 0.03, 1.0, None),
+            LinkDistance("gripper", 0.63, 0.8, 1, "left hand", "left_wrist", 0.4, 0.03, 1.0, fault),
+        ])  # fmt: skip
+
+        def feed() -> None:
+            for sequence in range(100_000):
+                if over.wait(1 / 30):
+                    return
+                page.publish(made_up_frame(rig, sequence, time.time(), rng))
+                if sequence % 30 == 0:
+                    for camera in rig.cameras if sequence == 0 else (rig.cameras[0], rig.cameras[1], rig.cameras[3]):
+                        page.show_image(camera.name, picture(camera, time.time()))
+
+        thread = threading.Thread(target=feed)
+        thread.start()
+        try:
+            yield page
+        finally:
+            over.set()
+            thread.join()
+
+
+class Browser:
+    """A page in Chromium, driven through its DevTools protocol over a pipe: messages of JSON, each with a zero byte."""
+
+    def __init__(self, url: str, profile: str) -> None:
+        assert BROWSER is not None
+        (own_requests, self._requests), (self._answers, own_answers) = os.pipe(), os.pipe()
+        # Away from 3 and 4, which they become there.
+        requests, answers = (fcntl.fcntl(number, fcntl.F_DUPFD, 20) for number in (own_requests, own_answers))
+        # --no-sandbox: tests run as root in containers, and the page is our own.
+        options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"]
+        options += ["--remote-debugging-pipe", f"--user-data-dir={profile}", "about:blank"]
+        opened = [(os.POSIX_SPAWN_OPEN, number, os.devnull, os.O_WRONLY, 0) for number in (1, 2)]
+        pipe = [(os.POSIX_SPAWN_DUP2, requests, 3), (os.POSIX_SPAWN_DUP2, answers, 4)]
+        self._process = os.posix_spawn(BROWSER, [BROWSER, *options], os.environ, file_actions=opened + pipe)
+        for number in (own_requests, own_answers, requests, answers):
+            os.close(number)
+        self._read, self._number, self._session = os.fdopen(self._answers, "rb"), 0, ""
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.call("Emulation.setDeviceMetricsOverride", width=1280, height=1250, deviceScaleFactor=1, mobile=False)
+        self.call("Page.navigate", url=url)
+
+    def call(self, method: str, **params: object) -> dict[str, Any]:
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        os.write(self._requests, json.dumps(message).encode() + b"\0")
+        while True:
+            text = b""
+            while not text.endswith(b"\0"):
+                byte = self._read.read(1)
+                assert byte, "the browser has ended"
+                text += byte
+            answer = json.loads(text[:-1])
+            if answer.get("id") == self._number:
+                return answer["result"]
+
+    def value(self, expression: str) -> Any:
+        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+
+    def wait_for(self, expression: str) -> None:
+        """Until an expression is true. A busy computer takes seconds to show a page."""
+        deadline_s = time.monotonic() + 90
+        while not self.value(expression):
+            assert time.monotonic() < deadline_s, f"never true: {expression}"
+            time.sleep(0.2)
+
+    def close(self) -> None:
+        os.kill(self._process, signal.SIGTERM)
+        os.waitpid(self._process, 0)
+        self._read.close()
+        os.close(self._requests)
+
+
+@contextmanager
+def browser(url: str) -> Iterator[Browser]:
+    folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+    with folder as profile, closing(Browser(url, profile)) as opened:
+        yield opened
+
+
+# Somebody is coasting, a camera is lost, and the pictures have come.
+IS_SHOWN = """document.body.innerText.includes("person 3 coasting") && document.querySelector("article.fault") !== null
+    && [...document.images].length === 4 && [...document.images].every((image) => image.naturalWidth === 320)"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium is installed (apt-get install chromium)")
+def test_a_browser_shows_cameras_people_and_faults() -> None:
+    with served(NAMES) as page, browser(page.url) as opened:
+        opened.wait_for(IS_SHOWN)
+        text, title = opened.value("document.body.innerText"), opened.value("document.title")
+        pictures = opened.value("[...document.images].map((image) => image.src)")
+        loaded = opened.value("performance.getEntriesByType('resource').map((entry) => entry.name)")
+        page.close()
+        # What is shown is said to be old when nobody answers any more.
+        opened.wait_for('document.querySelector("#alarm").innerText.startsWith("No answer from fgpose since")')
+    assert "✕ lost" in text
+    assert "nothing has come for 12.4 s" in text
+    assert "▲ late" in text
+    assert "person 1" in text
+    assert "person 3 coasting" in text
+    assert "-20.3 ± 1.9 ms" in text
+    assert "2 of 4 ok" in text
+    assert "✕ the disk is full" in text
+    assert "the data are 0.61 s old (since" in text
+    # Of every camera, also those whose names need quoting.
+    shown = {unquote(picture.partition("?")[0]) for picture in pictures}
+    assert shown == {f"{page.url}camera/{name}.jpg" for name in NAMES}
+    # A name is a text, not a program.
+    assert NAMES[2] in text
+    assert title == "fgpose live"
+    # Nothing comes from elsewhere.
+    assert loaded
+    assert all(address.startswith(page.url) for address in loaded)
+
+
+if __name__ == "__main__":
+    with served(("door", "window", "conveyor", "ceiling")) as shown, browser(shown.url) as opened_page:
+        if sys.argv[2:] == ["dark"]:
+            dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+            opened_page.call("Emulation.setEmulatedMedia", features=dark)
+        opened_page.wait_for(IS_SHOWN)
+        time.sleep(15)
+        Path(sys.argv[1]).write_bytes(base64.b64decode(opened_page.call("Page.captureScreenshot")["data"]))
