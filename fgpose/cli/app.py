@@ -18,6 +18,7 @@ from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
 from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
+from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
 from fgpose.cli.run import Run
 from fgpose.cli.view import View
@@ -42,6 +43,7 @@ _COMMANDS = {
     "detect": Detect,
     "smooth": Smooth,
     "track": Track,
+    "live": Live,
     "refine": Refine,
     "info": Info,
     "evaluate": Evaluate,
@@ -49,7 +51,7 @@ _COMMANDS = {
     "models": Models,
     "benchmark": Benchmark,
 }
-Command = Demo | Run | Detect | Smooth | Track | Refine | Info | Evaluate | View | Models | Benchmark
+Command = Demo | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 

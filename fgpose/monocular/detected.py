@@ -10,8 +10,9 @@ from jaxtyping import Int, Shaped
 
 from fgpose.association.chosen_person import PersonRegion, chosen_person
 from fgpose.frame_matching import MatchedFrames
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
+from fgpose.monocular.network import People
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
 from fgpose.people import NOBODY, Detections, PeopleObservations
@@ -65,21 +66,9 @@ class Detected:
         """
         images = []
         for camera, clip, view in zip(self.rig.cameras, self.sources.clips, self.views, strict=True):
-            R = camera.world_T_camera[:3, :3]
             times_s = clip.times_s(view.stamps_s).tolist()
-            for time_s, found in zip(times_s, view.unstacked(), strict=True):
-                points3d_m, covariance_m2 = camera.to_world_frame(found.points3d_m), R @ found.covariance_m2 @ R.T
-                has_3d, has_covariance = (bool(np.isfinite(array).any()) for array in (points3d_m, covariance_m2))
-                images.append(
-                    Detections(
-                        camera.name,
-                        time_s,
-                        found.points2d_px,
-                        np.clip(np.nan_to_num(found.confidence), 0.0, 1.0),
-                        points3d_m if has_3d else None,
-                        covariance_m2 if has_3d and has_covariance else None,
-                    )
-                )
+            found = zip(times_s, view.unstacked(), strict=True)
+            images += [detections_of(camera, time_s, people) for time_s, people in found]
         return PeopleObservations(self.skeleton, self.rig.names, tuple(images))
 
     def follow(self, person: int | PersonRegion = 0) -> FollowedPerson:
@@ -100,3 +89,18 @@ class Detected:
         for t, c in np.argwhere(chosen != NOBODY).tolist():
             problems[t, c] = people[c][self.frames.image[t, c]].problems[chosen[t, c]]
         return problems
+
+
+def detections_of(camera: Camera, time_s: float, found: People) -> Detections:
+    """What a network found in an image of a camera, with per-view 3D and its covariance in the world frame."""
+    R = camera.world_T_camera[:3, :3]
+    points3d_m, covariance_m2 = camera.to_world_frame(found.points3d_m), R @ found.covariance_m2 @ R.T
+    has_3d, has_covariance = (bool(np.isfinite(array).any()) for array in (points3d_m, covariance_m2))
+    return Detections(
+        camera.name,
+        time_s,
+        found.points2d_px,
+        np.clip(np.nan_to_num(found.confidence), 0.0, 1.0),
+        points3d_m if has_3d else None,
+        covariance_m2 if has_3d and has_covariance else None,
+    )

@@ -1,0 +1,218 @@
+"""The live system from the command line."""
+
+from __future__ import annotations
+
+import logging
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tyro.conf import Positional, arg
+
+from fgpose.cli.options import new_console
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from fgpose.config import Config
+    from fgpose.live.cameras import LiveCameras
+    from fgpose.live.outputs import Output
+    from fgpose.live.page import StatusPage
+    from fgpose.live.report import Report
+    from fgpose.live.rig_file import LiveRig
+    from fgpose.live.tracking import Update
+    from fgpose.monocular.network import Network
+    from fgpose.skeleton import Skeleton
+
+_KEYPOINTS = "zmq"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Live:
+    """Poses of everybody from cameras as they run, until Ctrl-C.
+
+    RIG names the cameras, their calibration and their sources: USB devices, RTSP or HTTP URLs, videos or folders played
+    in real time, or zmq for the keypoints of a detector elsewhere (docs/live_cameras.md). Publishes also when nobody is
+    there, and says which cameras can be trusted. Nothing that is published is a safety function.
+
+    Example: fgpose live rig.toml --zmq 5556 --record session.fgpose
+    """
+
+    rig: Annotated[Positional[Path], arg(metavar="RIG.toml")]
+    """Cameras and sources."""
+    model: Annotated[str, arg(metavar="NAME|FILE")] = "blazepose-lite"
+    """Network that looks for people in images."""
+    max_people: Annotated[int, arg(metavar="N")] = 2
+    """How many people to find in each image at most."""
+    skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
+    """Joints of the keypoints where all detectors are elsewhere."""
+    jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
+    """Images that the network works on at the same time."""
+    config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """TOML file of parameters, as those in configs/."""
+    keypoints_port: Annotated[int, arg(metavar="PORT")] = 5557
+    """Where detectors elsewhere send keypoints."""
+    zmq: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="(default: none)")] = None
+    """Publish over ZeroMQ (docs/live_messages.md)."""
+    lsl: Annotated[int, arg(metavar="N", help_behavior_hint="(default: none)")] = 0
+    """Publish so many people over the Lab Streaming Layer."""
+    mcap: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """Write ROS 2 messages to an MCAP file."""
+    record: Annotated[Path | None, arg(metavar="FILE.fgpose", help_behavior_hint="(default: none)")] = None
+    """Record detections, clocks and estimates."""
+    page: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="(default: none)")] = None
+    """Serve a status page for the browser; 0 takes any free port."""
+    host: str = "127.0.0.1"
+    """Address of this computer that others connect to. The default is for programs of this computer only; nothing here
+    asks for a password."""
+    duration_s: Annotated[float | None, arg(metavar="S", help_behavior_hint="(default: until Ctrl-C)")] = None
+    """Stop after this time."""
+
+    def run(self) -> None:
+        from fgpose.config import Config, load_config
+        from fgpose.live.cameras import LiveCameras
+        from fgpose.live.clock import Clock
+        from fgpose.live.observed import volume_points_m
+        from fgpose.live.rig_file import load_live_rig
+        from fgpose.live.system import LiveSystem
+        from fgpose.live.tracking import LiveTracking
+
+        logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO)
+        config = Config() if self.config is None else load_config(self.config)
+        live_rig, clock = load_live_rig(self.rig), Clock()
+        network, skeleton = self._detector(live_rig)
+        with ExitStack() as stack:
+            cameras = stack.enter_context(LiveCameras(live_rig, clock, config.online.lag_s))
+            consumers = self._outputs(stack, cameras, skeleton, config)
+            tracking = LiveTracking(cameras.rig, skeleton, config, volume_points_m(cameras.rig))
+            page = consumers.page
+            system = LiveSystem(
+                cameras,
+                tracking,
+                network,
+                [*consumers.outputs, *([] if page is None else [page])],
+                consumers.observers,
+                clock,
+                self._jobs(network),
+                None if page is None else page.show_image,
+            )
+            stack.callback(system.close)
+            self._receive(stack, live_rig, cameras, skeleton)
+            with _stopped_by_signals(system.stop):
+                system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
+        console = new_console()
+        console.print(_table(system.report))
+        for output in consumers.outputs:
+            state = output.state
+            said = f"; {state.last_error}" if state.last_error else ""
+            console.print(f"{state.name}: {state.n_published} frames, {state.n_skipped} skipped{said}", soft_wrap=True)
+
+    def _detector(self, live_rig: LiveRig) -> tuple[Network | None, Skeleton]:
+        """The network, where any camera needs it, and the joints."""
+        from fgpose.io.skeletons import load_skeleton
+        from fgpose.monocular.networks import open_network
+
+        elsewhere = [name for name, settings in live_rig.sources.items() if settings.source == _KEYPOINTS]
+        if len(elsewhere) == len(live_rig.sources):
+            if self.skeleton is None:
+                raise ValueError(f"{self.rig}: all detectors are elsewhere; say with --skeleton what their joints are")
+            return None, load_skeleton(self.skeleton)
+        with new_console(stderr=True).status("opening the network"):
+            network = open_network(self.model, max_people=self.max_people)
+        return network, network.skeleton
+
+    def _jobs(self, network: Network | None) -> int:
+        from fgpose.cores import n_cores
+
+        if self.jobs is not None and self.jobs < 1:
+            raise ValueError(f"--jobs must be at least 1, got {self.jobs}")
+        return 1 if network is None else self.jobs or n_cores()
+
+    def _outputs(self, stack: ExitStack, cameras: LiveCameras, skeleton: Skeleton, config: Config) -> Consumers:
+        """Everything that takes frames, opened before any work."""
+        from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
+        from fgpose.live.page import StatusPage
+        from fgpose.live.recorder import Recorder
+
+        console, consumers = new_console(stderr=True), Consumers()
+        tell = logging.getLogger("fgpose.live").warning
+        if self.zmq is not None:
+            consumers.outputs.append(open_zmq_output(self.zmq, host=self.host, tell=tell))
+            console.print(f"publishing over ZeroMQ at tcp://{self.host}:{self.zmq}")
+        if self.lsl:
+            consumers.outputs.append(open_lsl_output(skeleton, n_slots=self.lsl, tell=tell))
+            console.print(f"publishing {self.lsl} people over the Lab Streaming Layer")
+        if self.mcap is not None:
+            consumers.outputs.append(open_mcap_output(self.mcap, tell=tell))
+        if self.record is not None:
+            recorder = Recorder(self.record, cameras.rig, skeleton, config, tell=tell)
+            consumers.outputs.append(recorder)
+            consumers.observers.append(lambda update: recorder.record(update.images))
+        for output in consumers.outputs:
+            stack.callback(output.close)
+        if self.page is not None:
+            page = stack.enter_context(StatusPage(cameras.rig, skeleton, self.page, self.host))
+            consumers.page = page
+            console.print(f"status page: {page.url}", soft_wrap=True)
+        return consumers
+
+    def _receive(self, stack: ExitStack, live_rig: LiveRig, cameras: LiveCameras, skeleton: Skeleton) -> None:
+        """Listen for the keypoints of detectors elsewhere, if there are any."""
+        from fgpose.live.keypoint_socket import KeypointSocket
+        from fgpose.live.received import KeypointReceiver
+
+        elsewhere = [name for name, settings in live_rig.sources.items() if settings.source == _KEYPOINTS]
+        if elsewhere:
+            tell = logging.getLogger("fgpose.live").warning
+            rig = cameras.rig.subset(elsewhere)
+            socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=tell)
+            stack.callback(KeypointReceiver(socket, cameras).close)
+            new_console(stderr=True).print(f"keypoints of {', '.join(elsewhere)} come to {socket.address}")
+
+
+@dataclass
+class Consumers:
+    """What takes the frames of a live system, and what it was given."""
+
+    outputs: list[Output] = field(default_factory=list)
+    observers: list[Callable[[Update], None]] = field(default_factory=list)
+    page: StatusPage | None = None
+
+
+@contextmanager
+def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C and SIGTERM are how a live system ends: everything is closed, and the report is printed."""
+    numbers = signal.SIGINT, signal.SIGTERM
+    before = [signal.signal(number, lambda *_: stop()) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _table(report: Report) -> Table:
+    """What happened to each camera, and how late the frames were."""
+    from rich import box
+    from rich.table import Table
+
+    from fgpose.live.frame import CameraState
+
+    median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50, 95, 99))
+    table = Table(
+        title=f"{report.n_frames} frames; from image to frame: median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, "
+        f"99 % {p99_ms:.0f} ms",
+        title_justify="left",
+        box=box.HORIZONTALS,
+    )
+    table.add_column("camera", no_wrap=True)
+    for heading in ("images", "used", "late", "[Hz]", *(f"{state.value} [s]" for state in CameraState)):
+        table.add_column(heading, justify="right")
+    for camera in report.cameras:
+        seconds = [f"{report.seconds_in(camera.name, state):.0f}" for state in CameraState]
+        counts = [str(number) for number in (camera.n_images, camera.n_used, camera.n_lost)]
+        table.add_row(camera.name, *counts, f"{camera.rate_hz:.1f}", *seconds)
+    return table

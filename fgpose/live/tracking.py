@@ -1,0 +1,134 @@
+"""Everybody who is there, from images as they come: grouped, given to the tracker, and told at any time."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
+from fgpose.config import Config
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.moments import Moments
+from fgpose.live.observed import observed_share
+from fgpose.live.people import coasting, live_person
+from fgpose.people import Detections
+from fgpose.skeleton import Skeleton
+from fgpose.tracking import Tracker
+
+_LOG = logging.getLogger("fgpose.live")
+# Predicted people say so when no image has come for longer than the slowest usual camera takes.
+_COASTS_AFTER_S = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What the tracker was given together, and what it said."""
+
+    images: tuple[RecordedImage, ...]
+    people: tuple[Tracked, ...]
+    events: tuple[TrackEvent, ...]
+
+
+class LiveTracking:
+    """The tracker of a live system. It is used from one thread.
+
+    Images of one moment are given together; one that comes later than its moment is still used at its own time, unless
+    it is older than the lag. A tracker that fails is replaced by a new one.
+
+    Args:
+        rig, skeleton, config: as of fgpose.Tracker.
+        volume_m: (N, 3) points of the volume of which frames say how much is observed.
+    """
+
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray) -> None:
+        self.rig, self.skeleton, self.config = rig, skeleton, config
+        self._volume_m = volume_m
+        self._tracker = Tracker(rig, skeleton, config)
+        self._moments = Moments()
+        self._arrived: dict[tuple[str, float], RecordedImage] = {}
+        self._image_s: dict[str, float] = {}
+        self._people: tuple[LivePerson, ...] = ()
+        self._shares: dict[frozenset[str], float] = {}
+        self._sequence = 0
+        self.n_failures = 0
+        """How often the tracker was replaced."""
+
+    @property
+    def newest_s(self) -> float:
+        """When the newest image was taken that was used; -inf: none was."""
+        return max(self._image_s.values(), default=-np.inf)
+
+    @property
+    def deadline_s(self) -> float:
+        """When images that wait for others have waited long enough; inf: none waits."""
+        return self._moments.deadline_s
+
+    def add(self, image: RecordedImage, now_s: float) -> list[Update]:
+        """Take the detections of an image; what it completes is tracked."""
+        detections = image.detections
+        if detections.time_s <= self._image_s.get(detections.camera, -np.inf) or self._is_too_old(detections):
+            return [Update((replace(image, is_used=False),), (), ())]
+        self._arrived[detections.camera, detections.time_s] = image
+        return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
+
+    def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
+        """Track what waits, if all of these cameras have come or it has waited long enough."""
+        moment = self._moments.ready(now_s, expected)
+        return [self._tracked(moment)] if moment else []
+
+    def frame(self, now_s: float, cameras: Sequence[CameraStatus]) -> LiveFrame:
+        """What can be said now."""
+        unseen_s = now_s - self.newest_s
+        people = self._people
+        if unseen_s > _COASTS_AFTER_S:
+            people = tuple(coasting(person, unseen_s) for person in people)
+        frame = LiveFrame(
+            sequence=self._sequence,
+            time_s=self.newest_s if self._image_s else now_s,
+            published_s=now_s,
+            skeleton=self.skeleton,
+            people=people,
+            cameras=tuple(cameras),
+            observed_share=self._observed_share(cameras),
+        )
+        self._sequence += 1
+        return frame
+
+    def close(self) -> None:
+        """End the processes of the tracker."""
+        self._tracker.close()
+
+    def _tracked(self, moment: Sequence[Detections]) -> Update:
+        images = tuple(self._arrived.pop((each.camera, each.time_s)) for each in moment)
+        used = [not self._is_too_old(each) for each in moment]
+        given = [each for each, is_used in zip(moment, used, strict=True) if is_used]
+        images = tuple(replace(image, is_used=is_used) for image, is_used in zip(images, used, strict=True))
+        if not given:
+            return Update(images, (), ())
+        try:
+            people = self._tracker.update(given)
+            self._people = tuple(live_person(tracked) for tracked in people)
+            events = self._tracker.events()
+        except Exception:
+            _LOG.exception("the tracker failed and begins anew; people get new numbers")
+            self.n_failures += 1
+            self._tracker.close()
+            self._tracker = Tracker(self.rig, self.skeleton, self.config)
+            self._people, people, events = (), [], []
+        self._image_s |= {each.camera: each.time_s for each in given}
+        return Update(images, tuple(people), tuple(events))
+
+    def _is_too_old(self, detections: Detections) -> bool:
+        return detections.time_s < self.newest_s - self.config.online.lag_s
+
+    def _observed_share(self, cameras: Sequence[CameraStatus]) -> float:
+        ok = frozenset(camera.name for camera in cameras if camera.state is CameraState.OK)
+        if ok not in self._shares:
+            self._shares[ok] = observed_share(self.rig, ok, self._volume_m)
+        return self._shares[ok]

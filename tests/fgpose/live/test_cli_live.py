@@ -1,0 +1,133 @@
+"""fgpose live, with keypoints that are sent to it in real time."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zmq
+from test_live_tracking import scene
+
+import fgpose
+from fgpose.cli import main
+from fgpose.io.calibration import save_rig
+from fgpose.live.frame import CameraState, LiveFrame
+from fgpose.live.frame_messages import decode_frame
+from fgpose.live.keypoint_messages import encode_keypoints
+from fgpose.live.recording import load_live_recording
+
+RUN_S = 4.0
+SENDS_S = 2.5
+"""The detectors stop before the end."""
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return found.getsockname()[1]
+
+
+def rig_file(folder: Path) -> Path:
+    save_rig(scene().rig, folder / "calibration.toml")
+    path = folder / "rig.toml"
+    tables = "".join(f'[cameras.{name}]\nsource = "zmq"\n' for name in scene().rig.names)
+    path.write_text(f'[live]\ncalibration = "calibration.toml"\n{tables}')
+    return path
+
+
+def send(port: int) -> None:
+    """As four detectors: every image when it is taken."""
+    with zmq.Context() as context, context.socket(zmq.PUSH) as detector:
+        detector.setsockopt(zmq.LINGER, 0)
+        detector.connect(f"tcp://127.0.0.1:{port}")
+        skeleton, images = scene().motion.skeleton, scene().observations.images
+        begin_s = time.time() + 0.5
+        for image in images:
+            if image.time_s > SENDS_S:
+                break
+            time.sleep(max(begin_s + image.time_s - time.time(), 0.0))
+            size_px = scene().rig.cameras[scene().rig.names.index(image.camera)].size_px
+            seen = image.points2d_px, image.confidence
+            detector.send(encode_keypoints(image.camera, begin_s + image.time_s, size_px, skeleton.name, *seen))
+
+
+def receive(port: int, frames: list[LiveFrame], stop: threading.Event) -> None:
+    with zmq.Context() as context, context.socket(zmq.SUB) as consumer:
+        consumer.setsockopt(zmq.LINGER, 0)
+        consumer.subscribe(b"")
+        consumer.connect(f"tcp://127.0.0.1:{port}")
+        while not stop.is_set():
+            if consumer.poll(50):
+                frames.append(decode_frame(consumer.recv(), scene().motion.skeleton))
+
+
+@pytest.mark.slow
+def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    keypoints_port, frames_port = free_port(), free_port()
+    record, frames, stop = tmp_path / "session.fgpose", [], threading.Event()
+    threads = [
+        threading.Thread(target=send, args=(keypoints_port,)),
+        threading.Thread(target=receive, args=(frames_port, frames, stop)),
+    ]
+    for thread in threads:
+        thread.start()
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", str(RUN_S)]
+    arguments += ["--keypoints-port", str(keypoints_port), "--zmq", str(frames_port), "--record", str(record)]
+    try:
+        assert main(arguments) == 0
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    # Frames come at all times: also before the first image and after the last.
+    assert np.diff([frame.published_s for frame in frames]).max() < 1.0
+    assert frames[0].people == ()
+    seen = [
+        frame for frame in frames if frame.people and all(camera.state is CameraState.OK for camera in frame.cameras)
+    ]
+    assert max(len(frame.people) for frame in seen) == 2
+    assert {camera.state for camera in frames[-1].cameras} == {CameraState.LOST}
+    assert frames[-1].observed_share == 0.0
+    report = capsys.readouterr().out
+    assert "from image to frame: median" in report
+    assert all(name in report for name in scene().rig.names)
+
+    recording = load_live_recording(record)
+    assert recording.skeleton == scene().motion.skeleton
+    tracker = fgpose.Tracker(recording.rig, recording.skeleton, recording.config)
+    again = [tracker.update([image.detections for image in images if image.is_used]) for images in recording.updates()]
+    newest = [tracked.estimate.positions_m for tracked in again[-1]]
+    published = [frame for frame in recording.frames() if frame.people]
+    by_time = {frame.time_s: frame for frame in published}
+    last = by_time[max(by_time)]
+    # Positions are recorded in single precision.
+    for positions_m, person in zip(newest, last.people, strict=True):
+        np.testing.assert_allclose(positions_m, person.positions_m, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "all detectors are elsewhere; say with --skeleton what their joints are"),
+        (["--skeleton", "h36m_17", "--jobs", "0"], "--jobs must be at least 1, got 0"),
+    ],
+)
+def test_wrong_options_are_refused(
+    tmp_path: Path, options: list[str], message: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["live", str(rig_file(tmp_path)), *options, "--keypoints-port", str(free_port())]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_port_that_is_taken_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--zmq", str(port)]
+        assert main([*arguments, "--keypoints-port", str(free_port())]) == 2
+    assert str(port) in capsys.readouterr().err

@@ -1,0 +1,154 @@
+"""Everybody who is there, live: from images as they come, and also when none comes."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.association.track import TrackState
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
+from fgpose.live.observed import volume_points_m
+from fgpose.live.tracking import LiveTracking, Update
+from fgpose.people import Detections
+from fgpose.synthetic import (
+    CrowdErrors,
+    CrowdPlan,
+    CrowdScene,
+    DetectionNoise,
+    Occlusion,
+    crowd_motion,
+    embedded_motion,
+    ring_rig,
+    simulate_crowd,
+)
+
+CONFIG = fgpose.Config(online={"lag_s": 0.3}, tracking={"max_processes": 1})
+DELAY_S = 0.02
+"""From taking an image to having its detections."""
+
+
+@cache
+def scene() -> CrowdScene:
+    """Two people who stay, for 3 s, in four cameras."""
+    walks, works = [embedded_motion("cmu_02_01_short")], [embedded_motion("cmu_02_07_a")]
+    plan = CrowdPlan(late_share=0.0, leaving_share=0.0, returning_share=0.0)
+    motion = crowd_motion(2, 150, 50.0, walks, works, 2, plan)
+    rig = ring_rig(4, 5.0, 2.7, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
+    return simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), 2)
+
+
+def tracking() -> LiveTracking:
+    return LiveTracking(scene().rig, scene().motion.skeleton, CONFIG, volume_points_m(scene().rig))
+
+
+def statuses(state: CameraState = CameraState.OK) -> tuple[CameraStatus, ...]:
+    return tuple(CameraStatus(name, state) for name in scene().rig.names)
+
+
+def feed(live: LiveTracking, images: list[Detections]) -> tuple[list[Update], float]:
+    """All images, each as soon as its detections are there; the time at the end."""
+    updates, now_s = [], 0.0
+    for image in images:
+        now_s = image.time_s + DELAY_S
+        updates += live.add(RecordedImage(image, now_s), now_s)
+        updates += live.look(now_s, scene().rig.names)
+    return updates, now_s
+
+
+def errors_m(frame: LiveFrame) -> np.ndarray:
+    """Mean error of each person, of the nearest true one."""
+    truth = scene().truth(np.array([frame.time_s]))
+    truth_m = np.stack([true.positions_m[0] for true in truth.values()])
+    people_m = np.stack([person.positions_m for person in frame.people])
+    return np.linalg.norm(people_m[:, None] - truth_m, axis=-1).mean(axis=-1).min(axis=1)
+
+
+@pytest.fixture(scope="module")
+def fed() -> tuple[LiveTracking, list[Update], float]:
+    live = tracking()
+    updates, now_s = feed(live, list(scene().observations.images))
+    return live, updates, now_s
+
+
+def test_images_of_a_moment_are_tracked_together(fed: tuple[LiveTracking, list[Update], float]):
+    _, updates, _ = fed
+    n_images = [len(update.images) for update in updates]
+    # Only the first moment waits for nobody: it is not known yet how often images come.
+    assert np.mean(np.array(n_images) == 4) > 0.95
+    assert all(image.is_used for update in updates for image in update.images)
+    assert sum(n_images) == len(scene().observations.images)
+
+
+def test_a_frame_says_who_is_where(fed: tuple[LiveTracking, list[Update], float]):
+    live, updates, now_s = fed
+    frame = live.frame(now_s, statuses())
+    assert {person.person for person in frame.people} == {0, 1}
+    assert (errors_m(frame) < 0.1).all()
+    assert frame.age_s == pytest.approx(DELAY_S)
+    # The volume is what these cameras observe, all of it when all are ok.
+    assert frame.observed_share == pytest.approx(1.0)
+    for person in frame.people:
+        assert person.covariance_m2.shape == (17, 3, 3)
+        assert ((person.probability >= 0) & (person.probability <= 1)).all()
+    assert [event.what for update in updates for event in update.events][:2] == ["confirmed", "confirmed"]
+
+
+def test_without_images_people_may_be_anywhere_and_nothing_is_observed(fed: tuple[LiveTracking, list[Update], float]):
+    live, _, now_s = fed
+    seen, silent = live.frame(now_s, statuses()), live.frame(now_s + 1.0, statuses(CameraState.LOST))
+    assert silent.sequence == seen.sequence + 1
+    assert silent.observed_share == 0.0
+    assert silent.age_s == pytest.approx(1.0 + DELAY_S)
+    for before, after in zip(seen.people, silent.people, strict=True):
+        assert after.state is TrackState.COASTING
+        known = np.isfinite(before.positions_m).all(axis=-1)
+        # 0.8 m in every direction after a second: somebody who walks at 1.6 m/s is within two standard deviations.
+        grown_m2 = np.linalg.eigvalsh(after.covariance_m2[known] - before.covariance_m2[known])
+        np.testing.assert_allclose(grown_m2, (0.8 * (1.0 + DELAY_S)) ** 2, rtol=1e-6)
+        assert not after.probability.any()
+
+
+def test_nobody_is_said_too():
+    frame = tracking().frame(5.0, statuses())
+    assert (frame.people, frame.sequence, frame.time_s) == ((), 0, 5.0)
+    assert frame.observed_share > 0.9
+
+
+def test_a_late_image_is_used_within_the_lag_and_counted_beyond():
+    live, images = tracking(), list(scene().observations.images)
+    held = [image for image in images if image.camera == "ring_0"]
+    others = [image for image in images[: 4 * 45] if image.camera != "ring_0"]
+    _, now_s = feed(live, others)
+    live.look(now_s + 1.0, ())
+    newest_s = max(image.time_s for image in others)
+    within = next(image for image in held if image.time_s > newest_s - 0.2)
+    beyond = next(image for image in held if image.time_s < newest_s - 0.5)
+    for image, is_used in ((within, True), (beyond, False)):
+        updates = live.add(RecordedImage(image, now_s), now_s) + live.look(now_s + 1.0, ())
+        assert [each.is_used for update in updates for each in update.images] == [is_used]
+
+
+def test_an_image_that_was_there_before_is_not_used_again():
+    live, images = tracking(), list(scene().observations.images[:8])
+    _, now_s = feed(live, images)
+    (update,) = live.add(RecordedImage(images[0], now_s), now_s)
+    assert [image.is_used for image in update.images] == [False]
+
+
+def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
+    live, images = tracking(), list(scene().observations.images)
+    _, now_s = feed(live, images[:60])
+
+    def fail(_: object) -> None:
+        raise RuntimeError("indeterminate")
+
+    monkeypatch.setattr(live._tracker, "update", fail)
+    (update,) = [update for image in images[60:64] for update in feed(live, [image])[0]]
+    assert (update.people, live.n_failures) == ((), 1)
+    assert "the tracker failed and begins anew" in caplog.text
+    _, now_s = feed(live, images[64:140])
+    assert len(live.frame(now_s, statuses()).people) == 2
