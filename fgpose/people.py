@@ -100,6 +100,16 @@ class Detections:
         given = {name: getattr(self, name) for name in NOTHING}
         return {name: array for name, array in given.items() if array is not None}
 
+    def of_person(
+        self, detection: Int[np.ndarray, " joint"], joint: Int[np.ndarray, " joint"]
+    ) -> dict[str, np.ndarray]:
+        """The arrays of somebody whose joints are these of these detections; NOTHING where the detection is NOBODY."""
+        known, shown = detection != NOBODY, {}
+        for name, array in self.arrays.items():
+            shown[name] = np.full(array.shape[1:], NOTHING[name])
+            shown[name][known] = array[detection[known], joint[known]]
+        return shown
+
 
 SeenInImage = tuple[int, int, np.ndarray, np.ndarray]
 """Frame, camera, and for every joint of a person the number of the detection and that of its joint."""
@@ -255,28 +265,18 @@ class PeopleObservations:
 
     def of_person(self, seen: Seen) -> Observations:
         """What the cameras saw of one person, in the frames of seen."""
-        detection, joint, image = seen.detection, seen.joint, self.frames.image[seen.frames]
-
-        def values(name: str, shape: tuple[int, ...]) -> np.ndarray:
-            picked = np.full((*detection.shape, *shape), np.nan)
-            for t, c in np.argwhere((detection != NOBODY).any(axis=-1)).tolist():
-                array = getattr(self.by_camera[self.camera_names[c]][image[t, c]], name)
-                known = detection[t, c] != NOBODY
-                if array is not None:
-                    picked[t, c, known] = array[detection[t, c, known], joint[t, c, known]]
-            return picked
-
-        has_3d, has_covariance = (
-            any(getattr(image, name) is not None for image in self.images) for name in ("points3d_m", "covariance3d_m2")
-        )
+        image_of = self.frames.image[seen.frames]
+        shapes = {name: array.shape[2:] for image in self.images for name, array in image.arrays.items()}
+        arrays = {name: np.full((*seen.detection.shape, *shape), NOTHING[name]) for name, shape in shapes.items()}
+        for t, c in np.argwhere((seen.detection != NOBODY).any(axis=-1)).tolist():
+            image = self.by_camera[self.camera_names[c]][image_of[t, c]]
+            for name, values in image.of_person(seen.detection[t, c], seen.joint[t, c]).items():
+                arrays[name][t, c] = values
         return Observations(
             skeleton=self.skeleton,
             time_s=self.frames.time_s[seen.frames],
-            points2d_px=values("points2d_px", (2,)),
-            confidence=np.nan_to_num(values("confidence", ())),
-            points3d_m=values("points3d_m", (3,)) if has_3d else None,
-            covariance3d_m2=values("covariance3d_m2", (3, 3)) if has_3d and has_covariance else None,
             camera_names=self.camera_names,
+            **arrays,
         )
 
     def subset(self, camera_names: Sequence[str]) -> PeopleObservations:

@@ -23,7 +23,7 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackEvent, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, NOTHING, Detections
+from fgpose.people import NOBODY, Detections
 from fgpose.skeleton import Skeleton
 
 # Errors of detections are correlated over about so much time: images within it tell once.
@@ -79,18 +79,6 @@ class Sighting:
         for begun in self.begun:
             known = self.image.confidence[begun.detection] > 0
             yield begun.track, np.where(known, begun.detection, NOBODY), np.arange(len(known))
-
-    def people(self) -> dict[int, dict[str, np.ndarray]]:
-        """What the image shows of each, by the number of the track: the arrays of the image by name, of one person;
-        NaN with confidence 0 where nothing is shown."""
-        arrays = self.image.arrays
-        shown: dict[int, dict[str, np.ndarray]] = {}
-        for track, detection, joint in self.joints():
-            known = detection != NOBODY
-            nothing = {name: np.full(array.shape[1:], NOTHING[name]) for name, array in arrays.items()}
-            for name, values in shown.setdefault(track, nothing).items():
-                values[known] = arrays[name][detection[known], joint[known]]
-        return shown
 
 
 class Follower:

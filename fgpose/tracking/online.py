@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -106,40 +106,33 @@ class Tracker:
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)
-        in_images: dict[int, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
+        seen: dict[int, dict[str, tuple[np.ndarray, np.ndarray]]] = {}
         for sighting in sightings:
             for track, detection, joint in sighting.joints():
-                in_images.setdefault(track, {})[sighting.image.camera] = detection, joint
+                seen.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
-        shown = [(sighting.image, sighting.people()) for sighting in sightings]
-        newest = {
-            track.number: self._newest([(image, own.get(track.number, {})) for image, own in shown]) for track in tracks
-        }
+        newest = {track.number: self._newest(images, seen.get(track.number, {})) for track in tracks}
         estimates = self._estimators.update(newest)
         return [
-            Tracked(track.person, track.state, estimates[track.number], in_images.get(track.number, {}))
-            for track in tracks
+            Tracked(track.person, track.state, estimates[track.number], seen.get(track.number, {})) for track in tracks
         ]
 
-    def _newest(self, seen: list[tuple[Detections, dict[str, np.ndarray]]]) -> Newest:
-        """What is new of one person: the images, and the arrays of the person in each; none where it does not show
+    def _newest(self, images: Sequence[Detections], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Newest:
+        """What is new of one person: the images, and which joints of which detections are theirs in those that show
         them."""
         n_cameras = self.rig.n_cameras
-        arrays = {
-            name: np.full((n_cameras, *array.shape[1:]), NOTHING[name])
-            for image, _ in seen
-            for name, array in image.arrays.items()
-        }
+        shapes = {name: array.shape[1:] for image in images for name, array in image.arrays.items()}
+        arrays = {name: np.full((n_cameras, *shape), NOTHING[name]) for name, shape in shapes.items()}
         time_s = np.full(n_cameras, np.nan)
-        for image, own in seen:
+        for image in images:
             c = self.rig.names.index(image.camera)
             time_s[c] = image.time_s
-            for name, values in own.items():
-                arrays[name][c] = values
-        if len(seen) == 1 and n_cameras > 1:
-            image, _ = seen[0]
-            c = self.rig.names.index(image.camera)
-            return Newest(image.camera, image.time_s, {name: each[c] for name, each in arrays.items()})
+            if image.camera in seen:
+                for name, values in image.of_person(*seen[image.camera]).items():
+                    arrays[name][c] = values
+        if len(images) == 1 and n_cameras > 1:
+            c = self.rig.names.index(images[0].camera)
+            return Newest(images[0].camera, images[0].time_s, {name: each[c] for name, each in arrays.items()})
         return Newest(None, time_s, arrays)
 
 

@@ -234,7 +234,7 @@ def test_what_an_image_shows_of_a_person_has_their_3d(rig: CameraRig, skeleton: 
     follower = Follower(rig, skeleton)
     follower.see(images_in_3d(rig, 0.0, [people_m] * 4, rng))
     (sighting, *_) = follower.see(images_in_3d(rig, 1 / FPS, [people_m[::-1]] * 4, rng))
-    shown = sighting.people()
+    shown = {track: sighting.image.of_person(detection, joint) for track, detection, joint in sighting.joints()}
     assert len(shown) == 2
     image_m = sighting.image.points3d_m
     assert image_m is not None
