@@ -27,7 +27,18 @@ FLOORS = (
     {"io"},
     {"association"},
     {"geometry"},
-    {"trajectory", "observations", "people", "frame_matching", "skeleton", "config", "cores", "parameters", "sampling"},
+    {
+        "child_process",
+        "config",
+        "cores",
+        "frame_matching",
+        "observations",
+        "parameters",
+        "people",
+        "sampling",
+        "skeleton",
+        "trajectory",
+    },
 )
 # The same within the largest room.
 ESTIMATION_FLOORS = (
