@@ -20,6 +20,10 @@ _REMEMBERED_STEPS = 50
 _NEW_FRAME_STEPS = 0.9
 
 
+class TooLateError(ValueError):
+    """No frame in the window can take what has come."""
+
+
 class Arrivals:
     """Images of unsynchronised cameras, gathered to frames.
 
@@ -54,7 +58,8 @@ class Arrivals:
             image_time_s: when each camera took its image of each frame; NaN: there is none yet.
 
         Raises:
-            ValueError: the image has been there before, or no frame is near that has none of its camera.
+            ValueError: the image has been there before.
+            TooLateError: no frame is near that has none of its camera.
         """
         own_s, name = image_time_s[:, camera], self._names[camera]
         if (own_s == time_s).any():
@@ -68,17 +73,16 @@ class Arrivals:
             return None
         apart_s = np.where(np.isnan(own_s), np.abs(frame_time_s - time_s), np.nan)
         if not (apart_s <= self.usual_step_s).any():
-            raise ValueError(
+            raise TooLateError(
                 f"camera {name}: no frame near {time_s:g} s waits for its image; the window begins at "
                 f"{frame_time_s[0]:g} s; the image was not used"
             )
         return int(np.nanargmin(apart_s))
 
-    def took(self, camera: int, time_s: float) -> None:
-        """Learn the usual step from an image that was used."""
-        if time_s > self._last_s[camera]:
-            self._steps_s.append(time_s - self._last_s[camera])
-        self._last_s[camera] = np.fmax(self._last_s[camera], time_s)
+    def took(self, time_s: Float[np.ndarray, " camera"]) -> None:
+        """Learn the usual step from images that were used: the time of that of each camera; NaN: there was none."""
+        self._steps_s.extend((time_s - self._last_s)[time_s > self._last_s].tolist())
+        self._last_s = np.fmax(self._last_s, time_s)
 
 
 def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarray, " camera"]) -> Observations:
@@ -99,13 +103,13 @@ def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarr
 
 
 def check_frame(frame: Observations, skeleton: Skeleton, newest_s: float) -> None:
-    """Raise ValueError unless this is one frame of the skeleton, later than the newest one."""
+    """Raise ValueError unless this is one frame of the skeleton, TooLateError unless it is later than the newest."""
     if frame.n_frames != 1:
         raise ValueError(f"update takes one frame at a time, got {frame.n_frames}; use observations.frames(...)")
     if frame.skeleton != skeleton:
         raise ValueError(f"the frame has skeleton {frame.skeleton.name}, the estimator {skeleton.name}")
     if frame.frame_time_s[0] <= newest_s:
-        raise ValueError(
+        raise TooLateError(
             f"time must increase: got a frame at {frame.frame_time_s[0]:g} s after one at {newest_s:g} s; "
             "it was not used"
         )

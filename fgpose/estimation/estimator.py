@@ -77,6 +77,11 @@ class Estimator:
         return self._rig
 
     @property
+    def newest(self) -> Estimate | None:
+        """The pose of the newest frame, as the last update gave it; None: there was none."""
+        return self._estimate() if self._window else None
+
+    @property
     def repairs(self) -> int:
         """How often GTSAM failed and the window was eliminated anew; updates are slower for a while after that."""
         return self._graph.repairs
@@ -86,11 +91,13 @@ class Estimator:
 
         Raises:
             ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does
-                not increase (a repeated or older frame). The estimator is then as it was before.
+                not increase (TooLateError: a repeated or older frame). The estimator is then as it was before.
         """
         check_frame(frame, self.skeleton, self._window[-1].at.time_s if self._window else -np.inf)
         frame = frame.with_cameras(self.rig.names)
-        return self._begin(frame, np.broadcast_to(frame.time_s, (1, self.rig.n_cameras))[0])
+        image_time_s = np.broadcast_to(frame.time_s, (1, self.rig.n_cameras))[0]
+        self._arrivals.took(image_time_s)
+        return self._begin(frame, image_time_s)
 
     def update_arrays(
         self,
@@ -133,8 +140,8 @@ class Estimator:
             The pose at the time of the newest frame, which need not be that of the image.
 
         Raises:
-            ValueError: the camera is not in the rig, its image was there before or is older than the lag, or the
-                arrays are not as they should be. The estimator is then as it was before.
+            ValueError: the camera is not in the rig, its image was there before, no frame of the window can take it
+                (TooLateError), or the arrays are not as they should be. The estimator is then as it was before.
         """
         arrays = points2d_px, confidence, points3d_m, covariance3d_m2
         image = one_image(self.skeleton, time_s, camera, arrays).with_cameras(self.rig.names)
@@ -142,8 +149,8 @@ class Estimator:
         frames_s = np.array([state.at.time_s for state in self._window])
         images_s = np.array([state.image_time_s for state in self._window]).reshape(-1, self.rig.n_cameras)
         at = self._arrivals.frame_of(number, time_s, frames_s, images_s)
-        self._arrivals.took(number, time_s)
         is_own = np.arange(self.rig.n_cameras) == number
+        self._arrivals.took(np.where(is_own, time_s, np.nan))
         if at is not None:
             return self._join(at, image, is_own)
         return self._begin(image, np.where(is_own, time_s, np.nan))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
+from fgpose.estimation.arrivals import TooLateError
 from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -44,6 +46,22 @@ class Estimators:
 
 
 def _updated(estimator: Estimator, new: Newest) -> Estimate:
-    if new.camera is None:
-        return estimator.update_arrays(new.time_s, **new.arrays)
-    return estimator.update_camera(new.camera, float(new.time_s), **new.arrays)
+    try:
+        if new.camera is None:
+            return estimator.update_arrays(new.time_s, **new.arrays)
+        return estimator.update_camera(new.camera, float(new.time_s), **new.arrays)
+    except TooLateError:
+        # Each image joins the frame in the window that is nearest to its time, if one is near.
+        for camera, time_s, arrays in [] if new.camera else _images(estimator.rig.names, new):
+            with suppress(TooLateError):
+                estimator.update_camera(camera, time_s, **arrays)
+        assert estimator.newest is not None
+        return estimator.newest
+
+
+def _images(camera_names: Sequence[str], new: Newest) -> Iterator[tuple[str, float, dict[str, np.ndarray]]]:
+    """The images of a frame of several cameras, in the order of time."""
+    time_s = np.asarray(new.time_s)
+    for c in np.argsort(time_s):
+        if np.isfinite(time_s[c]):
+            yield str(camera_names[c]), float(time_s[c]), {name: each[c] for name, each in new.arrays.items()}

@@ -23,7 +23,7 @@ class Window:
         """The frame of the image."""
         images_s = np.array(self.images_s).reshape(-1, len(NAMES))
         at = self.arrivals.frame_of(camera, time_s, np.array(self.frame_time_s), images_s)
-        self.arrivals.took(camera, time_s)
+        self.arrivals.took(np.where(np.arange(len(NAMES)) == camera, time_s, np.nan))
         if at is None:
             self.frame_time_s.append(time_s)
             self.images_s.append(np.full(len(NAMES), np.nan))
