@@ -7,6 +7,7 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,19 +16,20 @@ from tyro.conf import Positional, arg
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
+    import numpy as np
     from rich.table import Table
 
     from fgpose.config import Config
-    from fgpose.live.cameras import LiveCameras
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.live.camera_feed import CameraFeed
     from fgpose.live.outputs import Output
     from fgpose.live.page import StatusPage
     from fgpose.live.report import Report
     from fgpose.live.rig_file import LiveRig
+    from fgpose.live.system import Consumer
     from fgpose.live.tracking import Update
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
-
-_KEYPOINTS = "zmq"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +75,7 @@ class Live:
 
     def run(self) -> None:
         from fgpose.config import Config, load_config
-        from fgpose.live.cameras import LiveCameras
+        from fgpose.live.camera_feed import CameraFeed
         from fgpose.live.clock import Clock
         from fgpose.live.observed import volume_points_m
         from fgpose.live.rig_file import load_live_rig
@@ -83,24 +85,17 @@ class Live:
         logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO)
         config = Config() if self.config is None else load_config(self.config)
         live_rig, clock = load_live_rig(self.rig), Clock()
-        network, skeleton = self._detector(live_rig)
+        open_network, skeleton = self._detector(live_rig)
         with ExitStack() as stack:
-            cameras = stack.enter_context(LiveCameras(live_rig, clock, config.online.lag_s))
-            consumers = self._outputs(stack, cameras, skeleton, config)
-            tracking = LiveTracking(cameras.rig, skeleton, config, volume_points_m(cameras.rig))
-            page = consumers.page
-            system = LiveSystem(
-                cameras,
-                tracking,
-                network,
-                [*consumers.outputs, *([] if page is None else [page])],
-                consumers.observers,
-                clock,
-                self._jobs(network),
-                None if page is None else page.show_image,
+            consumers = Consumers()
+            feed = stack.enter_context(
+                CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=consumers.show_image)
             )
-            stack.callback(system.close)
-            self._receive(stack, live_rig, cameras, skeleton)
+            self._open_outputs(stack, consumers, feed.rig, skeleton, config)
+            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig))
+            stack.callback(tracking.close)
+            system = LiveSystem(feed, tracking, consumers.frames, consumers.observers, clock)
+            self._receive(stack, feed, skeleton)
             with _stopped_by_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         console = new_console()
@@ -110,34 +105,32 @@ class Live:
             said = f"; {state.last_error}" if state.last_error else ""
             console.print(f"{state.name}: {state.n_published} frames, {state.n_skipped} skipped{said}", soft_wrap=True)
 
-    def _detector(self, live_rig: LiveRig) -> tuple[Network | None, Skeleton]:
-        """The network, where any camera needs it, and the joints."""
+    def _detector(self, live_rig: LiveRig) -> tuple[Callable[[], Network] | None, Skeleton]:
+        """How to open the network, where any camera needs it, and the joints."""
         from fgpose.io.skeletons import load_skeleton
+        from fgpose.live.camera_feed import ELSEWHERE
         from fgpose.monocular.networks import open_network
-
-        elsewhere = [name for name, settings in live_rig.sources.items() if settings.source == _KEYPOINTS]
-        if len(elsewhere) == len(live_rig.sources):
-            if self.skeleton is None:
-                raise ValueError(f"{self.rig}: all detectors are elsewhere; say with --skeleton what their joints are")
-            return None, load_skeleton(self.skeleton)
-        with new_console(stderr=True).status("opening the network"):
-            network = open_network(self.model, max_people=self.max_people)
-        return network, network.skeleton
-
-    def _jobs(self, network: Network | None) -> int:
-        from fgpose.cores import n_cores
 
         if self.jobs is not None and self.jobs < 1:
             raise ValueError(f"--jobs must be at least 1, got {self.jobs}")
-        return 1 if network is None else self.jobs or n_cores()
+        if all(settings.source == ELSEWHERE for settings in live_rig.sources.values()):
+            if self.skeleton is None:
+                raise ValueError(f"{self.rig}: all detectors are elsewhere; say with --skeleton what their joints are")
+            return None, load_skeleton(self.skeleton)
+        open_it = partial(open_network, self.model, max_people=self.max_people)
+        # Here as well, so that weights are fetched once.
+        with new_console(stderr=True).status("opening the network"):
+            return open_it, open_it().skeleton
 
-    def _outputs(self, stack: ExitStack, cameras: LiveCameras, skeleton: Skeleton, config: Config) -> Consumers:
-        """Everything that takes frames, opened before any work."""
+    def _open_outputs(
+        self, stack: ExitStack, consumers: Consumers, rig: CameraRig, skeleton: Skeleton, config: Config
+    ) -> None:
+        """Everything that takes frames."""
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
         from fgpose.live.page import StatusPage
         from fgpose.live.recorder import Recorder
 
-        console, consumers = new_console(stderr=True), Consumers()
+        console = new_console(stderr=True)
         tell = logging.getLogger("fgpose.live").warning
         if self.zmq is not None:
             consumers.outputs.append(open_zmq_output(self.zmq, host=self.host, tell=tell))
@@ -148,38 +141,46 @@ class Live:
         if self.mcap is not None:
             consumers.outputs.append(open_mcap_output(self.mcap, tell=tell))
         if self.record is not None:
-            recorder = Recorder(self.record, cameras.rig, skeleton, config, tell=tell)
+            recorder = Recorder(self.record, rig, skeleton, config, tell=tell)
             consumers.outputs.append(recorder)
             consumers.observers.append(lambda update: recorder.record(update.images))
         for output in consumers.outputs:
             stack.callback(output.close)
         if self.page is not None:
-            page = stack.enter_context(StatusPage(cameras.rig, skeleton, self.page, self.host))
+            page = stack.enter_context(StatusPage(rig, skeleton, self.page, self.host))
             consumers.page = page
             console.print(f"status page: {page.url}", soft_wrap=True)
-        return consumers
 
-    def _receive(self, stack: ExitStack, live_rig: LiveRig, cameras: LiveCameras, skeleton: Skeleton) -> None:
+    def _receive(self, stack: ExitStack, feed: CameraFeed, skeleton: Skeleton) -> None:
         """Listen for the keypoints of detectors elsewhere, if there are any."""
         from fgpose.live.keypoint_socket import KeypointSocket
         from fgpose.live.received import KeypointReceiver
 
-        elsewhere = [name for name, settings in live_rig.sources.items() if settings.source == _KEYPOINTS]
-        if elsewhere:
+        if feed.received:
             tell = logging.getLogger("fgpose.live").warning
-            rig = cameras.rig.subset(elsewhere)
+            rig = feed.rig.subset(feed.received)
             socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=tell)
-            stack.callback(KeypointReceiver(socket, cameras).close)
-            new_console(stderr=True).print(f"keypoints of {', '.join(elsewhere)} come to {socket.address}")
+            stack.callback(KeypointReceiver(socket, feed.received, feed.deliver).close)
+            new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")
 
 
 @dataclass
 class Consumers:
-    """What takes the frames of a live system, and what it was given."""
+    """What takes the frames of a live system, and whatever else it says."""
 
     outputs: list[Output] = field(default_factory=list)
     observers: list[Callable[[Update], None]] = field(default_factory=list)
     page: StatusPage | None = None
+
+    @property
+    def frames(self) -> list[Consumer]:
+        """Everything that takes frames."""
+        return [*self.outputs, *([] if self.page is None else [self.page])]
+
+    def show_image(self, camera: str, picture_rgb: np.ndarray) -> None:
+        """Show a picture of a camera where pictures are shown."""
+        if self.page is not None:
+            self.page.show_image(camera, picture_rgb)
 
 
 @contextmanager

@@ -13,7 +13,6 @@ from fgpose.live.clock_model import ClockModel
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.health import Health, Verdict
 from fgpose.live.image import Image, SourceImage
-from fgpose.live.mailbox import Mailbox
 from fgpose.live.picture_faults import PictureFaults
 from fgpose.live.sources import CameraSource
 
@@ -43,7 +42,6 @@ class LiveCamera:
         settings: of its source.
         clock: of the live system.
         late_s: an image that arrives this long after it was taken is late; the lag of the estimator.
-        mailbox: where images go.
         on_event: called once for every change of its state, in whatever thread notices it.
     """
 
@@ -53,15 +51,9 @@ class LiveCamera:
         settings: CameraSource,
         clock: Clock,
         late_s: float,
-        mailbox: Mailbox[Image] | None = None,
         on_event: Callable[[CameraEvent], None] | None = None,
     ) -> None:
         self.name, self.settings, self.clock = name, settings, clock
-        self.mailbox = mailbox or Mailbox[Image]()
-        self.n_used = 0
-        """Images whose detections entered the estimate; counted by whoever uses them."""
-        self.n_lost = 0
-        """Images that were too old when their detections were there."""
         self._on_event = on_event
         self._model = ClockModel(settings.latency_s)
         self._health, self._picture_faults = Health(settings.fps, late_s), PictureFaults()
@@ -89,8 +81,8 @@ class LiveCamera:
             self._health.ended(reason)
         self.look()
 
-    def receive(self, image: SourceImage) -> None:
-        """Take an image that has just arrived: with its time it goes to the mailbox, unless it is damaged."""
+    def receive(self, image: SourceImage) -> Image | None:
+        """Take an image that has just arrived; it is given back with its time, unless it is damaged."""
         arrived_s = self.clock.now_s()
         with self._lock:
             n_jumps = self._model.n_jumps
@@ -103,12 +95,12 @@ class LiveCamera:
             self._health.add(arrived_s, captured_s, faults, is_damaged=image.is_damaged)
             number, self._n_images = self._n_images, self._n_images + 1
             if image.is_damaged:
-                return
+                return None
             self._image_s = captured_s
         if image.detections is not None:
             detections = dataclasses.replace(image.detections, time_s=captured_s)
             image = dataclasses.replace(image, detections=detections)
-        self.mailbox.put(Image(self.name, number, captured_s, arrived_s, image))
+        return Image(self.name, number, captured_s, arrived_s, image)
 
     def status(self, now_s: float) -> CameraStatus:
         """The camera at a time, which is now."""
@@ -123,8 +115,6 @@ class LiveCamera:
                 clock_offset_s=self._model.offset_s,
                 clock_sigma_s=self._model.sigma_s,
                 n_images=self._n_images,
-                n_used=self.n_used,
-                n_lost=self.n_lost,
             )
 
     def look(self) -> None:

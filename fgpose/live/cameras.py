@@ -1,4 +1,4 @@
-"""All cameras of a live system."""
+"""Cameras whose images come to this process."""
 
 from __future__ import annotations
 
@@ -24,16 +24,17 @@ _LOOKS_S = 0.2
 
 
 class LiveCameras:
-    """The cameras of a rig, read from now on: ``with LiveCameras(load_live_rig(path), clock) as cameras``.
+    """The cameras of a rig: ``with LiveCameras(load_live_rig(path), clock) as cameras`` reads them.
 
-    All sources are opened before any is read, so that what is wrong with them is known before any work is done. Cameras
-    whose source is ``zmq`` have no reader: whoever gets their messages calls ``cameras[name].receive``.
+    All sources are opened before any is read, so that what is wrong with them is known before any work is done.
 
     Args:
-        live_rig: cameras and sources.
+        live_rig: cameras and sources, none of which is ``zmq``.
         clock: of the live system.
         late_s: images that arrive this long after they were taken are late; default: the lag of the estimator.
         on_event: called once for every change of a camera's state, in any thread.
+        is_known: the sources were open before. They are opened again when they can be, and the calibration is that of
+            their images.
 
     Warns:
         UserWarning: the size of the images differs from the calibration's in a way that can be explained.
@@ -49,22 +50,24 @@ class LiveCameras:
         clock: Clock,
         late_s: float = OnlineConfig.lag_s,
         on_event: Callable[[CameraEvent], None] | None = None,
+        *,
+        is_known: bool = False,
     ) -> None:
         self.changed = threading.Condition()
         """Notified for every new image."""
         self.cameras = {
-            name: LiveCamera(name, settings, clock, late_s, Mailbox[Image](self.changed), on_event)
-            for name, settings in live_rig.sources.items()
+            name: LiveCamera(name, settings, clock, late_s, on_event) for name, settings in live_rig.sources.items()
         }
+        self.mailboxes = {name: Mailbox[Image](self.changed) for name in self.cameras}
+        """The newest image of each camera."""
+        self.playback = Playback(clock)
+        """Of the recordings among the sources."""
         self._clock, self._stopped = clock, threading.Event()
-        playback = Playback(clock)
         openers = {
-            name: partial(open_source, name, settings, clock, playback)
+            name: partial(open_source, name, settings, clock, self.playback)
             for name, settings in live_rig.sources.items()
-            if settings.source != "zmq"
         }
-        longest_s = HANGS * max((settings.timeout_s for settings in live_rig.sources.values()), default=0.0)
-        opened = _open_all(openers, longest_s)
+        opened = {} if is_known else _open_all(openers, _longest_s(live_rig))
         try:
             self.rig = _fitted(live_rig, opened)
             """With the intrinsics of the images that really come."""
@@ -72,13 +75,12 @@ class LiveCameras:
             for source in opened.values():
                 source.close()
             raise
+        size_px = {camera.name: camera.size_px for camera in self.rig.cameras}
         self._readers = [
-            CameraReader(self.cameras[name], openers[name], source.size_px, source) for name, source in opened.items()
+            CameraReader(camera, self.mailboxes[name], openers[name], size_px[name], opened.get(name))
+            for name, camera in self.cameras.items()
         ]
-        for reader in self._readers:
-            reader.start()
         self._watcher = threading.Thread(target=self._watch, name="cameras", daemon=True)
-        self._watcher.start()
 
     def __getitem__(self, name: str) -> LiveCamera:
         return self.cameras[name]
@@ -87,15 +89,11 @@ class LiveCameras:
         """Of all cameras now, in the order of the rig."""
         return tuple(camera.status(self._clock.now_s()) for camera in self.cameras.values())
 
-    def take_newest(self) -> list[Image]:
-        """The newest images that nobody has taken, at most one of each camera, the oldest first."""
-        taken = (camera.mailbox.take() for camera in self.cameras.values())
-        return sorted((image for image in taken if image is not None), key=lambda image: image.captured_s)
-
-    def wait(self, timeout_s: float) -> bool:
-        """Until there is an image; False if none came within this time."""
-        with self.changed:
-            return self.changed.wait_for(self._has_image, timeout_s)
+    def start(self) -> None:
+        """Read from now on."""
+        for reader in self._readers:
+            reader.start()
+        self._watcher.start()
 
     def close(self) -> None:
         """Stop reading; what hangs is left behind."""
@@ -107,21 +105,21 @@ class LiveCameras:
             stop.join()
 
     def __enter__(self) -> LiveCameras:
+        self.start()
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _has_image(self) -> bool:
-        return any(camera.mailbox.peek() is not None for camera in self.cameras.values())
-
     def _watch(self) -> None:
-        received = [camera for camera in self.cameras.values() if camera.settings.source == "zmq"]
         while not self._stopped.wait(_LOOKS_S):
             for reader in self._readers:
                 reader.watch()
-            for camera in received:
-                camera.look()
+
+
+def _longest_s(live_rig: LiveRig) -> float:
+    """After which opening a source hangs."""
+    return HANGS * max((settings.timeout_s for settings in live_rig.sources.values()), default=0.0)
 
 
 def _open_all(openers: Mapping[str, Callable[[], Source]], longest_s: float) -> dict[str, Source]:

@@ -9,10 +9,14 @@ class Clock:
     """Unix time that never jumps: the monotonic clock, set once.
 
     It follows the rate of the computer's clock, which NTP disciplines, but not steps that are made while it runs.
+
+    Args:
+        unix_minus_monotonic_s: of another clock of this computer, with which it shall agree; None: it is set now.
     """
 
-    def __init__(self) -> None:
-        self.unix_minus_monotonic_s = time.time() - time.monotonic()
+    def __init__(self, unix_minus_monotonic_s: float | None = None) -> None:
+        is_set = unix_minus_monotonic_s is not None
+        self.unix_minus_monotonic_s = unix_minus_monotonic_s if is_set else time.time() - time.monotonic()
 
     def now_s(self) -> float:
         return time.monotonic() + self.unix_minus_monotonic_s

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 import logging
+import os
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
+from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.cameras import LiveCameras
 from fgpose.live.image import Image
 from fgpose.monocular.detected import detections_of
 from fgpose.monocular.network import Network, Tracker
-from fgpose.people import Detections
 
 _LOG = logging.getLogger("fgpose.live")
 _LOOKS_S = 0.2
 _JOIN_S = 2.0
+# A tenth of the share of a core that others get who want it too.
+_NICE = 10
 
 
 class Detectors:
     """Threads that look for people in the newest images, first of the camera that has waited longest.
 
-    The network of a camera remembers the image before, so one thread at a time works on a camera. Nothing queues: where
-    the networks are slower than the cameras, each camera's images are left out evenly.
+    The network of a camera remembers the image before, so one thread at a time works on a camera. The next image of a
+    camera is looked at when it is told to go on: when what was found in the one before is used. So nothing queues,
+    cameras stay in step with each other, and where networks or tracker are slower than the cameras, images of all
+    cameras are left out evenly.
 
     Args:
-        cameras: whose newest images are looked at, and their rig. Images of detectors elsewhere are passed on.
-        network: that looks for people; None where all detectors are elsewhere.
-        deliver: takes each image and what was found in it, in the thread that looked.
+        cameras: whose newest images are looked at, and their rig.
+        network: that looks for people.
+        deliver: takes what was found in each image, in the thread that looked.
         n_threads: at work at once.
         show: takes the name of the camera and its picture, RGB, before the network does.
     """
@@ -36,8 +42,8 @@ class Detectors:
     def __init__(
         self,
         cameras: LiveCameras,
-        network: Network | None,
-        deliver: Callable[[Image, Detections], None],
+        network: Network,
+        deliver: Callable[[RecordedImage], None],
         n_threads: int,
         show: Callable[[str, np.ndarray], None] | None = None,
     ) -> None:
@@ -45,7 +51,7 @@ class Detectors:
         self._calibrated = {camera.name: camera for camera in cameras.rig.cameras}
         self._trackers: dict[str, Tracker] = {}
         self._idle = set(self._calibrated)
-        """Cameras at whose images no thread looks; changes with cameras.changed held."""
+        """Cameras whose next image may be looked at; changes with cameras.changed held."""
         self._looked_s: dict[str, float] = {}
         """When the image of each camera was taken at which a thread last looked."""
         self._failed: set[str] = set()
@@ -56,6 +62,12 @@ class Detectors:
         for thread in self._threads:
             thread.start()
 
+    def go_on(self, camera_names: Iterable[str]) -> None:
+        """What was found in the newest images of these cameras is used."""
+        with self._cameras.changed:
+            self._idle.update(camera_names)
+            self._cameras.changed.notify_all()
+
     def close(self) -> None:
         """Stop when the images at hand are done."""
         self._stopped.set()
@@ -63,15 +75,11 @@ class Detectors:
             thread.join(_JOIN_S)
 
     def _run(self) -> None:
+        _give_way()
         while not self._stopped.is_set():
             image = self._take()
-            if image is not None:
-                try:
-                    self._look(image)
-                finally:
-                    with self._cameras.changed:
-                        self._idle.add(image.camera)
-                        self._cameras.changed.notify_all()
+            if image is not None and not self._look(image):
+                self.go_on([image.camera])
 
     def _take(self) -> Image | None:
         """The newest image of the camera whose last was taken first, of those at whose images no other thread looks."""
@@ -83,31 +91,35 @@ class Detectors:
             first = min(waiting, key=lambda image: self._looked_s.get(image.camera, -np.inf))
             self._idle.discard(first.camera)
             self._looked_s[first.camera] = first.captured_s
-            return self._cameras[first.camera].mailbox.take()
+            return self._cameras.mailboxes[first.camera].take()
 
     def _waiting(self) -> list[Image]:
-        newest = (self._cameras[name].mailbox.peek() for name in self._idle)
+        newest = (self._cameras.mailboxes[name].peek() for name in self._idle)
         return [image for image in newest if image is not None]
 
-    def _look(self, image: Image) -> None:
-        if image.detections is not None:
-            self._deliver(image, image.detections)
-            return
-        assert self._network is not None
+    def _look(self, image: Image) -> bool:
+        """Deliver what is found in an image; whether the network could look at it."""
         camera = self._calibrated[image.camera]
         try:
             if image.camera not in self._trackers:
                 self._trackers[image.camera] = self._network.tracker(camera)
-            picture = np.ascontiguousarray(image.picture[..., ::-1])
             if self._show is not None:
-                self._show(image.camera, picture)
-            found = self._trackers[image.camera].detect(picture)
+                self._show(image.camera, image.picture)
+            found = self._trackers[image.camera].detect(image.picture)
         # Whatever is wrong with an image, the other cameras and the next image are not.
         except Exception:
             if image.camera not in self._failed:
                 _LOG.exception("camera %s: the network failed on an image and begins anew", image.camera)
             self._failed.add(image.camera)
             self._trackers.pop(image.camera, None)
-            return
+            return False
         self._failed.discard(image.camera)
-        self._deliver(image, detections_of(camera, image.captured_s, found))
+        self._deliver(image.recorded(detections_of(camera, image.captured_s, found)))
+        return True
+
+
+def _give_way() -> None:
+    """Let this thread have what is left by those that read the cameras and by the tracker: an image at which no network
+    looks is left out, one that is decoded late makes all that follow late."""
+    if sys.platform == "linux":  # elsewhere priorities are those of whole processes
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), _NICE)

@@ -8,6 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.clock_model import Stamp
 from fgpose.people import Detections
 
@@ -21,7 +22,7 @@ class Picture(Protocol):
         """Width and height."""
         ...
 
-    def bgr(self) -> np.ndarray:
+    def rgb(self) -> np.ndarray:
         """(H, W, 3) uint8."""
         ...
 
@@ -35,13 +36,13 @@ class ArrayPicture:
     """A picture that is an array already."""
 
     array: np.ndarray
-    """(H, W, 3) BGR uint8"""
+    """(H, W, 3) RGB uint8"""
 
     @property
     def size_px(self) -> tuple[int, int]:
         return self.array.shape[1], self.array.shape[0]
 
-    def bgr(self) -> np.ndarray:
+    def rgb(self) -> np.ndarray:
         return self.array
 
     def luma(self) -> np.ndarray:
@@ -79,13 +80,18 @@ class Image:
         """Of a camera whose detector is elsewhere, at the time when the image was taken; their picture is not here."""
         return self.source.detections
 
+    def recorded(self, detections: Detections) -> RecordedImage:
+        """What was found in it, with all that is known of its time."""
+        stamp = self.source.stamp
+        return RecordedImage(detections, self.arrived_s, None if stamp is None else stamp.stamp_s)
+
     @cached_property
     def picture(self) -> np.ndarray:
-        """(H, W, 3) BGR uint8, converted when it is first asked for.
+        """(H, W, 3) RGB uint8, converted when it is first asked for.
 
         Raises:
             ValueError: there are detections instead.
         """
         if self.source.picture is None:
             raise ValueError(f"camera {self.camera}: its detector is elsewhere, there is no picture")
-        return self.source.picture.bgr()
+        return self.source.picture.rgb()

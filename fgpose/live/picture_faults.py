@@ -10,8 +10,8 @@ from jaxtyping import UInt8
 from fgpose.live.image import Picture
 from fgpose.live.moved import MovedCheck
 
-# Pictures are looked at with about this many columns; details that matter to a person survive.
-_WIDTH = 480
+# Pictures are looked at with about as many pixels as 480 x 270; details that matter to a person survive.
+_PIXELS = 480 * 270
 # Times a second; in between, pictures are only compared with the one before.
 _LOOKS_HZ = 4.0
 # A fault is one that lasts: a single picture may be damaged, and somebody may pass close to the camera.
@@ -43,7 +43,7 @@ class PictureFaults:
     def add(self, picture: Picture, arrived_s: float) -> dict[str, str]:
         """Faults after this picture that have lasted: their names, and reasons in words."""
         luma = picture.luma()
-        step = max(luma.shape[1] // _WIDTH, 1)
+        step = max(round(np.sqrt(luma.size / _PIXELS)), 1)
         small = np.ascontiguousarray(luma[::step, ::step])
         found = {"frozen": self._frozen.add(small[::2, ::2], arrived_s)}
         if arrived_s >= self._looked_s + 1 / _LOOKS_HZ:

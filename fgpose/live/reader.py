@@ -6,7 +6,8 @@ import threading
 from collections.abc import Callable
 
 from fgpose.live.camera import LiveCamera
-from fgpose.live.image import SourceImage
+from fgpose.live.image import Image, SourceImage
+from fgpose.live.mailbox import Mailbox
 from fgpose.live.sources import Source, SourceError
 from fgpose.live.sources.address import shown
 
@@ -25,6 +26,7 @@ class CameraReader:
 
     Args:
         camera: that takes the images.
+        mailbox: where they go then.
         open_source: opens its source anew; SourceError says why it could not.
         first: the source, if it is open already.
         size_px: width and height that its images must have.
@@ -33,11 +35,12 @@ class CameraReader:
     def __init__(
         self,
         camera: LiveCamera,
+        mailbox: Mailbox[Image],
         open_source: Callable[[], Source],
         size_px: tuple[int, int],
         first: Source | None = None,
     ) -> None:
-        self._camera, self._open, self._size_px = camera, open_source, size_px
+        self._camera, self._mailbox, self._open, self._size_px = camera, mailbox, open_source, size_px
         self._clock = camera.clock
         self._first = first
         self._stopped = threading.Event()
@@ -99,7 +102,11 @@ class CameraReader:
                 self._check_size(image)
                 if self._camera.settings.pace == "fast":
                     self._wait_for_taker()
-                self._camera.receive(image)
+                received = self._camera.receive(image)
+                if received is not None:
+                    self._mailbox.put(received)
+                    if self._camera.settings.pace == "real time":
+                        source.hurry(received.arrived_s - received.captured_s)
         finally:
             source.close()
         self._ended = True
@@ -112,7 +119,7 @@ class CameraReader:
 
     def _wait_for_taker(self) -> None:
         """Played as fast as possible, no image is left out."""
-        while self._is_mine() and not self._camera.mailbox.wait_until_empty(_LOOKS_S):
+        while self._is_mine() and not self._mailbox.wait_until_empty(_LOOKS_S):
             self._alive_s = self._clock.now_s()
 
     def _is_mine(self) -> bool:

@@ -1,10 +1,14 @@
-"""Keypoints of detectors elsewhere, on their way into the same mailboxes as images."""
+"""Keypoints of detectors elsewhere."""
 
 from __future__ import annotations
 
+import math
 import threading
+import time
+from collections.abc import Callable, Mapping
 
-from fgpose.live.cameras import LiveCameras
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.camera import LiveCamera
 from fgpose.live.clock_model import Stamp
 from fgpose.live.image import SourceImage
 from fgpose.live.keypoint_socket import KeypointSocket
@@ -18,11 +22,15 @@ class KeypointReceiver:
     Args:
         socket: from which it reads from now on; closed with it.
         cameras: whose source is ``zmq``.
+        deliver: takes the detections with their times, in the thread.
     """
 
-    def __init__(self, socket: KeypointSocket, cameras: LiveCameras) -> None:
-        self._socket, self._cameras = socket, cameras
+    def __init__(
+        self, socket: KeypointSocket, cameras: Mapping[str, LiveCamera], deliver: Callable[[RecordedImage], None]
+    ) -> None:
+        self._socket, self._cameras, self._deliver = socket, cameras, deliver
         self._stopped = threading.Event()
+        self._looked_s = -math.inf
         self._thread = threading.Thread(target=self._run, name="keypoints", daemon=True)
         self._thread.start()
 
@@ -34,11 +42,20 @@ class KeypointReceiver:
     def _run(self) -> None:
         with self._socket:
             while not self._stopped.is_set():
+                self._look()
                 arrived = self._socket.receive(_LOOKS_S)
                 if arrived is None:
                     continue
                 camera = self._cameras[arrived.detections.camera]
                 stamp = Stamp(arrived.detections.time_s, wall_s=arrived.detections.time_s)
                 image = camera.receive(SourceImage(stamp=stamp, detections=arrived.detections))
-                if image is not None:
-                    camera.mailbox.put(image)
+                if image is not None and image.detections is not None:
+                    self._deliver(image.recorded(image.detections))
+
+    def _look(self) -> None:
+        """Several times a second."""
+        now_s = time.monotonic()
+        if now_s >= self._looked_s + _LOOKS_S:
+            self._looked_s = now_s
+            for camera in self._cameras.values():
+                camera.look()

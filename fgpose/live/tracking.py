@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Collection, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,8 +55,13 @@ class LiveTracking:
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
         self._people: tuple[LivePerson, ...] = ()
-        self._shares: dict[frozenset[str], float] = {}
+        self._share: tuple[frozenset[str], float] = frozenset(), 0.0
+        """How much of the volume these cameras observe."""
+        self._n_used: Counter[str] = Counter()
+        self._n_lost: Counter[str] = Counter()
         self._sequence = 0
+        self.on_taken: Callable[[Collection[str]], None] = lambda camera_names: None
+        """Told of the cameras whose detections are about to be used, or are lost."""
         self.n_failures = 0
         """How often the tracker was replaced."""
 
@@ -73,6 +79,8 @@ class LiveTracking:
         """Take the detections of an image; what it completes is tracked."""
         detections = image.detections
         if detections.time_s <= self._image_s.get(detections.camera, -np.inf) or self._is_too_old(detections):
+            self._n_lost[detections.camera] += 1
+            self.on_taken([detections.camera])
             return [Update((replace(image, is_used=False),), (), ())]
         self._arrived[detections.camera, detections.time_s] = image
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
@@ -83,7 +91,7 @@ class LiveTracking:
         return [self._tracked(moment)] if moment else []
 
     def frame(self, now_s: float, cameras: Sequence[CameraStatus]) -> LiveFrame:
-        """What can be said now."""
+        """What can be said now. The images of the cameras that were used, or lost, are added to their statuses."""
         unseen_s = now_s - self.newest_s
         people = self._people
         if unseen_s > _COASTS_AFTER_S:
@@ -94,7 +102,7 @@ class LiveTracking:
             published_s=now_s,
             skeleton=self.skeleton,
             people=people,
-            cameras=tuple(cameras),
+            cameras=tuple(self._counted(camera) for camera in cameras),
             observed_share=self._observed_share(cameras),
         )
         self._sequence += 1
@@ -105,10 +113,13 @@ class LiveTracking:
         self._tracker.close()
 
     def _tracked(self, moment: Sequence[Detections]) -> Update:
+        self.on_taken([each.camera for each in moment])
         images = tuple(self._arrived.pop((each.camera, each.time_s)) for each in moment)
         used = [not self._is_too_old(each) for each in moment]
         given = [each for each, is_used in zip(moment, used, strict=True) if is_used]
         images = tuple(replace(image, is_used=is_used) for image, is_used in zip(images, used, strict=True))
+        for image in images:
+            (self._n_used if image.is_used else self._n_lost)[image.detections.camera] += 1
         if not given:
             return Update(images, (), ())
         try:
@@ -129,6 +140,10 @@ class LiveTracking:
 
     def _observed_share(self, cameras: Sequence[CameraStatus]) -> float:
         ok = frozenset(camera.name for camera in cameras if camera.state is CameraState.OK)
-        if ok not in self._shares:
-            self._shares[ok] = observed_share(self.rig, ok, self._volume_m)
-        return self._shares[ok]
+        if ok != self._share[0]:
+            self._share = ok, observed_share(self.rig, ok, self._volume_m)
+        return self._share[1]
+
+    def _counted(self, camera: CameraStatus) -> CameraStatus:
+        n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
+        return replace(camera, n_used=n_used, n_lost=n_lost)

@@ -26,8 +26,8 @@ class DecodedPicture:
         width, height = self.frame.width, self.frame.height
         return (height, width) if self.frame.rotation % 180 else (width, height)
 
-    def bgr(self) -> np.ndarray:
-        picture = self.frame.to_ndarray(format="bgr24")
+    def rgb(self) -> np.ndarray:
+        picture = self.frame.to_ndarray(format="rgb24")
         turns = round(self.frame.rotation / 90)
         return np.ascontiguousarray(np.rot90(picture, turns)) if turns else picture
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from fgpose.live.sources.address import Kind, shown
 from fgpose.live.sources.decoded import DecodedPicture, sender_s
+from fgpose.live.sources.haste import Haste, Lateness
 from fgpose.live.sources.settings import CameraSource
 from fgpose.live.sources.source import SourceError
 
@@ -18,6 +19,12 @@ if TYPE_CHECKING:
 
 # Enough to find the size; more of a live stream would only be late.
 _PROBE_US = 1_000_000
+# What FFmpeg leaves out. After any but key frames, the next that can be decoded is a key frame.
+_SKIPS: dict[Haste, Literal["DEFAULT", "NONREF", "NONKEY"]] = {
+    Haste.NONE: "DEFAULT",
+    Haste.SOME: "NONREF",
+    Haste.MOST: "NONKEY",
+}
 
 
 class Decoder:
@@ -30,6 +37,7 @@ class Decoder:
 
     def __init__(self, name: str, source: str, kind: Kind, settings: CameraSource) -> None:
         self._name, self._source, self._timeout_s = name, source, settings.timeout_s
+        self._lateness = Lateness()
         self.sender_minus_stamp_s: float | None = None
         """Unix time by the sender's clock minus the stamp of a frame; None: it has not said."""
         self._container = self._open(kind, settings)
@@ -119,6 +127,10 @@ class Decoder:
     def ended(self) -> SourceError:
         """For a stream that should not end."""
         return self._error("the stream has ended")
+
+    def hurry(self, late_s: float) -> None:
+        """See Source. Called between two frames, when the one before is known to be decoded."""
+        self._stream.codec_context.skip_frame = _SKIPS[self._lateness.haste(late_s)]
 
     def close(self) -> None:
         self._container.close()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fgpose.live.image import ArrayPicture, Picture, SourceImage
+from fgpose.live.sources.haste import Haste, Lateness
 from fgpose.live.sources.playback import Playback
 from fgpose.live.sources.source import SourceError
 from fgpose.monocular.clips import image_files
@@ -25,6 +26,7 @@ class FolderSource:
     ) -> None:
         self._name, self._folder, self._fps = name, folder, fps
         self._playback, self._in_real_time, self._loop = playback, in_real_time, loop
+        self._lateness, self._n_left_out = Lateness(), 0
         try:
             self._files = image_files(Path(folder))
         except OSError as error:
@@ -40,16 +42,23 @@ class FolderSource:
     def images(self) -> Iterator[SourceImage]:
         return self._playback.play(self._frames, in_real_time=self._in_real_time, loop=self._loop)
 
+    def hurry(self, late_s: float) -> None:
+        if self._lateness.haste(late_s) is not Haste.NONE:
+            self._n_left_out = int(late_s * self._fps)
+
     def close(self) -> None:
         pass
 
     def _frames(self) -> Iterator[tuple[float, Picture | None]]:
         for k, path in enumerate(self._files):
-            yield k / self._fps, _read(path)
+            if self._n_left_out:
+                self._n_left_out -= 1
+            else:
+                yield k / self._fps, _read(path)
 
 
 def _read(path: Path) -> ArrayPicture | None:
     import cv2
 
     array = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    return None if array is None else ArrayPicture(array)
+    return None if array is None else ArrayPicture(cv2.cvtColor(array, cv2.COLOR_BGR2RGB))

@@ -9,8 +9,7 @@ from fgpose.live.clock import Clock
 from fgpose.live.clock_model import Stamp
 from fgpose.live.image import Picture, SourceImage
 
-# Later than this, a recording that was opened again joins in where the others are; and if the computer cannot keep up,
-# all of them are delayed together.
+# Later than this, a recording joins in where the others are when it begins anew.
 _OVERDUE_S = 1.0
 
 
@@ -32,6 +31,11 @@ class Playback:
                 self._start_s = self._clock.now_s()
             return self._start_s
 
+    def begin(self, start_s: float, period_s: float) -> None:
+        """Have the start and the period of recordings in other processes."""
+        with self._lock:
+            self._start_s, self.period_s = start_s, period_s
+
     def join(self, duration_s: float) -> None:
         """Tell how long a recording is."""
         with self._lock:
@@ -47,35 +51,25 @@ class Playback:
             in_real_time: wait until each is due.
             loop: again and again.
         """
-        n_rounds, begin_s = self._position(loop=loop) if in_real_time else (0, 0.0)
+        n_rounds, begin_s = self._position(0, loop=loop) if in_real_time else (0, 0.0)
         while loop or n_rounds == 0:
             is_empty = True
             for since_s, picture in frames():
                 is_empty = False
                 if since_s < begin_s:
                     continue
-                since_start_s = n_rounds * self.period_s + since_s
-                due_s = self._wait_until(since_start_s) if in_real_time else self.start_s + since_start_s
+                due_s = self.start_s + n_rounds * self.period_s + since_s
+                if in_real_time:
+                    self._clock.sleep(due_s - self._clock.now_s())
                 yield SourceImage(picture, Stamp(due_s, is_host_time=True), is_damaged=picture is None)
             if is_empty:
                 return
-            n_rounds, begin_s = n_rounds + 1, 0.0
+            n_rounds, begin_s = self._position(n_rounds + 1, loop=loop) if in_real_time else (n_rounds + 1, 0.0)
 
-    def _position(self, *, loop: bool) -> tuple[int, float]:
-        """Rounds that are over, and where the others are in theirs."""
+    def _position(self, n_rounds: int, *, loop: bool) -> tuple[int, float]:
+        """Rounds that are over, and where to begin in the next: after so many rounds, or where the others are."""
         elapsed_s = self._clock.now_s() - self.start_s
-        if elapsed_s < _OVERDUE_S:
-            return 0, 0.0
-        n_rounds = int(elapsed_s // self.period_s) if loop and self.period_s else 0
+        if elapsed_s < n_rounds * self.period_s + _OVERDUE_S:
+            return n_rounds, 0.0
+        n_rounds = int(elapsed_s // self.period_s) if loop and self.period_s else n_rounds
         return n_rounds, elapsed_s - n_rounds * self.period_s
-
-    def _wait_until(self, since_start_s: float) -> float:
-        """Wait for an image that is due so long after the start; Unix time for which it counts."""
-        due_s = self.start_s + since_start_s
-        self._clock.sleep(due_s - self._clock.now_s())
-        now_s = self._clock.now_s()
-        if now_s - due_s < _OVERDUE_S:
-            return due_s
-        with self._lock:
-            self._start_s = max(self._start_s or 0.0, now_s - since_start_s)
-            return self._start_s + since_start_s

@@ -41,6 +41,10 @@ class Source(Protocol):
         """The images as they come. Raises SourceError if it cannot go on."""
         ...
 
+    def hurry(self, late_s: float) -> None:
+        """The image before was so late: if that lasts, leave some out."""
+        ...
+
     def close(self) -> None:
         """Let go of the device or the connection."""
         ...

@@ -38,6 +38,9 @@ class LiveVideo:
                 yield SourceImage(DecodedPicture(frame), self._stamp(frame), is_damaged=frame.is_corrupt)
         raise self._decoder.ended()
 
+    def hurry(self, late_s: float) -> None:
+        self._decoder.hurry(late_s)
+
     def close(self) -> None:
         self._decoder.close()
 
@@ -64,6 +67,9 @@ class RecordedVideo:
     def images(self) -> Iterator[SourceImage]:
         in_real_time = self._settings.pace == "real time"
         return self._playback.play(self._frames, in_real_time=in_real_time, loop=self._settings.loop)
+
+    def hurry(self, late_s: float) -> None:
+        self._decoder.hurry(late_s)
 
     def close(self) -> None:
         self._decoder.close()

@@ -14,7 +14,7 @@ _CODEC_OPTIONS = {"libx264": {"tune": "zerolatency", "preset": "ultrafast", "g":
 
 
 def room(size_px: tuple[int, int] = SIZE_PX, seed: int = 0) -> np.ndarray:
-    """(H, W, 3) BGR: rectangles of all brightnesses, which have places."""
+    """(H, W, 3) RGB: rectangles of all brightnesses, which have places."""
     rng = np.random.default_rng(seed)
     picture = np.full((size_px[1], size_px[0], 3), 90, np.uint8)
     for _ in range(60):
@@ -68,6 +68,6 @@ def write_video(path: Path, frames: list[np.ndarray], fps: int = 30, codec: str 
         stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
         stream.time_base = Fraction(1, fps)
         for frame in frames:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="bgr24")))
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
         container.mux(stream.encode())
     return path

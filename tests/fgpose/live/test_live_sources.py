@@ -30,9 +30,9 @@ def opened(settings: CameraSource, clock: Clock | None = None) -> Source:
     return open_source("cam01", settings, clock, Playback(clock))
 
 
-def bgr(image: SourceImage) -> np.ndarray:
+def rgb(image: SourceImage) -> np.ndarray:
     assert image.picture is not None
-    return image.picture.bgr()
+    return image.picture.rgb()
 
 
 def since_first_s(images: list[SourceImage]) -> np.ndarray:
@@ -62,9 +62,9 @@ def test_a_video_in_real_time(video: Path, frames: list[np.ndarray]) -> None:
         assert image.stamp is not None
         assert image.stamp.is_host_time
         assert image.stamp.stamp_s == pytest.approx(clock.now_s(), abs=1e-6)
-        assert counted(bgr(image)) == k
+        assert counted(rgb(image)) == k
         # H.264 at ultrafast keeps noisy pictures to some levels.
-        assert np.abs(bgr(image).astype(float) - frames[k]).mean() < 8
+        assert np.abs(rgb(image).astype(float) - frames[k]).mean() < 8
     assert n_images == 20
     source.close()
 
@@ -74,7 +74,7 @@ def test_the_brightness_needs_no_conversion(video: Path) -> None:
     image = next(source.images())
     assert image.picture is not None
     luma = image.picture.luma().astype(float)
-    grey = cv2.cvtColor(image.picture.bgr(), cv2.COLOR_BGR2GRAY)
+    grey = cv2.cvtColor(image.picture.rgb(), cv2.COLOR_RGB2GRAY)
     assert luma.shape == (SIZE_PX[1], SIZE_PX[0])
     assert np.corrcoef(luma.ravel(), grey.ravel())[0, 1] > 0.99  # video range instead of full range
     source.close()
@@ -85,7 +85,7 @@ def test_a_video_as_fast_as_possible_again_and_again(video: Path) -> None:
     source = opened(CameraSource(source=str(video), pace="fast", loop=True), clock)
     images = list(islice(source.images(), 50))
     assert clock.now_s() == 1e9
-    assert [counted(bgr(image)) for image in images] == [k % 20 for k in range(50)]
+    assert [counted(rgb(image)) for image in images] == [k % 20 for k in range(50)]
     np.testing.assert_allclose(since_first_s(images), np.arange(50) / FPS, atol=1e-4)
     source.close()
 
@@ -107,7 +107,7 @@ def test_recordings_that_loop_stay_in_step(tmp_path: Path, frames: list[np.ndarr
     for name, source in sources.items():
         images = list(islice(source.images(), 3 * lengths[name]))
         since_s = np.array([image.stamp.stamp_s - 1e9 for image in images if image.stamp is not None])
-        numbers = np.array([counted(bgr(image)) for image in images])
+        numbers = np.array([counted(rgb(image)) for image in images])
         np.testing.assert_allclose(since_s * FPS, np.round(since_s * FPS), atol=5e-3)
         np.testing.assert_array_equal(np.round(since_s * FPS) % 20, numbers)
         source.close()
@@ -120,34 +120,36 @@ def test_a_recording_that_is_opened_again_joins_the_others(video: Path) -> None:
     clock.advance(100 * 20 / FPS + 10.2 / FPS)  # in the eleventh image of round 100
     source = open_source("cam01", CameraSource(source=str(video), loop=True), clock, playback)
     image = next(source.images())
-    assert counted(bgr(image)) == 11
+    assert counted(rgb(image)) == 11
     assert image.stamp is not None
     assert image.stamp.stamp_s - 1e9 == pytest.approx((100 * 20 + 11) / FPS, abs=1e-3)
     source.close()
 
 
-def test_a_computer_that_cannot_keep_up_delays_the_recording(video: Path) -> None:
+def test_a_looping_recording_of_a_computer_that_cannot_keep_up_stays_in_step(video: Path) -> None:
     clock = SimulatedClock(1e9)
-    source = opened(CameraSource(source=str(video)), clock)
-    late_s = []
-    for image in source.images():
+    source = opened(CameraSource(source=str(video), loop=True), clock)
+    since_s = []
+    for image in islice(source.images(), 100):
         assert image.stamp is not None
-        late_s.append(clock.now_s() - image.stamp.stamp_s)
-        clock.advance(0.3)  # the work on each image
-    assert len(late_s) == 20  # none is left out
-    assert max(late_s) < 1.0
+        since_s.append(image.stamp.stamp_s - 1e9)
+        clock.advance(2.5 / FPS)  # the work on each image
+    # It falls behind by 1.5 images with each; a round has 20. When the next begins it is where it should be, but for
+    # what may be overdue.
+    assert clock.now_s() - 1e9 - since_s[-1] < 1.5 * 20 / FPS + 1.0 + 1e-6
+    assert np.ptp(np.diff(since_s)) > 10 / FPS
     source.close()
 
 
 def test_a_folder_of_images(tmp_path: Path, frames: list[np.ndarray]) -> None:
     for k, frame in enumerate(frames[:3]):
-        cv2.imwrite(str(tmp_path / f"image_{k + 9}.png"), frame)
+        cv2.imwrite(str(tmp_path / f"image_{k + 9}.png"), cv2.cvtColor(frame, cv2.COLOR_RGB2BGR))
     clock = SimulatedClock(1e9)
     source = opened(CameraSource(source=str(tmp_path), fps=5.0, loop=True), clock)
     images = list(islice(source.images(), 7))
     assert clock.now_s() == pytest.approx(1e9 + 6 / 5)
     for k, image in enumerate(images):
-        np.testing.assert_array_equal(bgr(image), frames[k % 3])
+        np.testing.assert_array_equal(rgb(image), frames[k % 3])
     np.testing.assert_allclose(since_first_s(images), np.arange(7) / 5, atol=1e-6)
 
 
@@ -218,7 +220,7 @@ def test_http_pictures_have_no_stamps(frames: list[np.ndarray]) -> None:
         images = list(islice(source.images(), 5))
         source.close()
     assert all(image.stamp is None for image in images)  # FFmpeg would make up 25 a second
-    numbers = np.array([counted(bgr(image)) for image in images])
+    numbers = np.array([counted(rgb(image)) for image in images])
     np.testing.assert_array_equal(np.diff(numbers) % 20, 1)  # none is left out
 
 

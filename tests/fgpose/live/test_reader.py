@@ -17,7 +17,8 @@ from fgpose.live import reader as reader_module
 from fgpose.live.camera import CameraEvent, LiveCamera
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
-from fgpose.live.image import ArrayPicture, SourceImage
+from fgpose.live.image import ArrayPicture, Image, SourceImage
+from fgpose.live.mailbox import Mailbox
 from fgpose.live.reader import CameraReader
 from fgpose.live.sources import CameraSource, Source, SourceError, open_source
 from fgpose.live.sources.playback import Playback
@@ -39,6 +40,9 @@ class Script:
     def images(self) -> Iterator[SourceImage]:
         return self._images
 
+    def hurry(self, late_s: float) -> None:
+        self.late_s = late_s
+
     def close(self) -> None:
         self.is_closed = True
 
@@ -49,7 +53,8 @@ class Watched:
     def __init__(self, open_source: Callable[[], Source], settings: CameraSource) -> None:
         self.events: list[CameraEvent] = []
         self.camera = LiveCamera("cam01", settings, Clock(), 60.0, on_event=self.events.append)
-        self.reader = CameraReader(self.camera, open_source, SIZE_PX)
+        self.mailbox = Mailbox[Image]()
+        self.reader = CameraReader(self.camera, self.mailbox, open_source, SIZE_PX)
         self.reader.start()
 
     def until(self, condition: Callable[[], object]) -> None:
@@ -117,7 +122,7 @@ def test_the_waits_between_attempts_grow(monkeypatch: pytest.MonkeyPatch) -> Non
 
     camera = LiveCamera("cam01", CameraSource(source="rtsp://a"), Clock(), 60.0)
     monkeypatch.setattr(reader_module, "_FIRST_WAIT_S", 0.5)
-    reader = CameraReader(camera, refuse, SIZE_PX)
+    reader = CameraReader(camera, Mailbox[Image](), refuse, SIZE_PX)
 
     def wait(wait_s: float) -> None:
         waits_s.append(wait_s)
@@ -178,10 +183,10 @@ def test_everything_is_read_even_if_nobody_takes_it() -> None:
     watched = Watched(lambda: Script(many()), CameraSource(source="rtsp://a"))
     watched.until(lambda: len(given) == 1000)
     watched.reader.stop()
-    newest = watched.camera.mailbox.take()
+    newest = watched.mailbox.take()
     assert newest is not None
     assert newest.number >= 999
-    assert watched.camera.mailbox.n_overwritten == newest.number
+    assert watched.mailbox.n_overwritten == newest.number
 
 
 def test_a_recording_as_fast_as_possible_loses_nothing_and_its_end_is_said(tmp_path: Path) -> None:
@@ -192,7 +197,7 @@ def test_a_recording_as_fast_as_possible_loses_nothing_and_its_end_is_said(tmp_p
     taken = []
 
     def take() -> bool:
-        newest = watched.camera.mailbox.take()
+        newest = watched.mailbox.take()
         if newest is not None:
             taken.append(counted(newest.picture))
         return len(taken) == 20
