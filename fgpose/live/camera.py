@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+
 from fgpose.live.clock import Clock
 from fgpose.live.clock_model import ClockModel
 from fgpose.live.frame import CameraState, CameraStatus
@@ -56,7 +58,10 @@ class LiveCamera:
         self.name, self.settings, self.clock = name, settings, clock
         self._on_event = on_event
         self._model = ClockModel(settings.latency_s)
-        self._health, self._picture_faults = Health(settings.fps, late_s), PictureFaults()
+        self._health, self._picture_faults = (
+            Health(settings.fps, late_s if settings.pace == "real time" else np.inf),
+            PictureFaults(),
+        )
         self._lock = threading.Lock()
         self._said = _CONNECTING
         self._n_images = 0

@@ -73,7 +73,8 @@ class LiveFrame:
     sequence: int
     """Counts the frames of a run, from 0."""
     time_s: float
-    """At which the people are where this frame says, Unix time: when the newest image was taken."""
+    """At which the people are where this frame says, Unix time: the mean of when the newest images of all cameras were
+    taken."""
     published_s: float
     """Unix time."""
     skeleton: Skeleton

@@ -54,6 +54,8 @@ class LiveTracking:
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
+        self._frame_s = -np.inf
+        """Of the people as they are known."""
         self._people: tuple[LivePerson, ...] = ()
         self._share: tuple[frozenset[str], float] = frozenset(), 0.0
         """How much of the volume these cameras observe."""
@@ -98,7 +100,7 @@ class LiveTracking:
             people = tuple(coasting(person, unseen_s) for person in people)
         frame = LiveFrame(
             sequence=self._sequence,
-            time_s=self.newest_s if self._image_s else now_s,
+            time_s=self._frame_s if self._image_s else now_s,
             published_s=now_s,
             skeleton=self.skeleton,
             people=people,
@@ -133,6 +135,7 @@ class LiveTracking:
             self._tracker = Tracker(self.rig, self.skeleton, self.config)
             self._people, people, events = (), [], []
         self._image_s |= {each.camera: each.time_s for each in given}
+        self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(images, tuple(people), tuple(events))
 
     def _is_too_old(self, detections: Detections) -> bool:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from fgpose.live.sources.address import Kind, shown
 from fgpose.live.sources.decoded import DecodedPicture, sender_s
-from fgpose.live.sources.haste import Haste, Lateness
+from fgpose.live.sources.packets import PacketDecoder
 from fgpose.live.sources.settings import CameraSource
 from fgpose.live.sources.source import SourceError
 
@@ -19,12 +19,6 @@ if TYPE_CHECKING:
 
 # Enough to find the size; more of a live stream would only be late.
 _PROBE_US = 1_000_000
-# What FFmpeg leaves out. After any but key frames, the next that can be decoded is a key frame.
-_SKIPS: dict[Haste, Literal["DEFAULT", "NONREF", "NONKEY"]] = {
-    Haste.NONE: "DEFAULT",
-    Haste.SOME: "NONREF",
-    Haste.MOST: "NONKEY",
-}
 
 
 class Decoder:
@@ -37,7 +31,6 @@ class Decoder:
 
     def __init__(self, name: str, source: str, kind: Kind, settings: CameraSource) -> None:
         self._name, self._source, self._timeout_s = name, source, settings.timeout_s
-        self._lateness = Lateness()
         self.sender_minus_stamp_s: float | None = None
         """Unix time by the sender's clock minus the stamp of a frame; None: it has not said."""
         self._container = self._open(kind, settings)
@@ -67,17 +60,12 @@ class Decoder:
             raise self._problem(error) from None
 
     def _prepare(self, *, is_live: bool) -> None:
-        from av.codec.context import Flags
-
         if not self._container.streams.video:
             raise self._error("there is no video in it")
         self._stream = self._container.streams.video[0]
         if self._stream.codec_context is None:
             raise self._error("its codec is not known")
-        # Several threads, and waiting for frames that are shown earlier, would hold images back.
-        self._stream.thread_count = 1
-        if is_live:
-            self._stream.codec_context.flags |= Flags.low_delay
+        self._packets = PacketDecoder(self._name, self._stream, is_live=is_live)
         self._frames = self._decoded()
         first = next((frame for frame in self._frames if frame is not None), None)
         if first is None:
@@ -111,6 +99,7 @@ class Decoder:
         first, self._first = self._first, None
         if first is None:
             self._container.seek(0)
+            self._packets.restart()
             self._frames = self._decoded()
         else:
             yield first
@@ -130,7 +119,7 @@ class Decoder:
 
     def hurry(self, late_s: float) -> None:
         """See Source. Called between two frames, when the one before is known to be decoded."""
-        self._stream.codec_context.skip_frame = _SKIPS[self._lateness.haste(late_s)]
+        self._packets.hurry(late_s)
 
     def close(self) -> None:
         self._container.close()
@@ -144,7 +133,7 @@ class Decoder:
                 if of_sender_s is not None and packet.pts is not None:
                     self.sender_minus_stamp_s = of_sender_s - float(packet.pts * packet.time_base)
                 try:
-                    yield from packet.decode()
+                    yield from self._packets.decode(packet)
                 except av.error.InvalidDataError:
                     yield None
         except (av.error.FFmpegError, OSError) as error:

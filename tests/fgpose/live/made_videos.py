@@ -11,6 +11,8 @@ import numpy as np
 SIZE_PX = (160, 120)
 # H.264 without B-frames and with a key frame a second, as cameras send it.
 _CODEC_OPTIONS = {"libx264": {"tune": "zerolatency", "preset": "ultrafast", "g": "30"}}
+SMOOTHED = {"preset": "fast"}
+"""Options with which the edges of blocks are smoothed, as most cameras do."""
 
 
 def room(size_px: tuple[int, int] = SIZE_PX, seed: int = 0) -> np.ndarray:
@@ -56,13 +58,15 @@ def counted(picture: np.ndarray) -> int:
     return round(float(picture[-12:-4, 4:12].mean()) / 10)
 
 
-def write_video(path: Path, frames: list[np.ndarray], fps: int = 30, codec: str = "libx264") -> Path:
+def write_video(
+    path: Path, frames: list[np.ndarray], fps: int = 30, codec: str = "libx264", options: dict[str, str] | None = None
+) -> Path:
     """Write a video with PyAV."""
     import av
 
     height, width = frames[0].shape[:2]
     with av.open(str(path), "w") as container:
-        stream = container.add_stream(codec, rate=fps, options=_CODEC_OPTIONS.get(codec, {}))
+        stream = container.add_stream(codec, rate=fps, options=_CODEC_OPTIONS.get(codec, {}) | (options or {}))
         assert isinstance(stream, av.VideoStream)
         stream.width, stream.height = width, height
         stream.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
