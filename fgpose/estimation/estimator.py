@@ -63,6 +63,7 @@ class Estimator:
         self._offsets = RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
+        self._is_tidy = True
         self._arrivals = Arrivals(rig.names)
 
     def __reduce__(self) -> NoReturn:
@@ -155,13 +156,28 @@ class Estimator:
             return self._join(at, image, is_own)
         return self._begin(image, np.where(is_own, time_s, np.nan))
 
+    def tidy(self) -> None:
+        """Do what the next update would do first: learn from the newest frame, and revise the frames before. To be
+        called in the time until the next images come, which are estimated sooner then. Images that join the newest
+        frame afterwards are not learned from."""
+        if self._is_tidy:
+            return
+        self._learn()
+        changes = self._revised()
+        if changes:
+            self._graph.replace(changes, self._rig)
+            self._window[-1] = self._graph.read(self._window[-1])
+        self._is_tidy = True
+
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
         gathered = gather(frame, self._rig, self.config)
-        if self._window:
+        if not self._is_tidy:
             self._learn()
         state = self._predicted(frame, gathered, image_time_s)
-        changes = self._revised() if self._window else {}
+        # In one update with the new frame, which costs less than one of its own.
+        changes = {} if self._is_tidy else self._revised()
+        self._is_tidy = False
         self._graph.add(state, self._rig, changes)
         self._window.append(self._graph.read(state))
         self._judge(np.isfinite(image_time_s))

@@ -51,6 +51,7 @@ class LiveRecording:
 
             for images in recording.updates():
                 tracker.update([image.detections for image in images if image.is_used])
+                tracker.tidy()
 
         Errors and warnings as of observations.
         """

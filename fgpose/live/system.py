@@ -74,6 +74,7 @@ class LiveSystem:
                 observe(update)
             if any(image.is_used for image in update.images):
                 self._publish()
+                self._tracking.tidy()
 
     def _publish(self) -> None:
         now_s = self._published_s = self._clock.now_s()

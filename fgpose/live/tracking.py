@@ -110,6 +110,13 @@ class LiveTracking:
         self._sequence += 1
         return frame
 
+    def tidy(self) -> None:
+        """Do what can be done before the next images come. To be called when what is known has been published."""
+        try:
+            self._tracker.tidy()
+        except Exception:
+            self._begin_anew()
+
     def close(self) -> None:
         """End the processes of the tracker."""
         self._tracker.close()
@@ -129,14 +136,18 @@ class LiveTracking:
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
         except Exception:
-            _LOG.exception("the tracker failed and begins anew; people get new numbers")
-            self.n_failures += 1
-            self._tracker.close()
-            self._tracker = Tracker(self.rig, self.skeleton, self.config)
-            self._people, people, events = (), [], []
+            self._begin_anew()
+            people, events = [], []
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(images, tuple(people), tuple(events))
+
+    def _begin_anew(self) -> None:
+        _LOG.exception("the tracker failed and begins anew; people get new numbers")
+        self.n_failures += 1
+        self._tracker.close()
+        self._tracker = Tracker(self.rig, self.skeleton, self.config)
+        self._people = ()
 
     def _is_too_old(self, detections: Detections) -> bool:
         return detections.time_s < self.newest_s - self.config.online.lag_s

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from contextlib import suppress
 
 from fgpose.child_process import ChildProcess, parent
 from fgpose.config import Config
@@ -15,6 +16,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.trajectory import Estimate
+
+_TIDY = "tidy"
 
 
 class EstimatorProcess:
@@ -75,6 +78,13 @@ class EstimatorProcess:
             raise answer
         return answer
 
+    def tidy(self) -> None:
+        """Let the estimators tidy; there is no answer."""
+        if self._newest:
+            # The next update notices that it has ended.
+            with suppress(BrokenPipeError):
+                self._process.write(_TIDY)
+
     def close(self) -> None:
         """End the process. Closing again does nothing."""
         self._process.close()
@@ -101,6 +111,9 @@ def serve() -> None:
             except EOFError:
                 return
             try:
+                if newest == _TIDY:
+                    estimators.tidy()
+                    continue
                 answer = estimators.update(newest)
             except Exception as error:  # raised by EstimatorProcess.receive
                 answer = error

@@ -41,6 +41,11 @@ class Estimators:
         self._of = {number: self._of.get(number) or self._new() for number in newest}
         return {number: _updated(self._of[number], new) for number, new in newest.items()}
 
+    def tidy(self) -> None:
+        """See Estimator."""
+        for estimator in self._of.values():
+            estimator.tidy()
+
     def _new(self) -> Estimator:
         return Estimator(self._rig, self._skeleton, self._config)
 

@@ -71,6 +71,10 @@ class Tracker:
         del self._follower.events[:-_MOST_EVENTS]
         return people
 
+    def tidy(self) -> None:
+        """Let the estimators do what the next update would do first, see Estimator.tidy."""
+        self._estimators.tidy()
+
     def events(self) -> list[TrackEvent]:
         """What has happened to tracks since this was last asked, in the order of time; the last 1,000 at most."""
         events, self._follower.events = self._follower.events, []

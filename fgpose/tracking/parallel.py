@@ -50,6 +50,12 @@ class ParallelEstimators:
             estimates |= process.receive()
         return {number: estimates[number] for number in newest}
 
+    def tidy(self) -> None:
+        """See Estimator. Other processes do so while this one goes on."""
+        for process in self._others:
+            process.tidy()
+        self._here.tidy()
+
     def _assign(self, people: Collection[int]) -> None:
         self._process_of = {number: at for number, at in self._process_of.items() if number in people}
         for number in people:

@@ -222,6 +222,22 @@ def test_a_joint_that_runs_away_enters_anew(mocap_clear: Scene, rig: fgpose.Came
     assert estimator.repairs == 0
 
 
+@pytest.mark.slow
+def test_what_is_done_between_updates_is_done_as_well(mocap_scene: Scene, rig: fgpose.CameraRig) -> None:
+    estimator = fgpose.Estimator(rig, mocap_scene.observations.skeleton)
+    tidied = []
+    for frame in mocap_scene.observations:
+        estimator.tidy()
+        tidied.append(estimator.update(frame))
+        estimator.tidy()
+        estimator.tidy()
+    at_once = run(mocap_scene.observations, rig)
+    errors = [errors_m(each, mocap_scene.truth_m).mean() for each in (tidied, at_once)]
+    # Frames are revised one update sooner, which tells little.
+    assert errors[0] == pytest.approx(errors[1], rel=0.01)
+    assert not np.array_equal(tidied[-1].positions_m, at_once[-1].positions_m)
+
+
 def test_any_subset_of_cameras(mocap_clear: Scene, rig: fgpose.CameraRig) -> None:
     """A camera that is lost for good, then another: frames name the cameras they have."""
     estimator = fgpose.Estimator(rig, mocap_clear.observations.skeleton)

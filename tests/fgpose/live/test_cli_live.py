@@ -99,7 +99,10 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
     recording = load_live_recording(record)
     assert recording.skeleton == scene().motion.skeleton
     tracker = fgpose.Tracker(recording.rig, recording.skeleton, recording.config)
-    again = [tracker.update([image.detections for image in images if image.is_used]) for images in recording.updates()]
+    again = []
+    for images in recording.updates():
+        again.append(tracker.update([image.detections for image in images if image.is_used]))
+        tracker.tidy()
     newest = [tracked.estimate.positions_m for tracked in again[-1]]
     published = [frame for frame in recording.frames() if frame.people]
     by_time = {frame.time_s: frame for frame in published}

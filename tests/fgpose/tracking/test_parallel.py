@@ -48,7 +48,8 @@ def process_ids(estimators: ParallelEstimators) -> list[int]:
 
 
 @pytest.mark.slow
-def test_processes_do_not_change_the_result(scene: CrowdScene):
+@pytest.mark.parametrize("is_tidied", [False, True])
+def test_processes_do_not_change_the_result(scene: CrowdScene, is_tidied: bool):
     configs = [fgpose.Config(online={"lag_s": 0.2}, tracking={"max_processes": n}) for n in (1, 2)]
     by_time: dict[float, list[Detections]] = {}
     for image in scene.observations.images:
@@ -66,6 +67,9 @@ def test_processes_do_not_change_the_result(scene: CrowdScene):
                 np.testing.assert_array_equal(a.estimate.covariance_m2, b.estimate.covariance_m2)
                 assert a.estimate.skeleton == b.estimate.skeleton
             n_most = max(n_most, len(one))
+            if is_tidied:
+                alone.tidy()
+                parallel.tidy()
     assert n_most == 2  # one of them in the other process
 
 
