@@ -6,28 +6,23 @@ import logging
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
+from fgpose.cli.live_consumers import Consumers
+from fgpose.cli.live_replay import run_replay
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
-    import numpy as np
     from rich.table import Table
 
-    from fgpose.config import Config
-    from fgpose.geometry.camera import CameraRig
     from fgpose.live.camera_feed import CameraFeed
-    from fgpose.live.outputs import Output
-    from fgpose.live.page import StatusPage
     from fgpose.live.report import Report
     from fgpose.live.rig_file import LiveRig
-    from fgpose.live.system import Consumer
-    from fgpose.live.tracking import Update
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
@@ -43,7 +38,7 @@ class Live:
     Example: fgpose live rig.toml --zmq 5556 --record session.fgpose
     """
 
-    rig: Annotated[Positional[Path], arg(metavar="RIG.toml")]
+    rig: Annotated[Positional[Path | None], arg(metavar="RIG.toml", help_behavior_hint="(or --replay)")] = None
     """Cameras and sources."""
     model: Annotated[str, arg(metavar="NAME|FILE")] = "blazepose-lite"
     """Network that looks for people in images."""
@@ -70,6 +65,11 @@ class Live:
     host: str = "127.0.0.1"
     """Address of this computer that others connect to. The default is for programs of this computer only; nothing here
     asks for a password."""
+    replay: Annotated[Path | None, arg(metavar="FILE.fgpose", help_behavior_hint="(default: none)")] = None
+    """Run a recording again in place of cameras: the same detections through the same estimator, in real time. Says how
+    far the people are from those recorded."""
+    fast: Annotated[bool, FlagCreatePairsOff] = False
+    """Run it as fast as possible."""
     duration_s: Annotated[float | None, arg(metavar="S", help_behavior_hint="(default: until Ctrl-C)")] = None
     """Stop after this time."""
 
@@ -83,6 +83,13 @@ class Live:
         from fgpose.live.tracking import LiveTracking
 
         logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO)
+        if self.replay is not None:
+            run_replay(self)
+            return
+        if self.rig is None or self.fast:
+            raise ValueError(
+                "--fast needs --replay" if self.fast else "give a rig file, RIG.toml, or --replay FILE.fgpose"
+            )
         config = Config() if self.config is None else load_config(self.config)
         live_rig, clock = load_live_rig(self.rig), Clock()
         open_network, skeleton = self._detector(live_rig)
@@ -91,19 +98,15 @@ class Live:
             feed = stack.enter_context(
                 CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=consumers.show_image)
             )
-            self._open_outputs(stack, consumers, feed.rig, skeleton, config)
+            consumers.open(stack, self, feed.rig, skeleton, config)
             tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig))
             stack.callback(tracking.close)
             system = LiveSystem(feed, tracking, consumers.frames, consumers.observers, clock)
             self._receive(stack, feed, skeleton)
             with _stopped_by_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
-        console = new_console()
-        console.print(_table(system.report))
-        for output in consumers.outputs:
-            state = output.state
-            said = f"; {state.last_error}" if state.last_error else ""
-            console.print(f"{state.name}: {state.n_published} frames, {state.n_skipped} skipped{said}", soft_wrap=True)
+        new_console().print(_table(system.report))
+        consumers.say_states()
 
     def _detector(self, live_rig: LiveRig) -> tuple[Callable[[], Network] | None, Skeleton]:
         """How to open the network, where any camera needs it, and the joints."""
@@ -122,35 +125,6 @@ class Live:
         with new_console(stderr=True).status("opening the network"):
             return open_it, open_it().skeleton
 
-    def _open_outputs(
-        self, stack: ExitStack, consumers: Consumers, rig: CameraRig, skeleton: Skeleton, config: Config
-    ) -> None:
-        """Everything that takes frames."""
-        from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
-        from fgpose.live.page import StatusPage
-        from fgpose.live.recorder import Recorder
-
-        console = new_console(stderr=True)
-        tell = logging.getLogger("fgpose.live").warning
-        if self.zmq is not None:
-            consumers.outputs.append(open_zmq_output(self.zmq, host=self.host, tell=tell))
-            console.print(f"publishing over ZeroMQ at tcp://{self.host}:{self.zmq}")
-        if self.lsl:
-            consumers.outputs.append(open_lsl_output(skeleton, n_slots=self.lsl, tell=tell))
-            console.print(f"publishing {self.lsl} people over the Lab Streaming Layer")
-        if self.mcap is not None:
-            consumers.outputs.append(open_mcap_output(self.mcap, tell=tell))
-        if self.record is not None:
-            recorder = Recorder(self.record, rig, skeleton, config, tell=tell)
-            consumers.outputs.append(recorder)
-            consumers.observers.append(lambda update: recorder.record(update.images))
-        for output in consumers.outputs:
-            stack.callback(output.close)
-        if self.page is not None:
-            page = stack.enter_context(StatusPage(rig, skeleton, self.page, self.host))
-            consumers.page = page
-            console.print(f"status page: {page.url}", soft_wrap=True)
-
     def _receive(self, stack: ExitStack, feed: CameraFeed, skeleton: Skeleton) -> None:
         """Listen for the keypoints of detectors elsewhere, if there are any."""
         from fgpose.live.keypoint_socket import KeypointSocket
@@ -162,25 +136,6 @@ class Live:
             socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=tell)
             stack.callback(KeypointReceiver(socket, feed.received, feed.deliver).close)
             new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")
-
-
-@dataclass
-class Consumers:
-    """What takes the frames of a live system, and whatever else it says."""
-
-    outputs: list[Output] = field(default_factory=list)
-    observers: list[Callable[[Update], None]] = field(default_factory=list)
-    page: StatusPage | None = None
-
-    @property
-    def frames(self) -> list[Consumer]:
-        """Everything that takes frames."""
-        return [*self.outputs, *([] if self.page is None else [self.page])]
-
-    def show_image(self, camera: str, picture_rgb: np.ndarray) -> None:
-        """Show a picture of a camera where pictures are shown."""
-        if self.page is not None:
-            self.page.show_image(camera, picture_rgb)
 
 
 @contextmanager

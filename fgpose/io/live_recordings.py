@@ -149,10 +149,14 @@ class LiveRecordingFile:
         """The images that the tracker was given together, in its order; errors and warnings as of iteration."""
         for document in self:
             if document.get("kind") == "images":
-                try:
-                    yield [_recorded_image(image) for image in document["images"]]
-                except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
-                    raise ValueError(f"{self.path}: damaged images: {error}") from None
+                yield self.images(document)
+
+    def images(self, document: dict[str, Any]) -> list[RecordedImage]:
+        """Those of a document of images. Raises ValueError where they are damaged; the message names the file."""
+        try:
+            return [_recorded_image(image) for image in document["images"]]
+        except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+            raise ValueError(f"{self.path}: damaged images: {error}") from None
 
 
 def _start(document: Any) -> RecordingStart:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
@@ -57,14 +58,26 @@ class LiveRecording:
         """
         return self._file.updates()
 
+    def steps(self) -> Iterator[list[RecordedImage] | LiveFrame]:
+        """What updates and frames give, in the order in which it was recorded. Errors and warnings as of
+        observations."""
+        for document in self._file:
+            if document.get("kind") == "images":
+                yield self._file.images(document)
+            elif document.get("kind") == "frame":
+                yield self._frame(document)
+
     def frames(self) -> Iterator[LiveFrame]:
         """What was published; positions are rounded to single precision. Errors and warnings as of observations."""
         for document in self._file:
             if document.get("kind") == "frame":
-                try:
-                    yield frame_of_document(document, self.skeleton)
-                except ValueError as error:
-                    raise ValueError(f"{self.path}: {error}") from None
+                yield self._frame(document)
+
+    def _frame(self, document: dict[str, Any]) -> LiveFrame:
+        try:
+            return frame_of_document(document, self.skeleton)
+        except ValueError as error:
+            raise ValueError(f"{self.path}: {error}") from None
 
 
 def load_live_recording(path: str | Path) -> LiveRecording:

@@ -121,16 +121,13 @@ class LiveTracking:
         """End the processes of the tracker."""
         self._tracker.close()
 
-    def _tracked(self, moment: Sequence[Detections]) -> Update:
-        self.on_taken([each.camera for each in moment])
-        images = tuple(self._arrived.pop((each.camera, each.time_s)) for each in moment)
-        used = [not self._is_too_old(each) for each in moment]
-        given = [each for each, is_used in zip(moment, used, strict=True) if is_used]
-        images = tuple(replace(image, is_used=is_used) for image, is_used in zip(images, used, strict=True))
+    def track(self, images: Sequence[RecordedImage]) -> Update:
+        """Let the tracker take those of the images that are to be used, together."""
         for image in images:
             (self._n_used if image.is_used else self._n_lost)[image.detections.camera] += 1
+        given = [image.detections for image in images if image.is_used]
         if not given:
-            return Update(images, (), ())
+            return Update(tuple(images), (), ())
         try:
             people = self._tracker.update(given)
             self._people = tuple(live_person(tracked) for tracked in people)
@@ -140,7 +137,12 @@ class LiveTracking:
             people, events = [], []
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
-        return Update(images, tuple(people), tuple(events))
+        return Update(tuple(images), tuple(people), tuple(events))
+
+    def _tracked(self, moment: Sequence[Detections]) -> Update:
+        self.on_taken([each.camera for each in moment])
+        images = [self._arrived.pop((each.camera, each.time_s)) for each in moment]
+        return self.track([replace(image, is_used=not self._is_too_old(image.detections)) for image in images])
 
     def _begin_anew(self) -> None:
         _LOG.exception("the tracker failed and begins anew; people get new numbers")

@@ -1,0 +1,178 @@
+"""A recording of the live system run again: whole, cut off by a kill, and with other parameters."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from functools import cache
+from pathlib import Path
+
+import pytest
+from test_cli_live import free_port, rig_file, send
+from test_live_tracking import CONFIG, DELAY_S, scene, statuses
+
+import fgpose
+from fgpose.cli import main
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.clock import SimulatedClock
+from fgpose.live.feed import Feed
+from fgpose.live.frame import CameraStatus, LiveFrame
+from fgpose.live.observed import volume_points_m
+from fgpose.live.recorder import Recorder
+from fgpose.live.recording import load_live_recording
+from fgpose.live.replay import replay
+from fgpose.live.system import LiveSystem
+from fgpose.live.tracking import LiveTracking
+
+START_S = 1.7e9
+# Positions are recorded in single precision: of 5 m that is 0.0005 mm.
+ROUNDED_MM = 1e-3
+
+
+class Recorded(Feed):
+    """The cameras of the scene, one of which is silent for a while and one of which is always late."""
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        self._clock = clock
+        names = scene().rig.names
+        self._coming = sorted(
+            (
+                (START_S + image.time_s + DELAY_S + (0.12 if image.camera == names[1] else 0.0), image)
+                for image in scene().observations.images
+                if not (image.camera == names[0] and 1.0 < image.time_s < 1.5) and not 2.0 < image.time_s < 2.4
+            ),
+            key=lambda coming: coming[0],
+        )
+
+    def take(self, timeout_s: float) -> list[RecordedImage]:
+        due_s = self._clock.now_s() + timeout_s
+        until_s = min(due_s, self._coming[0][0]) if self._coming else due_s
+        self._clock.advance(max(until_s - self._clock.now_s(), 0.0))
+        images = []
+        while self._coming and self._coming[0][0] <= self._clock.now_s():
+            arrived_s, image = self._coming.pop(0)
+            seen = fgpose.Detections(image.camera, START_S + image.time_s, image.points2d_px, image.confidence)
+            images.append(RecordedImage(seen, arrived_s))
+        return images
+
+    def go_on(self, camera_names: object) -> None:
+        pass
+
+    def statuses(self) -> tuple[CameraStatus, ...]:
+        return statuses()
+
+
+@cache
+def recorded(folder: Path) -> Path:
+    """Three seconds of the whole system."""
+    path, clock = folder / "session.fgpose", SimulatedClock(START_S)
+    rig, skeleton = scene().rig, scene().motion.skeleton
+    tracking = LiveTracking(rig, skeleton, CONFIG, volume_points_m(rig))
+    with Recorder(path, rig, skeleton, CONFIG, now_s=clock.now_s) as recorder:
+        system = LiveSystem(
+            Recorded(clock), tracking, [recorder], [lambda update: recorder.record(update.images)], clock
+        )
+        system.run(START_S + 3.0)
+    return path
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("recorded"))
+
+
+@pytest.mark.slow
+def test_the_same_frames_come_again(session: Path) -> None:
+    frames: list[LiveFrame] = []
+    progress: list[float] = []
+    agreement = replay(load_live_recording(session), frames.append, progress=progress.append)
+    expected = list(load_live_recording(session).frames())
+    assert agreement.n_frames == len(frames) == len(expected)
+    assert [frame.sequence for frame in frames] == [frame.sequence for frame in expected]
+    assert [(frame.time_s, frame.published_s) for frame in frames] == [
+        (frame.time_s, frame.published_s) for frame in expected
+    ]
+    assert [[person.state for person in frame.people] for frame in frames] == [
+        [person.state for person in frame.people] for frame in expected
+    ]
+    assert [frame.cameras for frame in frames] == [frame.cameras for frame in expected]
+    assert agreement.n_others == 0
+    assert agreement.n_people > 100
+    assert agreement.largest_mm < ROUNDED_MM
+    assert progress[-1] == pytest.approx(expected[-1].published_s - START_S, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_other_parameters_give_other_people(session: Path) -> None:
+    other = fgpose.Config(online={"lag_s": 0.3}, motion={"model": "none"}, tracking={"max_processes": 1})
+    agreement = replay(load_live_recording(session), lambda frame: None, config=other)
+    assert agreement.largest_mm > 1.0
+
+
+@pytest.mark.slow
+def test_in_real_time_frames_come_as_far_apart_as_they_were(session: Path) -> None:
+    clock, published_s = SimulatedClock(5e8), list[float]()
+    replay(load_live_recording(session), lambda frame: published_s.append(clock.now_s()), clock=clock)
+    expected = [frame.published_s - START_S for frame in load_live_recording(session).frames()]
+    assert [at_s - 5e8 for at_s in published_s] == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_the_command_records_it_again(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    again = tmp_path / "again.fgpose"
+    assert main(["live", "--replay", str(session), "--fast", "--record", str(again)]) == 0
+    said = capsys.readouterr().out
+    n_frames = len(list(load_live_recording(session).frames()))
+    assert f"{n_frames} frames again; people within 0.000" in said
+    assert len(list(load_live_recording(again).updates())) == len(list(load_live_recording(session).updates()))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--replay", "a.fgpose", "rig.toml", "--model", "blazepose-full"], "leave out RIG.toml, --model"),
+        (["rig.toml", "--fast"], "--fast needs --replay"),
+        ([], "give a rig file, RIG.toml, or --replay FILE.fgpose"),
+        (["--replay", "nothing.fgpose"], "nothing.fgpose"),
+    ],
+)
+def test_wrong_options_of_replay(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["live", *arguments]) != 0
+    assert message in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("always:.*was (not closed|cut off)")
+def test_after_kill_9_all_but_the_last_second_is_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    port, record = free_port(), tmp_path / "session.fgpose"
+    options = ["--skeleton", "h36m_17", "--keypoints-port", str(port), "--record", str(record)]
+    command = [sys.executable, "-m", "fgpose", "live", str(rig_file(tmp_path)), *options]
+    sender = threading.Thread(target=send, args=(port,))
+    sender.start()
+    system = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    try:
+        end_s = time.monotonic() + 60.0
+        while not (record.exists() and record.stat().st_size > 400_000):
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+    finally:
+        killed_s = time.time()
+        os.kill(system.pid, signal.SIGKILL)
+        system.wait()
+        sender.join()
+    with pytest.warns(UserWarning, match="was not closed|was cut off"):
+        frames = list(load_live_recording(record).frames())
+    assert killed_s - frames[-1].published_s < 1.0
+    assert frames[-1].people
+
+    assert main(["live", "--replay", str(record), "--fast"]) == 0
+    said = capsys.readouterr()
+    assert f"{len(frames)} frames again; people within 0.000" in said.out
+    assert said.err.count("the recording was not closed") + said.err.count("the recording was cut off") == 1
+    smoothed = ["smooth", str(record), "--rig", str(record), "--skeleton", "h36m_17", "-o", str(tmp_path / "batch")]
+    assert main(smoothed) == 0
+    assert list((tmp_path / "batch").glob("*.parquet"))
