@@ -6,14 +6,15 @@ import logging
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from tyro.conf import FlagCreatePairsOff, Positional, arg
+from tyro.conf import FlagCreatePairsOff, arg
 
 from fgpose.cli.live_consumers import Consumers
+from fgpose.cli.live_options import LiveInputs, LiveOutputs
 from fgpose.cli.live_replay import run_replay
 from fgpose.cli.options import new_console
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Live:
+class Live(LiveOutputs, LiveInputs):
     """Poses of everybody from cameras as they run, until Ctrl-C.
 
     RIG names the cameras, their calibration and their sources: USB devices, RTSP or HTTP URLs, videos or folders played
@@ -38,33 +39,8 @@ class Live:
     Example: fgpose live rig.toml --zmq 5556 --record session.fgpose
     """
 
-    rig: Annotated[Positional[Path | None], arg(metavar="RIG.toml", help_behavior_hint="(or --replay)")] = None
-    """Cameras and sources."""
-    model: Annotated[str, arg(metavar="NAME|FILE")] = "blazepose-lite"
-    """Network that looks for people in images."""
-    max_people: Annotated[int, arg(metavar="N")] = 2
-    """How many people to find in each image at most."""
-    skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
-    """Joints of the keypoints where all detectors are elsewhere."""
-    jobs: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: one for each core)")] = None
-    """Images that the network works on at the same time."""
     config: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """TOML file of parameters, as those in configs/."""
-    keypoints_port: Annotated[int, arg(metavar="PORT")] = 5557
-    """Where detectors elsewhere send keypoints."""
-    zmq: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="(default: none)")] = None
-    """Publish over ZeroMQ (docs/live_messages.md)."""
-    lsl: Annotated[int, arg(metavar="N", help_behavior_hint="(default: none)")] = 0
-    """Publish so many people over the Lab Streaming Layer."""
-    mcap: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
-    """Write ROS 2 messages to an MCAP file."""
-    record: Annotated[Path | None, arg(metavar="FILE.fgpose", help_behavior_hint="(default: none)")] = None
-    """Record detections, clocks and estimates."""
-    page: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="(default: none)")] = None
-    """Serve a status page for the browser; 0 takes any free port."""
-    host: str = "127.0.0.1"
-    """Address of this computer that others connect to. The default is for programs of this computer only; nothing here
-    asks for a password."""
     replay: Annotated[Path | None, arg(metavar="FILE.fgpose", help_behavior_hint="(default: none)")] = None
     """Run a recording again in place of cameras: the same detections through the same estimator, in real time. Says how
     far the people are from those recorded."""
@@ -84,7 +60,8 @@ class Live:
 
         logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO)
         if self.replay is not None:
-            run_replay(self)
+            self._refuse_options_of_cameras()
+            run_replay(self.replay, self, self.config, is_fast=self.fast)
             return
         if self.rig is None or self.fast:
             raise ValueError(
@@ -98,15 +75,30 @@ class Live:
             feed = stack.enter_context(
                 CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=consumers.show_image)
             )
-            consumers.open(stack, self, feed.rig, skeleton, config)
+            consumers.open(stack, self, feed.rig, skeleton, config, clock)
             tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig))
             stack.callback(tracking.close)
             system = LiveSystem(feed, tracking, consumers.frames, consumers.observers, clock)
-            self._receive(stack, feed, skeleton)
+            self._receive(stack, feed, skeleton, consumers)
             with _stopped_by_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
         consumers.say_states()
+
+    def _refuse_options_of_cameras(self) -> None:
+        """A recording has its own cameras and detections, and distances from a robot are of the present."""
+        others = {field.name for field in fields(LiveInputs)} | {
+            "distances",
+            "distances_port",
+            "poses_port",
+            "duration_s",
+        }
+        given = [
+            field.name for field in fields(self) if field.name in others and getattr(self, field.name) != field.default
+        ]
+        if given:
+            options = ", ".join("RIG.toml" if name == "rig" else f"--{name.replace('_', '-')}" for name in given)
+            raise ValueError(f"--replay runs a recording: leave out {options}")
 
     def _detector(self, live_rig: LiveRig) -> tuple[Callable[[], Network] | None, Skeleton]:
         """How to open the network, where any camera needs it, and the joints."""
@@ -125,15 +117,15 @@ class Live:
         with new_console(stderr=True).status("opening the network"):
             return open_it, open_it().skeleton
 
-    def _receive(self, stack: ExitStack, feed: CameraFeed, skeleton: Skeleton) -> None:
+    def _receive(self, stack: ExitStack, feed: CameraFeed, skeleton: Skeleton, consumers: Consumers) -> None:
         """Listen for the keypoints of detectors elsewhere, if there are any."""
         from fgpose.live.keypoint_socket import KeypointSocket
         from fgpose.live.received import KeypointReceiver
 
         if feed.received:
-            tell = logging.getLogger("fgpose.live").warning
             rig = feed.rig.subset(feed.received)
-            socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=tell)
+            socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=consumers.tell)
+            consumers.sockets.append(socket)
             stack.callback(KeypointReceiver(socket, feed.received, feed.deliver).close)
             new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")
 
@@ -157,7 +149,7 @@ def _table(report: Report) -> Table:
 
     from fgpose.live.frame import CameraState
 
-    median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50, 95, 99))
+    median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50.0, 95.0, 99.0))
     table = Table(
         title=f"{report.n_frames} frames; from image to frame: median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, "
         f"99 % {p99_ms:.0f} ms",

@@ -13,9 +13,12 @@ from fgpose.cli.options import new_console
 if TYPE_CHECKING:
     import numpy as np
 
-    from fgpose.cli.live_command import Live
+    from fgpose.cli.live_options import LiveOutputs
     from fgpose.config import Config
     from fgpose.geometry.camera import CameraRig
+    from fgpose.live.clock import Clock
+    from fgpose.live.distance_server import DistanceServer
+    from fgpose.live.keypoint_socket import KeypointSocket
     from fgpose.live.outputs import Output
     from fgpose.live.page import StatusPage
     from fgpose.live.system import Consumer
@@ -29,47 +32,98 @@ class Consumers:
 
     outputs: list[Output] = field(default_factory=list)
     observers: list[Callable[[Update], None]] = field(default_factory=list)
+    sockets: list[KeypointSocket] = field(default_factory=list)
     page: StatusPage | None = None
 
-    def open(self, stack: ExitStack, live: Live, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
+    def open(
+        self, stack: ExitStack, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, config: Config, clock: Clock
+    ) -> None:
         """Open all that the options want, before any work; the stack closes it."""
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
         from fgpose.live.page import StatusPage
         from fgpose.live.recorder import Recorder
 
-        console = new_console(stderr=True)
-        tell = logging.getLogger("fgpose.live").warning
-        if live.zmq is not None:
-            self.outputs.append(open_zmq_output(live.zmq, host=live.host, tell=tell))
-            console.print(f"publishing over ZeroMQ at tcp://{live.host}:{live.zmq}")
-        if live.lsl:
-            self.outputs.append(open_lsl_output(skeleton, n_slots=live.lsl, tell=tell))
-            console.print(f"publishing {live.lsl} people over the Lab Streaming Layer")
-        if live.mcap is not None:
-            self.outputs.append(open_mcap_output(live.mcap, tell=tell))
-        if live.record is not None:
-            recorder = Recorder(live.record, rig, skeleton, config, tell=tell)
-            self.outputs.append(recorder)
+        console, tell = new_console(stderr=True), self.tell
+        if options.page is not None:
+            self.page = stack.enter_context(StatusPage(rig, skeleton, options.page, options.host, faults=self._faults))
+            console.print(f"status page: {self.page.url}", soft_wrap=True)
+        if options.distances is not None:
+            self._add(stack, self._distance_server(options, rig, skeleton, clock))
+        if options.zmq is not None:
+            self._add(stack, open_zmq_output(options.zmq, host=options.host, tell=tell))
+            console.print(f"publishing over ZeroMQ at tcp://{options.host}:{options.zmq}")
+        if options.lsl:
+            self._add(stack, open_lsl_output(skeleton, n_slots=options.lsl, tell=tell))
+            console.print(f"publishing {options.lsl} people over the Lab Streaming Layer")
+        if options.mcap is not None:
+            self._add(stack, open_mcap_output(options.mcap, tell=tell))
+        if options.record is not None:
+            recorder = Recorder(options.record, rig, skeleton, config, tell=tell)
+            self._add(stack, recorder)
             self.observers.append(lambda update: recorder.record(update.images))
-        for output in self.outputs:
-            stack.callback(output.close)
-        if live.page is not None:
-            page = stack.enter_context(StatusPage(rig, skeleton, live.page, live.host))
-            self.page = page
-            console.print(f"status page: {page.url}", soft_wrap=True)
 
     @property
     def frames(self) -> list[Consumer]:
         """Everything that takes frames."""
         return [*self.outputs, *([] if self.page is None else [self.page])]
 
+    def tell(self, line: str) -> None:
+        """Say what is wrong with an input or output, wherever somebody may look."""
+        logging.getLogger("fgpose.live").warning(line)
+        if self.page is not None:
+            self.page.note(line, is_fault=True)
+
     def say_states(self) -> None:
-        """What became of all that was published."""
+        """What became of all that came and was published."""
+        console = new_console()
+        for socket in self.sockets:
+            said = f"{_name(socket)}: {socket.n_received} images"
+            refused = socket.rejected_in_words
+            console.print(f"{said}; {refused}" if refused else said, soft_wrap=True)
         for state in (output.state for output in self.outputs):
-            said = f"{state.name}: {state.n_published} frames, {state.n_skipped} skipped"
-            new_console().print(f"{said}; {state.last_error}" if state.last_error else said, soft_wrap=True)
+            said = f"{state.name}: {state.n_published} published, {state.n_skipped} skipped"
+            console.print(f"{said}; {state.last_error}" if state.last_error else said, soft_wrap=True)
+
+    def _add(self, stack: ExitStack, output: Output) -> None:
+        self.outputs.append(output)
+        stack.callback(output.close)
+
+    def _distance_server(
+        self, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, clock: Clock
+    ) -> DistanceServer:
+        from fgpose.live.cell import load_cell
+        from fgpose.live.distance_server import DistanceServer
+        from fgpose.live.distances import NO_SAFETY_FUNCTION
+
+        assert options.distances is not None
+        server = DistanceServer(
+            load_cell(options.distances),
+            rig,
+            skeleton,
+            port=options.distances_port,
+            poses_port=options.poses_port,
+            host=options.host,
+            show=None if self.page is None else self.page.show_distances,
+            tell=self.tell,
+            now_s=clock.now_s,
+        )
+        console = new_console(stderr=True)
+        console.print(f"distances at {server.address}; poses of links come to {server.poses_address}", soft_wrap=True)
+        console.print(NO_SAFETY_FUNCTION, soft_wrap=True)
+        return server
+
+    def _faults(self) -> dict[str, str]:
+        """Of inputs and outputs by name."""
+        faults = {_name(socket): socket.rejected_in_words for socket in self.sockets}
+        for state in (output.state for output in self.outputs):
+            faults[state.name] = "" if state.is_working else state.last_error or "it does not work"
+        return faults
 
     def show_image(self, camera: str, picture_rgb: np.ndarray) -> None:
         """Show a picture of a camera where pictures are shown."""
         if self.page is not None:
             self.page.show_image(camera, picture_rgb)
+
+
+def _name(socket: KeypointSocket) -> str:
+    return f"keypoints at {socket.address}"

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.packing import packed, unpacked
+from fgpose.live.rejections import MessageError
 from fgpose.observations import positive_definite, refuse_millimetres
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
@@ -21,15 +22,6 @@ MAX_PEOPLE = 30
 """In an image: the time to tell people apart grows with them."""
 _REQUIRED = {"format", "version", "camera", "time_s", "size_px", "skeleton", "points2d_px", "confidence"}
 _OPTIONAL = {"points3d_camera_m", "covariance3d_camera_m2", "appearance"}
-
-
-class MessageError(ValueError):
-    """A message is refused."""
-
-    def __init__(self, kind: str, reason: str) -> None:
-        super().__init__(reason)
-        self.kind = kind
-        """What is wrong: size, content, camera, skeleton, image size, shape, time or values."""
 
 
 def encode_keypoints(

@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.keypoint_messages import MessageError, decode_keypoints
+from fgpose.live.keypoint_messages import decode_keypoints
+from fgpose.live.rejections import MessageError, Rejected, Rejections
 from fgpose.live.zmq_sockets import bound_socket, connected_socket, load_zmq
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
@@ -28,16 +29,6 @@ class ArrivedDetections:
 
     detections: Detections
     arrived_s: float
-
-
-@dataclass(frozen=True)
-class Rejected:
-    """Messages that were refused for one kind of reason."""
-
-    kind: str
-    n: int
-    first: str
-    """What the first of them said."""
 
 
 class KeypointSocket:
@@ -70,7 +61,7 @@ class KeypointSocket:
         tell: Callable[[str], None] | None = None,
     ) -> None:
         zmq = load_zmq()
-        self._rig, self._skeleton, self._now_s, self._tell = rig, skeleton, now_s, tell
+        self._rig, self._skeleton, self._now_s = rig, skeleton, now_s
         options = {zmq.MAXMSGSIZE: _MAX_NETWORK_BYTES, zmq.RCVHWM: _MAX_WAITING}
         if publisher is None:
             self._socket, self.address = bound_socket(zmq.PULL, host, port, options)
@@ -78,14 +69,19 @@ class KeypointSocket:
             self._socket, self.address = connected_socket(zmq.SUB, publisher, options), publisher
         self._disconnects = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._stamps: dict[str, _Stamps] = {}
-        self._rejected: dict[str, Rejected] = {}
+        self._rejections = Rejections(f"keypoints at {self.address}", tell)
         self.n_received = 0
         """Messages that were taken."""
 
     @property
     def rejected(self) -> tuple[Rejected, ...]:
         """What was refused, by kind."""
-        return tuple(self._rejected.values())
+        return self._rejections.so_far()
+
+    @property
+    def rejected_in_words(self) -> str:
+        """What was refused, in one line; empty: nothing."""
+        return self._rejections.in_words()
 
     def receive(self, timeout_s: float) -> ArrivedDetections | None:
         """The next message that is right; None if none comes in time. Never raises because of what is sent."""
@@ -97,7 +93,7 @@ class KeypointSocket:
             try:
                 return self._taken(parts, arrived_s)
             except MessageError as error:
-                self._reject(error)
+                self._rejections.add(error)
         return None
 
     def _taken(self, parts: list[Any], arrived_s: float) -> ArrivedDetections:
@@ -116,16 +112,7 @@ class KeypointSocket:
                 self._disconnects.recv_multipart(zmq.NOBLOCK)
                 megabytes = _MAX_NETWORK_BYTES >> 20
                 reason = f"a connection ended: a detector stopped, or sent a message of more than {megabytes} MB"
-                self._reject(MessageError("connection", reason))
-
-    def _reject(self, error: MessageError) -> None:
-        before = self._rejected.get(error.kind)
-        if before is not None:
-            self._rejected[error.kind] = replace(before, n=before.n + 1)
-            return
-        self._rejected[error.kind] = Rejected(error.kind, 1, str(error))
-        if self._tell is not None:
-            self._tell(f"keypoints at {self.address} refused ({error.kind}): {error}")
+                self._rejections.add(MessageError("connection", reason))
 
     def close(self) -> None:
         """Closing again does nothing."""

@@ -88,7 +88,7 @@ def world_poses(
             continue
         pose = poses.get(link.name)
         if pose is None:
-            wrong[number] = "its pose is not known"
+            wrong[number] = "it has no pose, or none that is new enough"
         elif not _is_rigid(pose):
             wrong[number] = "its pose is not a rigid transform"
         else:

@@ -17,7 +17,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from importlib import resources
 from multiprocessing.connection import Connection
@@ -53,6 +53,7 @@ class StatusPage:
             pictures. There is no password.
         up: the axis of the world that points up.
         now_s: the clock, Unix time.
+        faults: of inputs and outputs by name, empty where there is none; asked whenever somebody looks.
 
     Raises:
         ImportError: waitress is not installed.
@@ -68,10 +69,11 @@ class StatusPage:
         *,
         up: UpAxis = "+z",
         now_s: Callable[[], float] = time.time,
+        faults: Callable[[], Mapping[str, str]] = dict,
     ) -> None:
         if importlib.util.find_spec("waitress") is None:
             raise ImportError('the status page needs waitress: pip install "fgpose[live]"')
-        self._now_s = now_s
+        self._now_s, self._faults = now_s, faults
         self._state = PageState(rig, skeleton, up)
         self._sizes = {camera.name: camera.size_px for camera in rig.cameras}
         self._images: dict[str, np.ndarray] = {}
@@ -107,10 +109,6 @@ class StatusPage:
         if image_rgb.dtype != np.uint8 or image_rgb.ndim != 3 or image_rgb.shape[2] != 3 or not image_rgb.size:
             raise ValueError(f"camera {camera}: a picture is (height, width, 3) of bytes, got {image_rgb.shape}")
         self._images[camera] = image_rgb
-
-    def show_output(self, name: str, fault: str = "") -> None:
-        """Show how an output is doing: what is wrong with it, or nothing."""
-        self._state.set_output(name, fault)
 
     def show_distances(self, distances: Sequence[LinkDistance]) -> None:
         """Show the distances of people from the links of a robot."""
@@ -174,7 +172,7 @@ class StatusPage:
 
     def _content(self, path: str) -> bytes:
         if path == _STATE:
-            return self._state.to_json(self._now_s(), set(self._images))
+            return self._state.to_json(self._now_s(), set(self._images), self._faults())
         camera = next(name for name in self._sizes if _picture_path(name) == path)
         return _thumbnail(self._images[camera]) if camera in self._images else b""
 

@@ -44,7 +44,6 @@ class PageState:
         self._published_s: deque[float] = deque(maxlen=_MAX_FRAMES)
         self._latency: deque[tuple[float, float]] = deque(maxlen=_MAX_FRAMES)
         self._events: deque[dict[str, Any]] = deque(maxlen=_MAX_EVENTS)
-        self._outputs: dict[str, str] = {}
         self._distances: tuple[LinkDistance, ...] = ()
 
     def add(self, frame: LiveFrame) -> None:
@@ -60,9 +59,6 @@ class PageState:
         """Something has happened."""
         self._events.append({"time_s": time_s, "text": text, "is_fault": is_fault})
 
-    def set_output(self, name: str, fault: str) -> None:
-        self._outputs[name] = fault
-
     def set_distances(self, distances: Sequence[LinkDistance]) -> None:
         before = {distance.link: distance.fault for distance in self._distances}
         self._distances = tuple(distances)
@@ -70,8 +66,14 @@ class PageState:
             if distance.fault is not None and distance.fault != before.get(distance.link):
                 self.note(distance.fault.since_s, f"{distance.link}: {distance.fault.reason}", is_fault=True)
 
-    def to_json(self, now_s: float, pictures: Collection[str]) -> bytes:
-        """Everything at a time; of these cameras there is a picture."""
+    def to_json(self, now_s: float, pictures: Collection[str], faults: Mapping[str, str]) -> bytes:
+        """Everything at a time.
+
+        Args:
+            now_s: Unix time.
+            pictures: cameras of which there is one.
+            faults: of inputs and outputs by name, empty where there is none.
+        """
         frame = self._frame
         return _to_json(
             {
@@ -86,7 +88,7 @@ class PageState:
                     for name, drawn in self._cameras.items()
                 ],
                 "people": [] if frame is None else [self._person(person) for person in frame.people],
-                "outputs": [{"name": name, "fault": fault} for name, fault in list(self._outputs.items())],
+                "outputs": [{"name": name, "fault": fault} for name, fault in faults.items()],
                 "distances": [_distance(distance) for distance in self._distances],
                 "events": list(self._events),
             }

@@ -15,6 +15,8 @@ from test_live_tracking import scene
 import fgpose
 from fgpose.cli import main
 from fgpose.io.calibration import save_rig
+from fgpose.live.distance_messages import decode_distances, encode_robot
+from fgpose.live.distances import LinkDistance
 from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.frame_messages import decode_frame
 from fgpose.live.keypoint_messages import encode_keypoints
@@ -134,3 +136,71 @@ def test_a_port_that_is_taken_is_named(tmp_path: Path, capsys: pytest.CaptureFix
         arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--zmq", str(port)]
         assert main([*arguments, "--keypoints-port", str(free_port())]) == 2
     assert str(port) in capsys.readouterr().err
+
+
+def write_cell(folder: Path) -> Path:
+    path = folder / "cell.toml"
+    path.write_text(
+        "min_observed_share = 0.1\n"
+        "[volume]\nlow_m = [-1, -1, 0]\nhigh_m = [1, 1, 2]\n"
+        "[zones.table]\nboxes = [{ low_m = [-0.3, -0.3, 0], high_m = [0.3, 0.3, 0.9] }]\n"
+    )
+    return path
+
+
+@pytest.mark.slow
+def test_distances_are_published(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    keypoints_port, distances_port, poses_port = free_port(), free_port(), free_port()
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--duration-s", "4"]
+    arguments += ["--keypoints-port", str(keypoints_port), "--distances", str(write_cell(tmp_path))]
+    arguments += ["--distances-port", str(distances_port), "--poses-port", str(poses_port)]
+    measured: list[LinkDistance] = []
+    stop = threading.Event()
+
+    def listen() -> None:
+        with zmq.Context() as context, context.socket(zmq.SUB) as consumer, context.socket(zmq.PUSH) as robot:
+            consumer.setsockopt(zmq.LINGER, 0)
+            robot.setsockopt(zmq.LINGER, 0)
+            consumer.subscribe(b"")
+            consumer.connect(f"tcp://127.0.0.1:{distances_port}")
+            robot.connect(f"tcp://127.0.0.1:{poses_port}")
+            while not stop.is_set():
+                if consumer.poll(50):
+                    measured.extend(decode_distances(consumer.recv()))
+                    robot.send(encode_robot({}, reset=True))
+
+    threads = [threading.Thread(target=send, args=(keypoints_port,)), threading.Thread(target=listen)]
+    for thread in threads:
+        thread.start()
+    try:
+        assert main(arguments) == 0
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    said = capsys.readouterr()
+    assert "Distances are no safety function" in said.err
+    assert f"distances at tcp://127.0.0.1:{distances_port}: " in said.out
+    near = [distance for distance in measured if distance.fault is None]
+    assert {distance.link for distance in near} == {"table"}
+    assert {distance.person for distance in near} <= {None, 0, 1}
+    assert any(distance.person is not None and distance.distance_m < distance.expected_m < 5 for distance in near)
+    # When the detectors stop, the cameras are lost, and what is said of the zone is not to be believed.
+    assert measured[-1].fault is not None
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("[zones.table]", "[zones.table.of]"), "cell.toml"),
+        (("high_m = [0.3", "high_m = [9.3"), "zones.table: with all cameras ok"),
+    ],
+)
+def test_a_wrong_cell_is_named(
+    tmp_path: Path, change: tuple[str, str], message: str, capsys: pytest.CaptureFixture[str]
+):
+    cell = write_cell(tmp_path)
+    cell.write_text(cell.read_text().replace(*change))
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--keypoints-port", str(free_port())]
+    assert main([*arguments, "--distances", str(cell)]) == 2
+    assert message in capsys.readouterr().err

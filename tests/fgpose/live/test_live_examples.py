@@ -14,7 +14,11 @@ import numpy as np
 import pytest
 
 from fgpose.io.skeletons import load_skeleton
+from fgpose.live.cell import Capsule, Cell, Limits, Link
+from fgpose.live.distance_server import DistanceServer
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.keypoint_socket import KeypointSocket
+from fgpose.live.observed import Volume
 from fgpose.live.outputs import open_lsl_output, open_zmq_output
 from fgpose.live.outputs.mcap_output import McapSink
 from fgpose.live.outputs.output import BackgroundOutput
@@ -94,9 +98,23 @@ def test_what_a_detector_sends_arrives() -> None:
     assert np.isfinite(first.detections.points2d_px).all()
 
 
+def test_a_robot_hears_distances() -> None:
+    arm = Link("forearm", (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05),))
+    cell = Cell((arm,), Limits(min_observed_share=0.01), Volume((-1.0, -1.0, 0.2), (1.0, 1.0, 1.8)))
+    rig, coco = ring_rig(), load_skeleton("coco_17")
+    statuses = tuple(CameraStatus(name, CameraState.OK) for name in rig.names)
+    server = DistanceServer(cell, rig, coco, port=0, poses_port=0, now_s=lambda: 1000.0)
+    server.publish(LiveFrame(0, 1000.0, 1000.0, coco, (), statuses, 1.0))
+    with running("robot.py", server.poses_address, server.address) as process:
+        assert process.stdout is not None
+        assert "forearm inf None\n" in process.stdout
+        server.close()
+        assert "no distances: this is a fault too\n" in process.stdout
+
+
 @pytest.mark.parametrize("name", sorted(path.name for path in EXAMPLES.glob("*.py")))
 def test_the_documentation_shows_the_example_itself(name: str) -> None:
-    text = (ROOT / "docs" / "live_messages.md").read_text()
+    text = "".join((ROOT / "docs" / page).read_text() for page in ("live_messages.md", "live_distances.md"))
     shown = text.partition(f"`examples/live/{name}`:")[2].partition("```python\n")[2].partition("```")[0]
     assert shown
     assert (EXAMPLES / name).read_text().endswith(shown)

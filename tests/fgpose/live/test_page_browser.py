@@ -108,9 +108,8 @@ def picture(camera: Camera, time_s: float) -> np.ndarray:
 def served(names: tuple[str, ...]) -> Iterator[StatusPage]:
     """A page that is fed by a thread with 30 frames a second."""
     rig, rng, over = named_rig(names), np.random.default_rng(0), threading.Event()
-    with StatusPage(rig, SKELETON, port=0) as page:
-        page.show_output("zmq tcp://127.0.0.1:5561")
-        page.show_output("recording out/today", "the disk is full")
+    faults = {"zmq tcp://127.0.0.1:5561": "", "recording out/today": "the disk is full"}
+    with StatusPage(rig, SKELETON, port=0, faults=lambda: faults) as page:
         fault = Fault("the data are 0.61 s old", time.time() - 300)
         page.show_distances([
             LinkDistance("forearm", 0.412, 0.55, 1, "left hand", "left_wrist", 0.82, 0.03, 1.0, None),

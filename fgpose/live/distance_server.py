@@ -1,0 +1,157 @@
+"""Distances of people from the links of a robot, published at a steady rate; the robot says where its links are.
+
+THIS IS NO SAFETY FUNCTION: see fgpose.live.distances.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.live.cell import Cell
+from fgpose.live.distance_messages import MAX_ROBOT_BYTES, decode_robot, encode_distances
+from fgpose.live.distances import DistanceMonitor, LinkDistance
+from fgpose.live.frame import LiveFrame
+from fgpose.live.outputs.output import OutputState
+from fgpose.live.rejections import MessageError, Rejected, Rejections
+from fgpose.live.zmq_sockets import bound_socket, load_zmq
+from fgpose.skeleton import Skeleton
+
+_LOG = logging.getLogger("fgpose.live")
+# Read at once; a client that sends more cannot keep distances from being measured.
+_MAX_MESSAGES = 100
+# Of a consumer who subscribes.
+_MAX_SUBSCRIPTION_BYTES = 1024
+_HUNG_S = 1.0
+
+
+class DistanceServer:
+    """An output of the live system. A thread of its own measures and publishes, whatever comes or does not come.
+
+    Args:
+        cell: links, zones and limits. A pose is used for max_age_s after it has come; then there is a fault.
+        rig, skeleton: of the frames.
+        port: where consumers of distances subscribe; 0 takes any free one.
+        poses_port: where the robot sends poses of its links with a PUSH socket; 0 takes any free one.
+        host: address to bind to; only this computer reaches the default.
+        rate_hz: of the messages.
+        show: takes what was measured, in the thread.
+        tell: called with one line for the first message of each kind that is refused, and when measuring fails.
+        now_s: Unix time.
+
+    Raises:
+        ValueError: the skeleton lacks a joint that a body needs, or too little around a zone is observed.
+        OSError: a port is taken; the message names it.
+        ImportError: pyzmq is not installed.
+    """
+
+    def __init__(
+        self,
+        cell: Cell,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        *,
+        port: int = 5558,
+        poses_port: int = 5559,
+        host: str = "127.0.0.1",
+        rate_hz: float = 30.0,
+        show: Callable[[Sequence[LinkDistance]], None] | None = None,
+        tell: Callable[[str], None] | None = None,
+        now_s: Callable[[], float] = time.time,
+    ) -> None:
+        zmq = load_zmq()
+        self._monitor = DistanceMonitor(cell, rig, skeleton)
+        self._link_names = [link.name for link in cell.links if not link.is_fixed]
+        self._max_age_s, self._period_s = cell.limits.max_age_s, 1.0 / rate_hz
+        self._show, self._tell, self._now_s = show, tell, now_s
+        options = {zmq.CONFLATE: 1, zmq.MAXMSGSIZE: _MAX_SUBSCRIPTION_BYTES, zmq.LINGER: 0}
+        self._publisher, self.address = bound_socket(zmq.PUB, host, port, options)
+        try:
+            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_MESSAGES}
+            self._poses, self.poses_address = bound_socket(zmq.PULL, host, poses_port, options)
+        except OSError:
+            self._publisher.close()
+            raise
+        self._rejections = Rejections(f"poses at {self.poses_address}", tell)
+        self._pose_of: dict[str, tuple[np.ndarray, float]] = {}
+        """The newest pose of each link, and when it came."""
+        self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="distances", daemon=True)
+        self._thread.start()
+
+    @property
+    def state(self) -> OutputState:
+        """See Output."""
+        is_working = not self._error and time.monotonic() - self._published_s < _HUNG_S
+        said = "; ".join(filter(None, (self._error, self._rejections.in_words())))
+        return OutputState(f"distances at {self.address}", is_working, self._n_published, 0, said)
+
+    @property
+    def rejected(self) -> tuple[Rejected, ...]:
+        """Messages of robots that were refused, by kind."""
+        return self._rejections.so_far()
+
+    def publish(self, frame: LiveFrame) -> None:
+        """The newest frame. Never blocks."""
+        self._monitor.publish(frame)
+
+    def close(self) -> None:
+        """Stop measuring. Closing again does nothing."""
+        self._stopped.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        due_s = time.monotonic()
+        while not self._stopped.wait(max(due_s - time.monotonic(), 0.0)):
+            # What was missed is not made up for.
+            due_s = max(due_s + self._period_s, time.monotonic())
+            try:
+                self._measure()
+                self._error = ""
+            # Consumers take silence for a fault; measuring begins again with the next frame or pose.
+            except Exception as error:
+                self._failed(error)
+        self._publisher.close()
+        self._poses.close(linger=0)
+
+    def _measure(self) -> None:
+        self._read_poses()
+        now_s = self._now_s()
+        known = {name: pose for name, (pose, came_s) in self._pose_of.items() if now_s - came_s <= self._max_age_s}
+        distances = self._monitor.measure(known, now_s)
+        self._publisher.send(encode_distances(distances, self._n_published, now_s))
+        self._n_published += 1
+        self._published_s = time.monotonic()
+        if self._show is not None:
+            self._show(distances)
+
+    def _read_poses(self) -> None:
+        for _ in range(_MAX_MESSAGES):
+            if not self._poses.poll(0):
+                return
+            parts = self._poses.recv_multipart(copy=False)
+            try:
+                if len(parts) != 1:
+                    raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
+                message = decode_robot(parts[0].buffer, self._link_names)
+            except MessageError as error:
+                self._rejections.add(error)
+                continue
+            came_s = self._now_s()
+            self._pose_of |= {name: (pose, came_s) for name, pose in message.world_T_link.items()}
+            if message.reset:
+                self._monitor.reset()
+
+    def _failed(self, error: Exception) -> None:
+        said = f"distances cannot be measured: {type(error).__name__}: {error}"
+        if said != self._error:
+            _LOG.exception("distances cannot be measured")
+            if self._tell is not None:
+                self._tell(said)
+        self._error = said

@@ -1,0 +1,245 @@
+"""Distances over ZeroMQ: what is measured is published, whatever a robot sends or does not send."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgpack
+import numpy as np
+import pytest
+import zmq
+from live_frames import live_frame, live_person, standing_m
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.packing import packed
+from fgpose.live.cell import Capsule, Cell, Limits, Link
+from fgpose.live.distance_messages import (
+    MAX_ROBOT_BYTES,
+    decode_distances,
+    decode_robot,
+    encode_distances,
+    encode_robot,
+)
+from fgpose.live.distance_server import DistanceServer
+from fgpose.live.distances import DistanceMonitor, Fault, LinkDistance
+from fgpose.live.frame import LiveFrame
+from fgpose.live.observed import Volume
+from fgpose.live.outputs import Output
+from fgpose.live.rejections import MessageError
+from fgpose.skeleton import Skeleton
+
+ARM = Link("arm", (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05),))
+POST = Link("post", (Capsule((0.0, 0.0, 0.5), (0.0, 0.0, 1.2), 0.1),), is_fixed=True)
+CELL = Cell((ARM, POST), Limits(max_age_s=0.4), Volume((-1.0, -1.0, 0.2), (1.0, 1.0, 1.8)))
+WORLD_T_ARM = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.8], [0.0, 0.0, 1.0, 0.8], [0.0, 0.0, 0.0, 1.0]])
+WAITS_S = 10.0
+
+
+class Robot:
+    """Sends and hears, as a robot does."""
+
+    def __init__(self, server: DistanceServer) -> None:
+        self._context = zmq.Context()
+        self.poses, self._distances = self._context.socket(zmq.PUSH), self._context.socket(zmq.SUB)
+        self.poses.connect(server.poses_address)
+        self._distances.setsockopt(zmq.CONFLATE, 1)
+        self._distances.subscribe(b"")
+        self._distances.connect(server.address)
+
+    def hear(self) -> dict[str, LinkDistance]:
+        assert self._distances.poll(round(1000 * WAITS_S))
+        return {distance.link: distance for distance in decode_distances(self._distances.recv())}
+
+    def hear_fault(self, link: str, reason: str) -> None:
+        """Wait until a link has a fault; empty: until it has none."""
+        end_s = time.monotonic() + WAITS_S
+        while True:
+            fault = self.hear()[link].fault
+            if (fault is None and not reason) or (fault is not None and reason and reason in fault.reason):
+                return
+            assert time.monotonic() < end_s, fault
+
+    def close(self) -> None:
+        self._context.destroy(linger=0)
+
+
+@contextmanager
+def serving(rig: CameraRig, skeleton: Skeleton, **options: Any) -> Iterator[tuple[DistanceServer, Robot]]:
+    server = DistanceServer(CELL, rig, skeleton, port=0, poses_port=0, **options)
+    robot = Robot(server)
+    try:
+        yield server, robot
+    finally:
+        robot.close()
+        server.close()
+
+
+@pytest.fixture
+def frame(rig: CameraRig, skeleton: Skeleton) -> LiveFrame:
+    """Somebody beside the post."""
+    return live_frame(skeleton, [live_person(standing_m(skeleton, (1.5, 0.0)), 7)], 1000.0, cameras=rig.names)
+
+
+def test_what_is_published_is_what_a_monitor_measures(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
+    shown = []
+    with serving(rig, skeleton, now_s=lambda: 1000.1, show=shown.append) as (server, robot):
+        assert isinstance(server, Output)
+        server.publish(frame)
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
+        robot.hear_fault("arm", "")
+        heard = robot.hear()
+        assert server.state.is_working
+        assert server.state.n_published > 1
+    monitor = DistanceMonitor(CELL, rig, skeleton)
+    monitor.publish(frame)
+    expected = {distance.link: distance for distance in monitor.measure({"arm": WORLD_T_ARM}, 1000.1)}
+    for link in ("arm", "post"):
+        # Compared as text: NaN, of closing speeds that are not known, is no equal of itself.
+        assert str(heard[link]) == str(expected[link])
+    assert heard["post"].person == 7
+    assert [distance.link for distance in shown[-1]] == ["arm", "post"]
+
+
+def test_a_robot_that_falls_silent_is_a_fault_that_stays(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
+    now_s = [1000.1]
+    with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
+        robot.hear_fault("arm", "no frame has come yet")
+        server.publish(frame)
+        # The latched fault is of the frame that was missing; without a pose the reset shows the next.
+        robot.poses.send(encode_robot({}, reset=True))
+        robot.hear_fault("arm", "it has no pose, or none that is new enough")
+        robot.hear_fault("post", "")
+        assert robot.hear()["arm"].distance_m == -math.inf
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
+        robot.hear_fault("arm", "")
+        now_s[0] += 0.41  # more than max_age_s after the pose
+        robot.hear_fault("arm", "it has no pose, or none that is new enough")
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}))
+        while robot.hear()["arm"].distance_m == -math.inf:
+            pass
+        assert robot.hear()["arm"].fault is not None
+
+
+def test_frames_that_stop_are_a_fault(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
+    now_s = [1000.1]
+    with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
+        server.publish(frame)
+        robot.poses.send(encode_robot({}, reset=True))
+        robot.hear_fault("post", "")
+        now_s[0] += 1.0
+        robot.hear_fault("post", "the data are 1.10 s old")
+
+
+def test_messages_that_are_wrong_are_counted(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
+    told = []
+    with serving(rig, skeleton, now_s=lambda: 1000.1, tell=told.append) as (server, robot):
+        server.publish(frame)
+        for _ in range(500):
+            robot.poses.send(b"\xc1")
+        robot.poses.send_multipart([b"two", b"parts"])
+        robot.poses.send(encode_robot({"gripper": WORLD_T_ARM}))
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
+        robot.hear_fault("arm", "")
+        assert {rejected.kind: rejected.n for rejected in server.rejected} == {"content": 501, "link": 1}
+        assert "501 refused (content)" in server.state.last_error
+    assert len(told) == 2
+
+
+def test_measuring_that_fails_goes_on(
+    rig: CameraRig, skeleton: Skeleton, frame: LiveFrame, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measure, fails, told = DistanceMonitor.measure, [True], []
+
+    def failing(monitor: DistanceMonitor, *given: Any) -> Any:
+        if fails:
+            raise RuntimeError("a defect")
+        return measure(monitor, *given)
+
+    monkeypatch.setattr(DistanceMonitor, "measure", failing)
+    with serving(rig, skeleton, tell=told.append) as (server, robot):
+        server.publish(frame)
+        end_s = time.monotonic() + WAITS_S
+        while server.state.is_working:
+            assert time.monotonic() < end_s
+            time.sleep(0.01)
+        assert "a defect" in server.state.last_error
+        fails.clear()
+        robot.hear()
+        end_s = time.monotonic() + WAITS_S
+        while not server.state.is_working:
+            assert time.monotonic() < end_s
+    assert told == ["distances cannot be measured: RuntimeError: a defect"]
+
+
+def test_a_port_that_is_taken_is_named(rig: CameraRig, skeleton: Skeleton) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        for ports in ({"port": port, "poses_port": 0}, {"port": 0, "poses_port": port}):
+            with pytest.raises(OSError, match=f"port {port} of 127.0.0.1 is taken"):
+                DistanceServer(CELL, rig, skeleton, **ports)
+
+
+def test_messages_of_distances_come_back() -> None:
+    fault = Fault("the data are 0.61 s old", 1000.25)
+    distances = (
+        LinkDistance("arm", 0.4, 0.5, 3, "left hand", "left_wrist", math.nan, 0.03, 0.5, fault),
+        LinkDistance("post", math.inf, math.inf, None, "", "", math.nan, 0.03, 1.0, None),
+    )
+    body = encode_distances(distances, 5, 1000.5)
+    assert str(decode_distances(body)) == str(distances)
+    document = msgpack.unpackb(body)
+    assert document["sequence"] == 5
+    assert "no safety function" in document["notice"]
+    with pytest.raises(ValueError, match="not a message of fgpose/distances"):
+        decode_distances(packed({"format": "fgpose/people"}))
+    with pytest.raises(ValueError, match="a damaged message of fgpose/distances: KeyError"):
+        decode_distances(packed({"format": "fgpose/distances", "version": 1, "links": [{}]}))
+
+
+def test_poses_may_be_lists() -> None:
+    body = packed({"format": "fgpose/robot", "version": 1, "world_T_link": {"arm": WORLD_T_ARM.tolist()}})
+    message = decode_robot(body, ["arm"])
+    np.testing.assert_array_equal(message.world_T_link["arm"], WORLD_T_ARM)
+    assert not message.reset
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "reason"),
+    [
+        ({"version": 2}, "content", "not a message of fgpose/robot, version 1"),
+        ({"speed": 1.0}, "content", "unknown keys: .'speed'."),
+        ({"world_T_link": [1.0]}, "content", "world_T_link is a map"),
+        ({"reset": 1}, "content", "reset is true or false"),
+        ({"world_T_link": {"leg": np.eye(4)}}, "link", "links that the cell does not have: .'leg'.; it has .'arm'."),
+        ({"world_T_link": {"arm": np.eye(3)}}, "shape", "link arm: a pose is .4, 4. numbers"),
+        ({"world_T_link": {"arm": "here"}}, "shape", "link arm: a pose is .4, 4. numbers, got 'here'"),
+        ({"world_T_link": {"arm": [[1.0], [2.0, 3.0]]}}, "shape", "link arm: a pose is .4, 4. numbers"),
+        ({"world_T_link": {"arm": "x" * MAX_ROBOT_BYTES}}, "size", "at most 65536 are possible"),
+    ],
+)
+def test_messages_of_robots_are_refused(change: dict[str, Any], kind: str, reason: str) -> None:
+    message = {"format": "fgpose/robot", "version": 1, "world_T_link": {"arm": WORLD_T_ARM}}
+    with pytest.raises(MessageError, match=reason) as caught:
+        decode_robot(packed(message | change), ["arm"])
+    assert caught.value.kind == kind
+
+
+def test_random_bytes_are_refused() -> None:
+    rng = np.random.default_rng(0)
+    good = encode_robot({"arm": WORLD_T_ARM}, reset=True)
+    n_refused = 0
+    for _ in range(2000):
+        body = bytearray(good)
+        for place in rng.integers(0, len(body), 3):
+            body[place] = rng.integers(0, 256)
+        try:
+            decode_robot(bytes(body), ["arm"])
+        except MessageError:
+            n_refused += 1
+    # Changes of the pose's numbers alone are taken; the rest of the message is about half of it.
+    assert n_refused > 500
