@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
+_OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "duration_s"}
+
 
 @dataclass(frozen=True, kw_only=True)
 class Live(LiveOutputs, LiveInputs):
@@ -87,12 +89,7 @@ class Live(LiveOutputs, LiveInputs):
 
     def _refuse_options_of_cameras(self) -> None:
         """A recording has its own cameras and detections, and distances from a robot are of the present."""
-        others = {field.name for field in fields(LiveInputs)} | {
-            "distances",
-            "distances_port",
-            "poses_port",
-            "duration_s",
-        }
+        others = _OF_THE_PRESENT | {field.name for field in fields(LiveInputs)}
         given = [
             field.name for field in fields(self) if field.name in others and getattr(self, field.name) != field.default
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import threading
 import time
@@ -25,6 +26,8 @@ from fgpose.skeleton import Skeleton
 _MAX_WAITING = 2000
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 30.0
 _CLOSE_S = 5.0
+# What the operating system holds is brought to the disk so often: a power cut costs no more.
+_SYNCED_EVERY_S = 1.0
 
 
 class Recorder:
@@ -62,7 +65,7 @@ class Recorder:
         start = start_document(rig, skeleton, config or Config(), now_s())
         self._file = self._path.open("xb", buffering=0)
         self._file.write(MAGIC)
-        self._n_bytes, self._is_torn = len(MAGIC), False
+        self._n_bytes, self._is_torn, self._synced_s = len(MAGIC), False, -math.inf
         self._append(start)
         self._changed = threading.Condition()
         self._waiting: deque[dict[str, Any]] = deque()
@@ -117,6 +120,7 @@ class Recorder:
         while self._is_waiting():
             try:
                 self._write_oldest()
+                self._sync()
             except OSError as error:
                 self._failed(error)
                 if self._pause(retry_s):
@@ -158,6 +162,12 @@ class Recorder:
         if self._is_failing:
             self._is_failing = False
             self._say(f"the recording {self._path} goes on")
+
+    def _sync(self) -> None:
+        """Bring what is written to the disk, where that was long ago."""
+        if time.monotonic() > self._synced_s + _SYNCED_EVERY_S:
+            self._synced_s = time.monotonic()
+            os.fsync(self._file.fileno())
 
     def _append(self, document: dict[str, Any]) -> None:
         """Write a record. What a full disk has taken of one before is cut off first."""

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -275,6 +276,19 @@ def test_a_full_disk_is_said_once_and_the_recording_goes_on(tmp_path: Path, monk
     with pytest.warns(UserWarning, match="30 records are missing"):
         numbers = [published.sequence for published in load_live_recording(tmp_path / "live").frames()]
     assert numbers == [*range(21), 51]
+
+
+def test_the_disk_has_all_but_the_last_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fgpose.live.recorder._SYNCED_EVERY_S", 0.05)
+    path, synced = tmp_path / "live", list[int]()
+    monkeypatch.setattr(os, "fsync", lambda file: synced.append(path.stat().st_size))
+    with Recorder(path, RIG, SKELETON) as recorder:
+        for number in range(20):
+            recorder.publish(frame(number))
+            time.sleep(0.01)
+    # 0.2 s of frames, on a computer that is not much slower than that.
+    assert 2 <= len(synced) < 20
+    assert synced == sorted(set(synced))
 
 
 def test_closing_ends_a_recording_also_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
