@@ -47,12 +47,27 @@ def test_nobody_waits_for_who_is_not_expected(moments: Moments):
     assert names(moments.ready(1.0, ("left", "door"))) == ["left", "door"]
 
 
-def test_nobody_waits_longer_than_half_a_period(moments: Moments):
+def test_nobody_waits_longer_than_a_period(moments: Moments):
     moments.add(image("left", 1.0), 1.0)
-    assert moments.deadline_s == pytest.approx(1.0 + PERIOD_S / 2)
+    assert moments.deadline_s == pytest.approx(1.0 + PERIOD_S)
     assert moments.ready(moments.deadline_s - 1e-3, CAMERAS) == []
     assert names(moments.ready(moments.deadline_s, CAMERAS)) == ["left"]
     assert moments.deadline_s == np.inf
+
+
+@pytest.mark.parametrize(("late_s", "waits"), [(0.9 * PERIOD_S, True), (1.1 * PERIOD_S, False)])
+def test_nobody_waits_for_who_usually_comes_too_late(late_s: float, waits: bool):
+    moments = Moments()
+    events = [
+        (n * PERIOD_S + (late_s if camera == "door" else 0.0), camera, n) for n in range(25) for camera in CAMERAS
+    ]
+    for now_s, camera, n in sorted(events):
+        moments.add(image(camera, n * PERIOD_S), now_s)
+        moments.ready(now_s, CAMERAS)
+    moments.ready(2.0, ())
+    moments.add(image("left", 2.0), 2.0)
+    moments.add(image("right", 2.0), 2.0)
+    assert names(moments.ready(2.0, CAMERAS)) == ([] if waits else ["left", "right"])
 
 
 def test_the_next_image_of_a_camera_is_of_the_next_moment(moments: Moments):
