@@ -41,11 +41,7 @@ def live_viewer(
         yield None
         return
     with open_viewer() as recording:
-        new_console(stderr=True).print(
-            f"Viewers of this computer connect with: rerun {recording.viewer_url}\n"
-            f"From another one, first: ssh -L {_port(recording)}:localhost:{_port(recording)} THIS_COMPUTER",
-            soft_wrap=True,
-        )
+        say_how_to_connect(recording.viewer_url or "")
         try:
             yield recording
         except KeyboardInterrupt:
@@ -58,8 +54,14 @@ def live_viewer(
             raise
 
 
-def _port(recording: Session) -> str:
-    return (recording.viewer_url or "").rpartition(":")[2].partition("/")[0]
+def say_how_to_connect(viewer_url: str) -> None:
+    """To a viewer's URL, also from another computer."""
+    port = viewer_url.rpartition(":")[2].partition("/")[0]
+    new_console(stderr=True).print(
+        f"Viewers of this computer connect with: rerun {viewer_url}\n"
+        f"From another one, first: ssh -L {port}:localhost:{port} THIS_COMPUTER",
+        soft_wrap=True,
+    )
 
 
 def wait_for_viewers(outputs: Outputs) -> None:

@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from fgpose.cli.live_viewer import open_viewer
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from fgpose.live.clock import Clock
     from fgpose.live.distance_server import DistanceServer
     from fgpose.live.keypoint_socket import KeypointSocket
-    from fgpose.live.outputs import Output
+    from fgpose.live.outputs import Output, ViewerOutput
     from fgpose.live.page import StatusPage
     from fgpose.live.system import Consumer
     from fgpose.live.tracking import Update
@@ -34,6 +35,7 @@ class Consumers:
     observers: list[Callable[[Update], None]] = field(default_factory=list)
     sockets: list[KeypointSocket] = field(default_factory=list)
     page: StatusPage | None = None
+    viewer: ViewerOutput | None = None
 
     def open(
         self, stack: ExitStack, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, config: Config, clock: Clock
@@ -61,6 +63,10 @@ class Consumers:
             recorder = Recorder(options.record, rig, skeleton, config, tell=tell)
             self._add(stack, recorder)
             self.observers.append(lambda update: recorder.record(update.images))
+        if options.rrd is not None or options.view:
+            self.viewer = open_viewer(options.rrd, rig, skeleton, options.view, tell)
+            self._add(stack, self.viewer)
+            self.observers.append(self.viewer.observe)
 
     @property
     def frames(self) -> list[Consumer]:
@@ -123,6 +129,8 @@ class Consumers:
         """Show a picture of a camera where pictures are shown."""
         if self.page is not None:
             self.page.show_image(camera, picture_rgb)
+        if self.viewer is not None:
+            self.viewer.show_image(camera, picture_rgb)
 
 
 def _name(socket: KeypointSocket) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import Positional, arg
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +41,10 @@ class LiveOutputs:
     """Record detections, clocks and estimates."""
     page: Annotated[int | None, arg(metavar="PORT", help_behavior_hint="(default: none)")] = None
     """Serve a status page for the browser; 0 takes any free port."""
+    rrd: Annotated[Path | None, arg(metavar="FILE.rrd", help_behavior_hint="(default: none)")] = None
+    """Write all that can be seen to a file for the Rerun viewer, which is there when it ends (fgpose view)."""
+    view: Annotated[bool, FlagCreatePairsOff] = False
+    """Show the same in the Rerun viewer while it runs. It may be closed at any time."""
     distances: Annotated[Path | None, arg(metavar="CELL.toml", help_behavior_hint="(default: none)")] = None
     """Publish how far people are from links of a robot and from zones, over ZeroMQ (docs/live_distances.md). THIS IS NO
     SAFETY FUNCTION: nothing here is rated for protecting people."""

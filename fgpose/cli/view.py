@@ -81,12 +81,12 @@ class View:
         return (rig.subset(names) if names and names != rig.names else rig), people
 
     def _open(self, path: Path) -> None:
-        if not self.web and not _has_display():
+        if not self.web and not has_display():
             raise OSError(
                 f"no display to open a window on. In a browser: fgpose view {self.file} --web. "
                 "Or copy the .rrd file to a computer with a display and open it there with rerun"
             )
-        command = [_rerun(), str(path), *(["--web-viewer"] if self.web else [])]
+        command = [rerun_program(), str(path), *(["--web-viewer"] if self.web else [])]
         new_console(stderr=True).print(" ".join(command), soft_wrap=True)
         code = subprocess.run(command, check=False).returncode
         if code:
@@ -106,7 +106,7 @@ def onlooker(positions_m: Float[np.ndarray, "frame joint 3"]) -> CameraRig:
     return CameraRig((Camera("no calibration", (1000, 1000), K, world_T_camera, np.zeros(0)),))
 
 
-def _rerun() -> str:
+def rerun_program() -> str:
     """The viewer's program: that beside this Python, else the one on the path."""
     beside = shutil.which("rerun", path=str(Path(sys.executable).parent))
     program = beside or shutil.which("rerun")
@@ -115,5 +115,5 @@ def _rerun() -> str:
     return program
 
 
-def _has_display() -> bool:
+def has_display() -> bool:
     return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

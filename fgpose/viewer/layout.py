@@ -28,7 +28,13 @@ _Overrides = dict[Any, list[Any]]
 
 
 def layout(
-    rig: CameraRig, up: UpAxis, plots: rrb.Horizontal, *, following: bool, hidden: Sequence[str] = ()
+    rig: CameraRig,
+    up: UpAxis,
+    plots: rrb.Horizontal,
+    *,
+    following: bool,
+    hidden: Sequence[str] = (),
+    timeline: str = "frame",
 ) -> rrb.Blueprint:
     """3D scene and cameras above, time series below.
 
@@ -38,6 +44,7 @@ def layout(
         plots: the time series.
         following: always show the newest frame (live); otherwise begin at the first one.
         hidden: paths of what the images do not show, unless it is asked for.
+        timeline: along which time passes.
     """
     overrides: _Overrides = {path: [rrb.EntityBehavior(visible=False)] for path in hidden}
     images = [_image_view(name, overrides) for name in rig.names]
@@ -45,7 +52,7 @@ def layout(
     top = rrb.Horizontal(_scene_view(rig, up, overrides), grid, column_shares=[1, 1])
     return rrb.Blueprint(
         rrb.Vertical(top, plots, row_shares=[2, 1]),
-        rrb.TimePanel(state="collapsed", timeline="frame", play_state="following" if following else "paused"),
+        rrb.TimePanel(state="collapsed", timeline=timeline, play_state="following" if following else "paused"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,

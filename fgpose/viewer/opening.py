@@ -12,6 +12,7 @@ from fgpose.viewer.people_recording import PeopleRecording
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import NullRecording, Recording
 from fgpose.viewer.session import UpAxis
+from fgpose.viewer.system_recording import SystemRecording
 
 
 def open_recording(
@@ -103,6 +104,38 @@ def open_people_recording(
         from fgpose.viewer.rerun_session import Target
     target = Target(None if path is None else Path(path), port if live else None, endless)
     return RerunPeopleRecording(target, rig, skeleton, up, pictures)
+
+
+def open_system_recording(
+    path: str | Path | None,
+    rig: CameraRig,
+    skeleton: Skeleton,
+    *,
+    live: bool = False,
+    port: int = 9876,
+    up: UpAxis = "+z",
+) -> SystemRecording:
+    """Open a recording of a live system, for as long as it runs: memory stays constant. Its times are Unix times.
+
+    Args:
+        path: as are the others, as in open_recording.
+
+    Returns:
+        A recording; one that shows nothing when there is neither a path nor live.
+
+    Raises:
+        ImportError: Rerun is not installed; the message says how to.
+        OSError: the file cannot be written, or the port is taken.
+    """
+    if path is None and not live:
+        return SystemRecording()
+    with _rerun_needed():
+        from fgpose.viewer.rerun_session import Target
+        from fgpose.viewer.rerun_system_recording import RerunSystemRecording
+    target = Target(None if path is None else Path(path), port if live else None, endless=True)
+    # The oldest are dropped for viewers; a limit would end the pictures after some hours.
+    pictures = PictureOptions(None, 80, None, None)
+    return RerunSystemRecording(target, rig, skeleton, up, pictures)
 
 
 @contextmanager

@@ -33,6 +33,14 @@ _TRAJECTORIES: dict[str, Colour] = {
 # Of Okabe and Ito, one for each limb; predicted is orange, unobservable red, as a warning.
 LIMBS: tuple[Colour, ...] = ((86, 180, 233), (240, 228, 66), (0, 158, 115), (230, 110, 30))
 STATUS: dict[str, Colour] = {"predicted": (230, 159, 0), "unobservable": (190, 60, 40)}
+# Of cameras while they run; what cannot be trusted stands out.
+CAMERA_STATES: dict[str, Colour] = {
+    "ok": (70, 130, 115),
+    "late": (230, 159, 0),
+    "lost": (190, 60, 40),
+    "reconnecting": (204, 121, 167),
+    "doubtful": (240, 228, 66),
+}
 # Of people, again from the beginning if they are more: near those of Okabe and Ito, but brighter, and further from each
 # other and from grey (20 in CIELAB at least, however one sees colours).
 PEOPLE: tuple[Colour, ...] = (

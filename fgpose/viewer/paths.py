@@ -18,6 +18,10 @@ N_PEOPLE = "plots/people"
 UNUSED = "plots/unused"
 TRACKS = "tracks"
 EVENTS = "events"
+CAMERA_EVENTS = "events/cameras"
+CAMERA_STATES = "cameras"
+DELAY_MS = "plots/delay_ms"
+OBSERVED = "plots/observed"
 
 
 def join(*parts: str) -> str:

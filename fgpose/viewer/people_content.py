@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -21,7 +21,7 @@ from fgpose.viewer.owners import OwnedDetections
 from fgpose.viewer.palette import person_colour
 from fgpose.viewer.people_scene import detection_class
 from fgpose.viewer.presence import Presence, presence, presence_of_tracked
-from fgpose.viewer.rows import Rows, change_rows, scalar_rows
+from fgpose.viewer.rows import Rows, change_rows, log_rows, scalar_rows
 
 _UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
 _LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
@@ -53,19 +53,19 @@ def update_rows(
     events: Sequence[TrackEvent],
     rig: CameraRig,
     before: Mapping[int, Presence],
+    emptied: Collection[str] = (),
 ) -> Iterator[Rows]:
     """The same of one update of the tracker.
 
     Args:
-        images: one at least, at most one of each camera. One that is given alone joins those of before: the other
-            cameras stay as they were.
+        images: at most one of each camera; the other cameras stay as they were.
         people: who is there.
         events: what has happened since the update before.
         rig: the cameras.
         before: where people were in the update before.
+        emptied: cameras without an image that detect nobody now.
     """
-    nothing = OwnedDetections.nothing(images[0].points2d_px.shape[1])
-    shown = dict.fromkeys(rig.names, nothing) if len(images) > 1 else {}
+    shown = dict.fromkeys(emptied, OwnedDetections.nothing(0))
     shown |= {image.camera: OwnedDetections.of_image(image, people) for image in images}
     for camera in rig.cameras:
         if camera.name in shown:
@@ -105,12 +105,9 @@ def _life_rows(person: int, state: Int[np.ndarray, " frame"], before: Presence =
 
 
 def _event_rows(events: Sequence[TrackEvent], frames: Int[np.ndarray, " event"]) -> Rows:
-    fields = {
-        "text": [f"person {event.person} {event.what}: {event.reason}" for event in events],
-        "level": [event.what for event in events],
-        "color": [person_colour(event.person) for event in events],
-    }
-    return Rows(paths.EVENTS, rr.TextLog, np.ones(len(events), dtype=int), fields, frames)
+    texts = [f"person {event.person} {event.what}: {event.reason}" for event in events]
+    colours = [person_colour(event.person) for event in events]
+    return log_rows(paths.EVENTS, texts, [event.what for event in events], colours, frames)
 
 
 def person_rows(
@@ -133,7 +130,9 @@ def person_rows(
     yield from body_rows(name, trajectory, rig, person_colour(person), before=before)
     label_m = _above(trajectory.positions_m, up)
     known = np.isfinite(label_m).all(axis=-1)
-    yield Rows(paths.label(person), rr.Points3D, known.astype(int), {"positions": label_m[known]})
+    is_seen = np.asarray(trajectory.observed.any(axis=1))[known]
+    texts = [f"{person}" if seen else f"{person} predicted" for seen in is_seen]
+    yield Rows(paths.label(person), rr.Points3D, known.astype(int), {"positions": label_m[known], "labels": texts})
     if trajectory.residual_px is not None:
         error_px = median_of_known(trajectory.residual_px.reshape(trajectory.n_frames, -1))
         yield scalar_rows(paths.join(paths.REPROJECTION_PX, name), error_px)

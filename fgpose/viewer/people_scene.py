@@ -61,7 +61,7 @@ def log_person_styles(stream: rr.RecordingStream, rig: CameraRig, skeleton: Skel
     """How somebody looks, wherever they are shown."""
     name, colour = paths.person(person), palette.person_colour(person)
     log_body_styles(stream, rig, skeleton, name, _body_class(person), colour)
-    label = rr.Points3D.from_fields(labels=[str(person)], show_labels=True, colors=[colour], radii=_LABEL_RADIUS)
+    label = rr.Points3D.from_fields(show_labels=True, colors=[colour], radii=_LABEL_RADIUS)
     stream.log(paths.label(person), label, static=True)
     log_line(stream, paths.join(paths.REPROJECTION_PX, name), f"person {person}", colour)
     looks = {Presence.SEEN: colour, Presence.PREDICTED: palette.faded(colour), Presence.AWAY: palette.AWAY}

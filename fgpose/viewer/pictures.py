@@ -38,23 +38,29 @@ class CameraPictures:
     """Prepares one camera's pictures and counts their bytes.
 
     A picture is shrunk by a whole factor, so that its pixels are the means of blocks of the original ones, and is then
-    undistorted into the pinhole image with the same K: one of its pixels stands for ``shrink`` x ``shrink`` undistorted
-    pixels.
+    undistorted into the pinhole image with the same K.
 
     Args:
         camera: that took them.
         options: of the recording.
         n_cameras: among which the recording's limit is divided.
+        size_px: of the pictures that are given, if they have been scaled.
     """
 
-    def __init__(self, camera: Camera, options: PictureOptions, n_cameras: int) -> None:
+    def __init__(
+        self, camera: Camera, options: PictureOptions, n_cameras: int, size_px: tuple[int, int] | None = None
+    ) -> None:
         self._camera = camera
         self._options = options
         self._limit_bytes = math.inf if options.image_limit_mb is None else options.image_limit_mb * 1e6 / n_cameras
         self._used_bytes = self._last_bytes = 0
-        width_px = camera.size_px[0]
-        self.shrink = min(math.ceil(width_px / (options.image_width_px or width_px)), *camera.size_px)
-        """Undistorted pixels per pixel of the picture, in both directions."""
+        self.size_px = camera.size_px if size_px is None else size_px
+        """Of the pictures that are given."""
+        width_px = self.size_px[0]
+        self._shrink = min(math.ceil(width_px / (options.image_width_px or width_px)), *self.size_px)
+        width, height = (self._shrink * own / given for own, given in zip(camera.size_px, self.size_px, strict=True))
+        self.scale = width, height
+        """Undistorted pixels per pixel of the picture, across and down."""
 
     @property
     def full(self) -> bool:
@@ -73,7 +79,7 @@ class CameraPictures:
 
     def check(self, frame: int, image: UInt8[np.ndarray, "height width 3"]) -> None:
         """Raises ValueError if the size of an image differs from that of the calibration."""
-        width, height = self._camera.size_px
+        width, height = self.size_px
         if image.shape[:2] != (height, width):
             raise ValueError(
                 f"camera {self._camera.name}, frame {frame}: the picture is {image.shape[1]} x {image.shape[0]}, "
@@ -93,16 +99,16 @@ class CameraPictures:
     @property
     def _shrunk_size_px(self) -> tuple[int, int]:
         """What does not fill a whole pixel at the right and lower border is left out."""
-        width, height = self._camera.size_px
-        return width // self.shrink, height // self.shrink
+        width, height = self.size_px
+        return width // self._shrink, height // self._shrink
 
     def _shrunk(self, image: np.ndarray) -> np.ndarray:
-        if self.shrink == 1:
+        if self._shrink == 1:
             return image
         import cv2
 
         width, height = self._shrunk_size_px
-        blocks = image[: height * self.shrink, : width * self.shrink]
+        blocks = image[: height * self._shrink, : width * self._shrink]
         return cv2.resize(blocks, (width, height), interpolation=cv2.INTER_AREA)
 
     def _undistorted(self, image: np.ndarray) -> np.ndarray:
@@ -120,9 +126,10 @@ class CameraPictures:
 
         camera = self._camera
         maps = cv2.fisheye.initUndistortRectifyMap if camera.lens == "fisheye" else cv2.initUndistortRectifyMap
-        # The centre of the block that is pixel 0 lies at (shrink - 1) / 2.
-        K = camera.K / self.shrink
-        K[:2, 2] -= (self.shrink - 1) / (2 * self.shrink)
-        K[2, 2] = 1.0
+        # The middle of the first pixel is at 0, its corner at -0.5: corners are what is scaled.
+        scale = np.array(self.scale)
+        K = camera.K.copy()
+        K[:2] /= scale[:, None]
+        K[:2, 2] -= (1 - 1 / scale) / 2
         x, y = maps(K, camera.distortion, np.eye(3), K, self._shrunk_size_px, cv2.CV_16SC2)
         return x, y

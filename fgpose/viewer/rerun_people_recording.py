@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -43,6 +43,8 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
     """See PeopleRecording and open_people_recording."""
 
     server_mb: ClassVar[float] = 1024.0  # 20,000 frames of 8 people in 8 cameras take half of it
+    is_of_system: ClassVar[bool] = False
+    """Whether cameras and delays are shown too."""
 
     def __init__(
         self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
@@ -54,7 +56,7 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
         self._presence: dict[int, Presence] = {}
         self._update = -1
         """Frame of the newest update; -1: there was none."""
-        layout = people_blueprint(rig, up, following=target.port is not None)
+        layout = people_blueprint(rig, up, following=target.port is not None, of_system=self.is_of_system)
         super().__init__(target, rig, skeleton, layout, pictures)
         log_people_scene(self._open_stream, rig, skeleton, up)
 
@@ -77,9 +79,21 @@ class RerunPeopleRecording(RerunSession, PeopleRecording):
         if not images:
             return
         time_s = float(np.mean([image.time_s for image in images]))
+        self._show_update(frame, time_s, images, people, events, self._rig.names if len(images) > 1 else ())
+
+    def _show_update(
+        self,
+        frame: int,
+        time_s: float,
+        images: Sequence[Detections],
+        people: Sequence[Tracked],
+        events: Sequence[TrackEvent],
+        emptied: Collection[str],
+    ) -> None:
         trajectories = {each.person: self._one_frame(each, frame, time_s) for each in people}
         self._show(trajectories, frame, np.array([time_s]))
-        self._send(update_rows(images, people, events, self._rig, self._presence), np.array([time_s]), frame)
+        rows = update_rows(images, people, events, self._rig, self._presence, emptied)
+        self._send(rows, np.array([time_s]), frame)
         self._presence = {each.person: presence_of_tracked(each) for each in people}
         self._update = frame
         self._clock.forget(frame)

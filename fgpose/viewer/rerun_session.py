@@ -21,7 +21,7 @@ from fgpose.io.atomic import replacing
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import paths
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
-from fgpose.viewer.rows import Rows
+from fgpose.viewer.rows import Rows, TimeKind, set_times
 from fgpose.viewer.scene import log_picture_style
 from fgpose.viewer.session import Session
 
@@ -65,6 +65,7 @@ class RerunSession(Session):
     server_mb: ClassVar[float] = 256.0
     """Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped
     first."""
+    time_kind: ClassVar[TimeKind] = "duration"
 
     def __init__(
         self, target: Target, rig: CameraRig, skeleton: Skeleton, layout: rrb.Blueprint, pictures: PictureOptions
@@ -108,15 +109,21 @@ class RerunSession(Session):
         if not pictures.wants(frame):
             return
         if camera not in self._shown:
-            log_picture_style(self._open_stream, camera, pictures.shrink)
+            log_picture_style(self._open_stream, camera, pictures.scale)
             self._shown.add(camera)
         jpeg = pictures.jpeg(image)
-        # Otherwise the last picture would stay under the points of all later frames.
-        picture = rr.Clear(recursive=False) if pictures.full else rr.EncodedImage(contents=jpeg, media_type=_JPEG)
-        self._open_stream.set_time("frame", sequence=frame)
-        self._open_stream.set_time("time", duration=time_s)
-        self._open_stream.log(paths.picture(camera), picture)
-        self._count(len(jpeg))
+        if pictures.full:
+            self._take_picture_away(camera, frame, time_s)
+        else:
+            set_times(self._open_stream, frame, time_s, self.time_kind)
+            self._open_stream.log(paths.picture(camera), rr.EncodedImage(contents=jpeg, media_type=_JPEG))
+            self._count(len(jpeg))
+
+    def _take_picture_away(self, camera: str, frame: int, time_s: float) -> None:
+        """Otherwise the last picture would stay under the points of all later frames."""
+        set_times(self._open_stream, frame, time_s, self.time_kind)
+        # Rerun 0.41 goes on showing a picture after a Clear.
+        self._open_stream.log(paths.picture(camera), rr.EncodedImage.from_fields(clear_unset=True))
 
     def close(self) -> None:
         if self._stream is None:
@@ -168,7 +175,7 @@ class RerunSession(Session):
     def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0) -> None:
         frame = first_frame + np.arange(len(time_s))
         for of_entity in rows:
-            of_entity.send(self._open_stream, frame, time_s)
+            of_entity.send(self._open_stream, frame, time_s, self.time_kind)
             self._count(of_entity.n_bytes)
 
     def _pictures_of(self, camera: str) -> CameraPictures:

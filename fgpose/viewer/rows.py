@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import rerun as rr
 from jaxtyping import Float, Int, UInt8
 
 from fgpose.trajectory import Status
+from fgpose.viewer.palette import Colour
 
 # Radius of the ellipsoid that holds 90 % of a Gaussian in three dimensions, in sigmas: sqrt of chi2's quantile.
 _SIGMAS_90 = 2.5003
+
+TimeKind = Literal["duration", "timestamp"]
+"""Seconds since any time, or since 1970."""
+
+
+def set_times(stream: rr.RecordingStream, frame: int, time_s: float, kind: TimeKind) -> None:
+    """When what is logged next was."""
+    stream.set_time("frame", sequence=frame)
+    if kind == "duration":
+        stream.set_time("time", duration=time_s)
+    else:
+        stream.set_time("time", timestamp=time_s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +47,11 @@ class Rows:
         return sum(values.nbytes for values in self.fields.values() if isinstance(values, np.ndarray))
 
     def send(
-        self, stream: rr.RecordingStream, frame: Int[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]
+        self,
+        stream: rr.RecordingStream,
+        frame: Int[np.ndarray, " frame"],
+        time_s: Float[np.ndarray, " frame"],
+        kind: TimeKind = "duration",
     ) -> None:
         """Send all rows at once; one alone (live) so that Rerun joins it with those of other frames."""
         if self.frames is not None:
@@ -42,13 +59,16 @@ class Rows:
         if len(frame) == 0:
             return
         if len(frame) == 1:
-            stream.set_time("frame", sequence=frame[0])
-            stream.set_time("time", duration=time_s[0])
+            set_times(stream, int(frame[0]), float(time_s[0]), kind)
             stream.log(self.path, self.archetype.from_fields(**self.fields))
             return
         # As set_time rounds; TimeColumn alone would cut off.
-        time_ns = np.round(1e9 * time_s).astype("timedelta64[ns]")
-        indexes = [rr.TimeColumn("frame", sequence=frame), rr.TimeColumn("time", duration=time_ns)]
+        time_ns = np.round(1e9 * time_s)
+        if kind == "duration":
+            time = rr.TimeColumn("time", duration=time_ns.astype("timedelta64[ns]"))
+        else:
+            time = rr.TimeColumn("time", timestamp=time_ns.astype("datetime64[ns]"))
+        indexes = [rr.TimeColumn("frame", sequence=frame), time]
         columns = self.archetype.columns(**self.fields).partition(self.lengths)
         stream.send_columns(self.path, indexes=indexes, columns=columns)
 
@@ -128,6 +148,14 @@ def change_rows(path: str, states: np.ndarray, before: str = "") -> Rows:
     changes = np.flatnonzero(states != np.concatenate([[before], states[:-1]]))
     fields = {"state": states[changes].tolist()}
     return Rows(path, rr.StateChange, np.ones(len(changes), dtype=int), fields, changes)
+
+
+def log_rows(
+    path: str, texts: list[str], levels: list[str], colours: list[Colour], frames: Int[np.ndarray, " text"]
+) -> Rows:
+    """Lines of a log, in the frames whose index is given."""
+    fields = {"text": texts, "level": levels, "color": colours}
+    return Rows(path, rr.TextLog, np.ones(len(texts), dtype=int), fields, frames)
 
 
 def document_rows(path: str, texts: list[str]) -> Rows:

@@ -84,12 +84,12 @@ def _log_camera(stream: rr.RecordingStream, camera: Camera, colour: Colour, frus
     stream.log(paths.detections(camera.name), detections, static=True)
 
 
-def log_picture_style(stream: rr.RecordingStream, camera: str, shrink: int) -> None:
-    """Appearance and place of a camera's pictures: each of their pixels covers a square of undistorted ones.
+def log_picture_style(stream: rr.RecordingStream, camera: str, scale: tuple[float, float]) -> None:
+    """Appearance and place of a camera's pictures: undistorted pixels per pixel, across and down.
 
     OpenCV, and so every point here, counts pixels from the centre of the first one, Rerun from its corner.
     """
-    place = rr.Transform3D(translation=(-0.5, -0.5, 0.0), scale=shrink)
+    place = rr.Transform3D(translation=(-0.5, -0.5, 0.0), scale=(*scale, 1.0))
     stream.log(paths.picture(camera), place, static=True)
     look = rr.EncodedImage.from_fields(opacity=_PICTURE_OPACITY, draw_order=_PICTURE_DRAW_ORDER)
     stream.log(paths.picture(camera), look, static=True)

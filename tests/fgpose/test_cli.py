@@ -272,7 +272,7 @@ def test_view_opens_a_trajectory(with_rig: bool, folder: Path, tmp_path: Path, m
 def test_view_without_a_display_says_how_to_look(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(view, "_has_display", lambda: False)
+    monkeypatch.setattr(view, "has_display", lambda: False)
     (tmp_path / "walk.rrd").write_bytes(b"RRF2")
     line = failure(["view", str(tmp_path / "walk.rrd")], capsys)
     assert "--web" in line

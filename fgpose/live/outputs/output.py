@@ -14,7 +14,6 @@ from fgpose.live.frame import LiveFrame
 
 # A consumer that has not taken a frame after this time does not work.
 _HUNG_S = 1.0
-# Closing waits as long for a frame on its way; then it is left behind.
 _CLOSE_S = 2.0
 
 
@@ -71,6 +70,7 @@ class BackgroundOutput:
         tell: called with one line when the output stops working, and when it works again.
         first_retry_s: the first pause.
         longest_retry_s: the longest.
+        close_s: closing waits so long for a frame on its way and for the sink; then they are left behind.
 
     Raises:
         Exception: whatever open_sink raises.
@@ -85,10 +85,11 @@ class BackgroundOutput:
         tell: Callable[[str], None] | None = None,
         first_retry_s: float = 0.5,
         longest_retry_s: float = 30.0,
+        close_s: float = _CLOSE_S,
     ) -> None:
         self.name = name
         self._open_sink, self._tell = open_sink, tell
-        self._retry_s = first_retry_s, longest_retry_s
+        self._retry_s, self._close_s = (first_retry_s, longest_retry_s), close_s
         self._sink: Sink | None = open_sink()
         self._changed = threading.Condition()
         self._waiting: deque[LiveFrame] = deque(maxlen=n_waiting)
@@ -119,7 +120,7 @@ class BackgroundOutput:
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._thread.join(_CLOSE_S)
+        self._thread.join(self._close_s)
 
     def _run(self) -> None:
         retry_s = self._retry_s[0]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, rows, static_value, values
+from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, rows, values
 from shown_people import FIRST, N_FRAMES, PLACE_M, SECOND, SECOND_FRAMES, SHOWN, SKELETON, body_m, n_rows, state, time_s
 
 from fgpose.association.recording import Association
@@ -60,7 +61,17 @@ def test_the_number_stands_above_the_head(
     assert sign * label_m[axis] > (sign * positions_m[:, axis]).max()
     across = [other for other in range(3) if other != axis]
     np.testing.assert_allclose(label_m[across], positions_m.mean(axis=0)[across], atol=METRE_TOLERANCE)
-    assert static_value(tmp_path / "up.rrd", f"/world/person_{SECOND}/label", "Points3D:labels") == str(SECOND)
+
+
+def test_the_label_says_who_is_only_predicted(tmp_path: Path, rig: CameraRig, second: Trajectory) -> None:
+    status = second.status.copy()
+    status[3] = Status.PREDICTED
+    with open_people_recording(tmp_path / "label.rrd", rig, SKELETON) as recording:
+        recording.log_person(SECOND, replace(second, status=status))
+    labels = rows(tmp_path / "label.rrd", f"/world/person_{SECOND}/label", "Points3D:labels")
+    # Nothing is known of them in frame 2.
+    expected = {frame: [f"{SECOND}"] for frame in range(second.n_frames)} | {2: [], 3: [f"{SECOND} predicted"]}
+    assert {frame: text for frame, (_, text) in labels.items()} == expected
 
 
 @pytest.mark.parametrize("association_first", [True, False])
