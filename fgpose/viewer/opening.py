@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -129,6 +130,8 @@ def open_system_recording(
     """
     if path is None and not live:
         return SystemRecording()
+    # Rerun logs a warning that there is no footer; it would grow in memory.
+    os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=error")
     with _rerun_needed():
         from fgpose.viewer.rerun_session import Target
         from fgpose.viewer.rerun_system_recording import RerunSystemRecording

@@ -1,0 +1,99 @@
+"""Recorded videos in place of cameras, for demonstrations: over RTSP where a server is installed, else as files."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import load_rig, save_rig
+from fgpose.live.sources.there_and_back import write_there_and_back
+from fgpose.monocular.sources import fitted_camera
+
+RTSP_PACKAGES = "gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good gstreamer1.0-plugins-bad python3-gi"
+"""Of Debian and Ubuntu, that the server needs."""
+
+_CALIBRATION = "calibration.toml"
+# GStreamer's bindings belong to the Python of the system.
+_SYSTEM_PYTHON = shutil.which("python3", path="/usr/bin")
+
+
+@dataclass(frozen=True)
+class PlayedCameras:
+    """Cameras that run."""
+
+    rig_file: Path
+    is_rtsp: bool
+    """Otherwise the files are read, in real time."""
+
+
+@contextmanager
+def played_cameras(
+    videos: Mapping[str, Path],
+    calibration: Path,
+    folder: Path,
+    *,
+    every: int = 1,
+    shrink: int = 1,
+    progress: Callable[[str], None] = lambda what: None,
+) -> Iterator[PlayedCameras]:
+    """Play videos as cameras, forwards and backwards and without an end.
+
+    Args:
+        videos: by the names of the cameras.
+        calibration: of them.
+        folder: for what is written, the rig file among it.
+        every: use every so manieth image.
+        shrink: make images so many times smaller.
+        progress: told what is done next.
+
+    Warns:
+        UserWarning: the size of the images differs from the calibration's in a way that can be explained.
+
+    Raises:
+        ValueError: the calibration is damaged, or is not of these videos.
+        OSError: a file cannot be read or written.
+    """
+    cameras, played = [], {name: folder / f"{name}.mp4" for name in videos}
+    for camera in load_rig(calibration).subset(videos).cameras:
+        progress(f"{camera.name}: preparing its video")
+        video = videos[camera.name]
+        before_px, size_px = write_there_and_back(video, played[camera.name], every=every, shrink=shrink)
+        camera = fitted_camera(camera, before_px, video)
+        with warnings.catch_warnings(action="ignore"):
+            cameras.append(fitted_camera(camera, size_px, video))
+    save_rig(CameraRig(tuple(cameras)), folder / _CALIBRATION)
+    with _served(list(played.values())) as port:
+        rig_file = folder / "rig.toml"
+        tables = [
+            f'[cameras.{name}]\nsource = "{path}"\nloop = true\n'
+            if port is None
+            else f'[cameras.{name}]\nsource = "rtsp://127.0.0.1:{port}/{name}"\n'
+            for name, path in played.items()
+        ]
+        rig_file.write_text(f'[live]\ncalibration = "{_CALIBRATION}"\n\n' + "\n".join(tables))
+        yield PlayedCameras(rig_file, port is not None)
+
+
+@contextmanager
+def _served(paths: Sequence[Path]) -> Iterator[int | None]:
+    """Serve files over RTSP; the port, or None where GStreamer's server is not installed."""
+    if _SYSTEM_PYTHON is None:
+        yield None
+        return
+    command = [_SYSTEM_PYTHON, str(Path(__file__).with_name("rtsp_program.py")), *map(str, paths)]
+    # In a session of its own: Ctrl-C is for the live system.
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, start_new_session=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            port = process.stdout.readline().strip()
+            yield int(port) if port else None
+        finally:
+            process.kill()
