@@ -192,3 +192,18 @@ def test_several_people_live(tmp_path: Path):
     # After one second both are there.
     assert numbers(r"# s  here: 0 at .* m, 1 at .* m", printed) == [1.0]
     assert output.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_live_without_cameras(tmp_path: Path):
+    output = tmp_path / "live.rrd"
+    printed = run("12_live_without_cameras.py", "--duration-s", "5", "--rrd", str(output))
+    first, *_, last = (line for line in printed.splitlines() if "observed" in line)
+    assert all(f"  {person} c" in printed for person in (0, 1))
+    assert "ring_3" not in first
+    assert "ring_3 lost" in last
+    # Frames come also without images.
+    assert numbers(r"# frames, # ms after the images", printed)[0] > 10
+    # As noisy as detections of one person, whose error is 15 to 25 mm; late where the computer is slow.
+    assert numbers("mean error # mm", printed)[0] < 60
+    assert output.stat().st_size > 10_000
