@@ -36,7 +36,8 @@ def open_viewer(
     output = ViewerOutput(path, rig, skeleton, live=with_window, tell=tell)
     if output.viewer_url is not None:
         if has_display():
-            _start([program, "--connect", output.viewer_url])
+            local = ["--memory-limit", _VIEWER_MEMORY, "--bind", "127.0.0.1"]
+            _start([program, "--connect", output.viewer_url, *local])
         say_how_to_connect(output.viewer_url)
     return output
 
@@ -44,7 +45,7 @@ def open_viewer(
 def _start(command: list[str]) -> None:
     # In a session of its own: Ctrl-C is for the live system.
     subprocess.Popen(
-        [*command, "--memory-limit", _VIEWER_MEMORY, "--bind", "127.0.0.1"],
+        command,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

@@ -20,12 +20,13 @@ from fgpose.io.live_recordings import RecordedImage
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.outputs import ViewerOutput
+from fgpose.live.outputs.viewer_output import _ViewerSink
+from fgpose.live.outputs.viewer_process import Shown, ViewerJob, ViewerProcess
 from fgpose.live.people import coasting, live_person
 from fgpose.live.tracking import Update
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import palette
-from fgpose.viewer.system_recording import Moment, SystemRecording
 from tests.fgpose.live.output_frames import wait_until
 
 pytest.importorskip("rerun")
@@ -201,43 +202,43 @@ def test_every_state_of_a_camera_has_a_colour() -> None:
     assert set(palette.CAMERA_STATES) == {state.value for state in CameraState}
 
 
-class Blocked(SystemRecording):
-    """A recording that takes moments when it is let."""
+class Blocked(ViewerProcess):
+    """Shows frames when it is let."""
 
     def __init__(self, error: Exception | None = None) -> None:
-        self.moments: list[Moment] = []
-        self.free, self.error, self.n_closed = threading.Event(), error, 0
+        self.shown: list[Shown] = []
+        self.free, self.error, self.n_closed, self.viewer_url = threading.Event(), error, 0, None
 
-    def log_moment(self, moment: Moment) -> None:
+    def send(self, shown: Shown) -> None:
         self.free.wait()
         if self.error is not None:
             raise self.error
-        self.moments.append(moment)
+        self.shown.append(shown)
 
     def close(self) -> None:
         self.n_closed += 1
 
 
 @pytest.fixture
-def opened(monkeypatch: pytest.MonkeyPatch) -> Callable[[Blocked], list[Any]]:
-    """Lets recordings be opened in place of real ones; their paths."""
+def opened(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Any]]:
+    """Has these opened in place of processes; the paths of their files."""
 
-    def put(*recordings: Blocked) -> list[Any]:
+    def put(*processes: Blocked) -> list[Any]:
         paths: list[Any] = []
 
-        def open_it(path: Path | None, *_: object, **__: object) -> Blocked:
-            paths.append(path)
-            return recordings[len(paths) - 1]
+        def open_it(job: ViewerJob) -> Blocked:
+            paths.append(job.path)
+            return processes[len(paths) - 1]
 
-        monkeypatch.setattr("fgpose.live.outputs.viewer_output.open_system_recording", open_it)
+        monkeypatch.setattr("fgpose.live.outputs.viewer_output.ViewerProcess", open_it)
         return paths
 
     return put
 
 
 def test_what_a_viewer_that_hangs_missed_is_bounded(opened: Callable[..., list[Any]]) -> None:
-    recording = Blocked()
-    opened(recording)
+    process = Blocked()
+    opened(process)
     output = ViewerOutput(None, RIG, SKELETON)
     output.publish(frame(0, ()))
     wait_until(lambda: not output._waiting)
@@ -246,10 +247,10 @@ def test_what_a_viewer_that_hangs_missed_is_bounded(opened: Callable[..., list[A
         output.observe(replace(update(number), events=(event,)))
         output.show_image("cam_1", picture(number % 256))
         output.publish(frame(number, ()))
-    recording.free.set()
+    process.free.set()
     wait_until(lambda: output.state.n_published == 2)
     output.close()
-    last = recording.moments[-1]
+    last = process.shown[-1]
     assert [image.time_s for image in last.images] == [START_S + 99.9] * 2
     assert last.pictures["cam_1"][0, 0, 0] == 999 % 256
     assert [event.person for event in last.events] == list(range(800, 1000))
@@ -266,7 +267,7 @@ def test_after_a_failure_another_file_is_begun(opened: Callable[..., list[Any]],
         wait_until(lambda n=number: output.state.n_skipped + output.state.n_published > n)
     output.close()
     assert paths == [tmp_path / "live.rrd", tmp_path / "live_1.rrd"]
-    assert (full.n_closed, len(next_one.moments)) == (1, 1)
+    assert (full.n_closed, len(next_one.shown)) == (1, 1)
     assert "the disk is full" in said[0]
 
 
@@ -276,7 +277,7 @@ def test_a_viewer_connects_to_the_system(
 ) -> None:
     started: list[list[str]] = []
     monkeypatch.setattr(live_viewer, "has_display", lambda: has_display)
-    monkeypatch.setattr(live_viewer.subprocess, "Popen", lambda command, **_: started.append(command))
+    monkeypatch.setattr(live_viewer, "_start", started.append)
     output = live_viewer.open_viewer(None, RIG, SKELETON, True, lambda line: None)
     try:
         assert output.viewer_url is not None
@@ -290,3 +291,24 @@ def test_a_viewer_connects_to_the_system(
             assert not started
     finally:
         output.close()
+
+
+def test_what_is_wrong_from_the_start_is_raised(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("no folder")
+    with pytest.raises(OSError, match="taken"):
+        ViewerOutput(tmp_path / "taken" / "live.rrd", RIG, SKELETON)
+
+
+def test_the_file_is_whole_when_the_system_is_killed(tmp_path: Path) -> None:
+    output = ViewerOutput(path := tmp_path / "live.rrd", RIG, SKELETON)
+    output.observe(seen := update(0))
+    publish(output, frame(0, (live_person(seen.people[0]),)))
+    sink = output._sink
+    assert isinstance(sink, _ViewerSink)
+    stdin = sink._process._process._process.stdin
+    assert stdin is not None
+    # As when this process ends: nothing is said any more.
+    stdin.close()
+    wait_until(path.exists)
+    assert f"/world/person_{PERSON}/joints" in entities(path)
+    output.close()

@@ -1,0 +1,188 @@
+"""A live system as the Rerun viewer shows it, in a process of its own.
+
+So the tracker has the interpreter for itself, and the file is written to its end whatever happens to the tracker.
+"""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
+from fgpose.child_process import ChildProcess, parent
+from fgpose.geometry.camera import CameraRig
+from fgpose.live.frame import CameraState, LiveFrame, LivePerson
+from fgpose.people import Detections
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Estimate
+from fgpose.viewer import open_system_recording
+from fgpose.viewer.session import UpAxis
+from fgpose.viewer.system_recording import CameraSaid, Moment
+
+_SILENT = (CameraState.LOST, CameraState.RECONNECTING)
+# Of people who may be anywhere, ellipsoids would only hide the room.
+_WIDEST_SIGMA_M = 1.0
+
+
+@dataclass(frozen=True)
+class ViewerJob:
+    """What is to be opened; see ViewerOutput."""
+
+    path: Path | None
+    rig: CameraRig
+    skeleton: Skeleton
+    live: bool
+    port: int
+    up: UpAxis
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What the newest update says of somebody's detections."""
+
+    residual_px: np.ndarray | None
+    """(C, J)"""
+    seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    """As of Tracked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A frame, and what has come since the one before."""
+
+    frame: LiveFrame
+    sightings: Mapping[int, Sighting]
+    """By person."""
+    images: Sequence[Detections]
+    pictures: Mapping[str, np.ndarray]
+    events: Sequence[TrackEvent]
+
+
+class ViewerProcess:
+    """Starts the process and gives it what it shows.
+
+    Raises:
+        ImportError: Rerun is not installed.
+        OSError: the file cannot be written, the port is taken, or the process cannot be started.
+    """
+
+    def __init__(self, job: ViewerJob) -> None:
+        self._process = ChildProcess(__name__)
+        self._process.write(job)
+        try:
+            self.viewer_url: str | None = self._answer()
+        except BaseException:
+            self._process.close()
+            raise
+
+    def send(self, shown: Shown) -> None:
+        """Show it; returns when it is. Raises whatever went wrong."""
+        self._process.write(shown)
+        self._answer()
+
+    def close(self) -> None:
+        """Let it write the file to its end. Raises OSError if it cannot."""
+        try:
+            self._process.write(None)
+            self._answer()
+        finally:
+            self._process.close()
+
+    def _answer(self) -> str | None:
+        try:
+            answer = self._process.read()
+        except EOFError:
+            raise OSError("the process of the viewer has ended") from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+
+def serve() -> None:
+    """Show what the parent sends, until it sends None or has ended."""
+    with parent() as (receive, send):
+        job: ViewerJob = receive()
+        try:
+            recording = open_system_recording(job.path, job.rig, job.skeleton, live=job.live, port=job.port, up=job.up)
+        except Exception as error:
+            send(error)
+            return
+        send(recording.viewer_url)
+        moments = _Moments()
+
+        def show(shown: Shown) -> None:
+            recording.log_moment(moments.moment(shown))
+
+        while (shown := _next(receive)) is not None:
+            send(_error_of(partial(show, shown)))
+        error = _error_of(recording.close)
+        # Of a parent that was killed nobody waits.
+        with suppress(BrokenPipeError):
+            send(error)
+
+
+def _next(receive: Callable[[], Shown | None]) -> Shown | None:
+    """None: there is nothing more, or the parent has ended."""
+    try:
+        return receive()
+    except (EOFError, pickle.UnpicklingError):
+        return None
+
+
+def _error_of(do: Callable[[], None]) -> Exception | None:
+    try:
+        do()
+    except Exception as error:
+        return error
+    return None
+
+
+class _Moments:
+    """From frames to what is shown of them."""
+
+    def __init__(self) -> None:
+        self._before: LiveFrame | None = None
+        """The first that told of its images."""
+
+    def moment(self, shown: Shown) -> Moment:
+        frame = shown.frame
+        is_new = self._before is None or frame.time_s != self._before.time_s
+        if is_new:
+            self._before = frame
+        assert self._before is not None
+        return Moment(
+            # Without new images time goes on, but not to the time of publishing: the next images are older.
+            time_s=frame.time_s + frame.published_s - self._before.published_s,
+            people=[_tracked(each, frame, shown.sightings.get(each.person), is_new) for each in frame.people],
+            images=shown.images,
+            pictures=shown.pictures,
+            events=shown.events,
+            cameras={
+                camera.name: CameraSaid(camera.state.value, camera.reason, camera.state in _SILENT)
+                for camera in frame.cameras
+            },
+            delay_s=frame.age_s if is_new and any(camera.n_used for camera in frame.cameras) else None,
+            observed_share=frame.observed_share,
+        )
+
+
+def _tracked(person: LivePerson, frame: LiveFrame, sighting: Sighting | None, is_new: bool) -> Tracked:
+    """Somebody as published, with what the tracker says of their newest detections."""
+    is_wide = np.trace(person.covariance_m2, axis1=1, axis2=2) > 3 * _WIDEST_SIGMA_M**2
+    estimate = Estimate(
+        skeleton=frame.skeleton,
+        frame=frame.sequence,
+        time_s=frame.time_s,
+        positions_m=person.positions_m,
+        status=person.status,
+        covariance_m2=np.where(is_wide[:, None, None], np.nan, person.covariance_m2),
+        residual_px=sighting.residual_px if sighting is not None and is_new else None,
+    )
+    return Tracked(person.person, person.state, estimate, {} if sighting is None else sighting.seen)
