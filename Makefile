@@ -10,7 +10,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-live test check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak format clean
+.PHONY: demo demo-video demo-people demo-live test check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak live-soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -64,6 +64,10 @@ benchmark: $(STAMP) $(PEER)
 soak: $(STAMP)
 	$(BIN)/python benchmarks/soak.py --runs 1000 --frames 500
 	$(BIN)/python benchmarks/soak.py --first 1007 --runs 1 --frames 100000
+
+# A day of the live system with a fault a minute, in simulated time; an hour and a half.
+live-soak: $(STAMP)
+	$(BIN)/python benchmarks/live_soak.py
 
 # Accuracy of all methods on motion capture with simulated detections.
 benchmark-accuracy: $(STAMP) $(PEER)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import select
 import subprocess
 import sys
 import threading
@@ -65,6 +66,10 @@ class ChildProcess:
             return pickle.load(self._process.stdout)
         except pickle.UnpicklingError as error:
             raise EOFError("in the middle of a message") from error
+
+    def has_message(self) -> bool:
+        """Whether a first message, or the end, can be read without waiting."""
+        return bool(select.select([self._process.stdout], [], [], 0.0)[0])
 
     def kill(self) -> None:
         """End it at once."""

@@ -154,7 +154,7 @@ def _table(report: Report) -> Table:
         box=box.HORIZONTALS,
     )
     table.add_column("camera", no_wrap=True)
-    for heading in ("images", "used", "late", "[Hz]", *(f"{state.value} [s]" for state in CameraState)):
+    for heading in ("images", "used", "not used", "[Hz]", *(f"{state.value} [s]" for state in CameraState)):
         table.add_column(heading, justify="right")
     for camera in report.cameras:
         seconds = [f"{report.seconds_in(camera.name, state):.0f}" for state in CameraState]

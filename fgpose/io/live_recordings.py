@@ -5,7 +5,7 @@ A file of records (record_files), each a MessagePack document (packing) with a k
 - ``start``: the first. ``version``, ``started_s`` (Unix time), ``rig``, ``skeleton``, ``config`` (TOML).
 - ``images``: detections that the tracker was given together, as ``images``. Of each the camera, ``time_s`` (when it
   was taken, Unix time), ``stamp_s`` (by the camera's own clock; null: it gave none), ``arrived_s``, ``is_used`` (it was
-  not too late for the estimate), and the arrays of fgpose.Detections.
+  not too late for the estimate, and no fault was seen in its picture), and the arrays of fgpose.Detections.
 - ``frame``: a message as it was published, see docs/live_messages.md.
 - ``lost``: ``n`` records are missing at about this place, as the disk was too slow or full.
 - ``end``: the recording was closed.
@@ -45,7 +45,7 @@ class RecordedImage:
     stamp_s: float | None = None
     """When it was taken by the camera's own clock; None: the camera gave no stamp."""
     is_used: bool = True
-    """It entered the estimate; False: it came too late."""
+    """It entered the estimate; False: it came too late, or a fault was seen in its picture."""
 
 
 @dataclass(frozen=True)

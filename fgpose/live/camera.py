@@ -92,9 +92,10 @@ class LiveCamera:
         with self._lock:
             n_jumps = self._model.n_jumps
             captured_s = self._model.captured_s(image.stamp, arrived_s)
-            faults: dict[str, str] = {}
+            picture_faults: dict[str, str] = {}
             if image.picture is not None and not image.is_damaged:
-                faults = self._picture_faults.add(image.picture, arrived_s)
+                picture_faults = self._picture_faults.add(image.picture, arrived_s)
+            faults = dict(picture_faults)
             if self._model.n_jumps > n_jumps:
                 faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s"
             self._health.add(arrived_s, captured_s, faults, is_damaged=image.is_damaged)
@@ -105,7 +106,7 @@ class LiveCamera:
         if image.detections is not None:
             detections = dataclasses.replace(image.detections, time_s=captured_s)
             image = dataclasses.replace(image, detections=detections)
-        return Image(self.name, number, captured_s, arrived_s, image)
+        return Image(self.name, number, captured_s, arrived_s, image, is_trusted=not picture_faults)
 
     def status(self, now_s: float) -> CameraStatus:
         """The camera at a time, which is now."""

@@ -46,7 +46,7 @@ class CameraStatus:
     n_used: int = 0
     """Whose detections entered the estimate."""
     n_lost: int = 0
-    """Too old when their detections were there."""
+    """Whose detections were too old when they were there, or in whose pictures a fault is seen."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,7 +62,9 @@ class Health:
     """
 
     def __init__(self, fps: float, late_s: float) -> None:
-        self._fps, self._late_s = fps, late_s
+        self._late_s = late_s
+        self._usual_hz, self._learns_rate = fps, not fps
+        """0 if it is not known yet."""
         self._arrivals: deque[tuple[float, float, bool]] = deque(maxlen=_MANY)
         self._windows: deque[int] = deque(maxlen=_N_WINDOWS)
         self._window_end_s = -np.inf
@@ -114,13 +116,6 @@ class Health:
         return Verdict(_STATES[order[0]], order[0], "; ".join(self._seen[name][1] for name in order))
 
     @property
-    def _usual_hz(self) -> float:
-        """0 if it is not known yet."""
-        if self._fps:
-            return self._fps
-        return float(np.median(self._windows)) / _WINDOW_S if len(self._windows) >= _FEWEST_WINDOWS else 0.0
-
-    @property
     def _last_s(self) -> float:
         """When the newest image arrived, or the source was opened."""
         return max(self._arrivals[-1][0] if self._arrivals else -np.inf, self._flows_since_s)
@@ -153,6 +148,8 @@ class Health:
             is_whole = arrived_s < self._window_end_s + _WINDOW_S
             if is_whole and "slow" not in self._seen and self._n_in_window:
                 self._windows.append(self._n_in_window)
+                if self._learns_rate and len(self._windows) >= _FEWEST_WINDOWS:
+                    self._usual_hz = float(np.median(self._windows)) / _WINDOW_S
             self._window_end_s = (self._window_end_s if is_whole else arrived_s) + _WINDOW_S
             self._n_in_window = 0
         self._n_in_window += 1

@@ -74,6 +74,8 @@ class Image:
     arrived_s: float
     """Unix time."""
     source: SourceImage
+    is_trusted: bool = True
+    """No fault is seen in its picture."""
 
     @property
     def detections(self) -> Detections | None:
@@ -83,7 +85,7 @@ class Image:
     def recorded(self, detections: Detections) -> RecordedImage:
         """What was found in it, with all that is known of its time."""
         stamp = self.source.stamp
-        return RecordedImage(detections, self.arrived_s, None if stamp is None else stamp.stamp_s)
+        return RecordedImage(detections, self.arrived_s, None if stamp is None else stamp.stamp_s, self.is_trusted)
 
     @cached_property
     def picture(self) -> np.ndarray:

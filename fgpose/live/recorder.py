@@ -77,7 +77,7 @@ class Recorder:
         self._thread.start()
 
     def record(self, images: Sequence[RecordedImage]) -> None:
-        """Record images that are given to the tracker together, or that are too late for it."""
+        """Record images that are given to the tracker together, or that are not to be used."""
         self._put(images_document(list(images)))
 
     def publish(self, frame: LiveFrame) -> None:

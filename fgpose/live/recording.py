@@ -36,7 +36,7 @@ class LiveRecording:
         """Unix time."""
 
     def observations(self) -> PeopleObservations:
-        """All that was detected, also what came too late for the live estimate; times count from started_s.
+        """All that was detected, also what was not used for the live estimate; times count from started_s.
 
         Raises:
             ValueError: the file is damaged other than by being cut off, or there is no image; the message names it.

@@ -14,7 +14,6 @@ from fgpose.live.tracking import LiveTracking, Update
 
 # Without images, frames are published this often: nobody may take silence for an empty room.
 _SILENT_S = 0.1
-_EXPECTED = (CameraState.OK, CameraState.DOUBTFUL)
 
 
 @runtime_checkable
@@ -59,7 +58,7 @@ class LiveSystem:
             self._cameras = self._feed.statuses()
             for image in images:
                 self._tell(self._tracking.add(image, self._clock.now_s()))
-            expected = [camera.name for camera in self._cameras if camera.state in _EXPECTED]
+            expected = [camera.name for camera in self._cameras if camera.state is CameraState.OK]
             self._tell(self._tracking.look(self._clock.now_s(), expected))
             if self._clock.now_s() >= self._published_s + _SILENT_S:
                 self._publish()

@@ -78,9 +78,10 @@ class LiveTracking:
         return self._moments.deadline_s
 
     def add(self, image: RecordedImage, now_s: float) -> list[Update]:
-        """Take the detections of an image; what it completes is tracked."""
+        """Take the detections of an image, unless they are not to be used; what it completes is tracked."""
         detections = image.detections
-        if detections.time_s <= self._image_s.get(detections.camera, -np.inf) or self._is_too_old(detections):
+        is_again = detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        if not image.is_used or is_again or self._is_too_old(detections):
             self._n_lost[detections.camera] += 1
             self.on_taken([detections.camera])
             return [Update((replace(image, is_used=False),), (), ())]
@@ -93,7 +94,7 @@ class LiveTracking:
         return [self._tracked(moment)] if moment else []
 
     def frame(self, now_s: float, cameras: Sequence[CameraStatus]) -> LiveFrame:
-        """What can be said now. The images of the cameras that were used, or lost, are added to their statuses."""
+        """What can be said now. The images of the cameras that were used, or not, are added to their statuses."""
         unseen_s = now_s - self.newest_s
         people = self._people
         if unseen_s > _COASTS_AFTER_S:

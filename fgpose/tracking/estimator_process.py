@@ -1,7 +1,7 @@
 """Estimators in a process of their own.
 
-It is sent first what the estimators need, then for each update what is new of each person; the answers are the
-estimates, or the error.
+It is sent first what the estimators need, and answers when they are ready; then for each update what is new of each
+person, and the answers are the estimates, or the error.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.trajectory import Estimate
 
-_TIDY = "tidy"
+_TIDY, _READY = "tidy", "ready"
 
 
 class EstimatorProcess:
     """The estimators of some of the people, in a process that ends with this one, or when closed.
 
-    If it ends before, it is started again, and the estimates of its people begin anew.
+    If it ends before, it is started again, which takes a second; its people are then nobody's.
 
     Raises:
         OSError: it cannot be started.
@@ -32,16 +32,31 @@ class EstimatorProcess:
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
         self._needs = rig, skeleton, config
         self._newest: dict[int, Newest] = {}
-        self._process = ChildProcess(__name__)
-        self._process.write(self._needs)
+        self._is_ready = self._starts_again = False
+        self._start()
 
     @property
     def process_id(self) -> int:
         return self._process.process_id
 
+    @property
+    def takes_people(self) -> bool:
+        """Not while it starts again: nobody who was followed should wait for that.
+
+        Raises:
+            OSError: the process ended again.
+        """
+        if self._starts_again and self._process.has_message():
+            try:
+                self._await_ready()
+            except EOFError as error:
+                self.close()
+                raise OSError(f"an estimator process ended twice, with status {self._process.status}") from error
+        return not self._starts_again
+
     def send(self, newest: Mapping[int, Newest]) -> bool:
         """Let the estimators take what is new of each person. Whether there will be an answer: there is none where
-        nobody was and nobody is.
+        nobody was and nobody is, or where the process has ended.
 
         Warns:
             UserWarning: the process had ended.
@@ -53,27 +68,24 @@ class EstimatorProcess:
                 self._process.write(self._newest)
             except BrokenPipeError:
                 self._restart()
+                return False
         return is_asked
 
     def receive(self) -> dict[int, Estimate]:
-        """Their answer.
+        """Their answer; nothing if the process has ended.
 
         Raises:
-            OSError: the process ended twice.
             Exception: what an estimator raised.
 
         Warns:
             UserWarning: the process ended.
         """
         try:
+            self._await_ready()
             answer = self._process.read()
         except EOFError:
             self._restart()
-            try:
-                answer = self._process.read()
-            except EOFError as error:
-                self.close()
-                raise OSError(f"an estimator process ended twice, with status {self._process.status}") from error
+            return {}
         if isinstance(answer, Exception):
             raise answer
         return answer
@@ -96,15 +108,24 @@ class EstimatorProcess:
             f"the estimates of {len(self._newest)} people begin anew",
             stacklevel=2,
         )
+        self._newest, self._is_ready, self._starts_again = {}, False, True
+        self._start()
+
+    def _start(self) -> None:
         self._process = ChildProcess(__name__)
         self._process.write(self._needs)
-        self._process.write(self._newest)
+
+    def _await_ready(self) -> None:
+        if not self._is_ready:
+            self._process.read()
+            self._is_ready, self._starts_again = True, False
 
 
 def serve() -> None:
     """The other side: answer what EstimatorProcess asks, until it is closed."""
     with parent() as (receive, send):
         estimators = Estimators(*receive())
+        send(_READY)
         while True:
             try:
                 newest = receive()

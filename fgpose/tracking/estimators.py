@@ -39,6 +39,11 @@ class Estimators:
     def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
         """The pose of each of these; who is new gets an estimator, and who is not among them loses theirs."""
         self._of = {number: self._of.get(number) or self._new() for number in newest}
+        return self.add(newest)
+
+    def add(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+        """The pose of each of these, who may be new; nobody is forgotten."""
+        self._of |= {number: self._new() for number in newest if number not in self._of}
         return {number: _updated(self._of[number], new) for number, new in newest.items()}
 
     def tidy(self) -> None:

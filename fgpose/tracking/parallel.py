@@ -18,7 +18,8 @@ from fgpose.trajectory import Estimate
 class ParallelEstimators:
     """The first person is estimated in this process, who comes next in that with the fewest people.
 
-    All processes are started at once: to start one takes a second, which nobody who is followed by then should wait.
+    All processes are started at once: to start one takes a second, which nobody who is followed by then should wait. If
+    one ends, its people are estimated here.
     """
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
@@ -35,7 +36,7 @@ class ParallelEstimators:
         """The pose of each of these; who is not among them any more is forgotten.
 
         Raises:
-            OSError: a process cannot be started again, or ends again and again.
+            OSError: a process cannot be started again, or ended again meanwhile.
 
         Warns:
             UserWarning: a process ended and was started again.
@@ -48,7 +49,13 @@ class ParallelEstimators:
         estimates = self._here.update(shares[0])
         for process in asked:
             estimates |= process.receive()
+        estimates |= self._taken_here({number: new for number, new in newest.items() if number not in estimates})
         return {number: estimates[number] for number in newest}
+
+    def _taken_here(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+        """The people of a process that has ended: their estimates begin anew."""
+        self._process_of |= dict.fromkeys(newest, 0)
+        return self._here.add(newest)
 
     def tidy(self) -> None:
         """See Estimator. Other processes do so while this one goes on."""
@@ -58,10 +65,11 @@ class ParallelEstimators:
 
     def _assign(self, people: Collection[int]) -> None:
         self._process_of = {number: at for number, at in self._process_of.items() if number in people}
+        may_take = [0, *(at for at, process in enumerate(self._others, start=1) if process.takes_people)]
         for number in people:
             if number not in self._process_of:
                 n_people = Counter(self._process_of.values())
-                self._process_of[number] = min(range(1 + len(self._others)), key=lambda at: (n_people[at], at))
+                self._process_of[number] = min(may_take, key=lambda at: (n_people[at], at))
 
 
 def _close(processes: list[EstimatorProcess]) -> None:

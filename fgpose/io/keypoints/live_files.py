@@ -18,7 +18,7 @@ def camera_names(path: Path) -> tuple[str, ...]:
 
 
 def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations:
-    """Everybody who was detected, those also who came too late for the live estimate. Times count from the beginning
+    """Everybody who was detected, those also who were not used for the live estimate. Times count from the beginning
     of the recording. Of images of a camera that have one time only the first is taken.
 
     Raises:

@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 from fgpose.live.frame import LiveFrame
 
 # A consumer that has not taken a frame after this time does not work.
-_HUNG_S = 1.0
+_HUNG_S = 0.8
 _CLOSE_S = 2.0
 
 

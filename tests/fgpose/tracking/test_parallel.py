@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -97,6 +98,26 @@ def test_a_process_that_ends_is_started_again(scene: CrowdScene, estimators: Par
     assert [estimate.frame for estimate in after.values()] == [2, 0]
     assert process_ids(estimators) != [process_id]
     assert [each.frame for each in estimators.update(newest(scene, 3, (0, 1))).values()] == [3, 1]
+
+
+@pytest.mark.slow
+def test_nobody_waits_for_a_process_that_starts_again(scene: CrowdScene, estimators: ParallelEstimators):
+    estimators.update(newest(scene, 0, (0, 1)))
+    (process_id,) = process_ids(estimators)
+    os.kill(process_id, signal.SIGKILL)
+    with pytest.warns(UserWarning, match="is started again"):
+        estimators.update(newest(scene, 1, (0, 1)))
+    (process_id,) = process_ids(estimators)
+    # It cannot be ready: while it is stopped everybody is estimated here, also who is new.
+    os.kill(process_id, signal.SIGSTOP)
+    assert [each.frame for each in estimators.update(newest(scene, 2, (0, 1, 2))).values()] == [2, 1, 0]
+    assert set(estimators._process_of.values()) == {0}
+    os.kill(process_id, signal.SIGCONT)
+    end_s = time.monotonic() + 60.0
+    while not estimators._others[0].takes_people and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert [each.frame for each in estimators.update(newest(scene, 3, (0, 1, 3))).values()] == [3, 2, 0]
+    assert estimators._process_of == {0: 0, 1: 0, 3: 1}
 
 
 @pytest.mark.slow
