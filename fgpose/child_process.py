@@ -69,6 +69,7 @@ class ChildProcess:
 
     def has_message(self) -> bool:
         """Whether a first message, or the end, can be read without waiting."""
+        assert self._process.stdout is not None
         return bool(select.select([self._process.stdout], [], [], 0.0)[0])
 
     def kill(self) -> None:

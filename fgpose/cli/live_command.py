@@ -52,6 +52,7 @@ class Live(LiveOutputs, LiveInputs):
     """Stop after this time."""
 
     def run(self) -> None:
+        from fgpose.cli.live_status import ConsoleLog, StatusLine
         from fgpose.config import Config, load_config
         from fgpose.live.camera_feed import CameraFeed
         from fgpose.live.clock import Clock
@@ -60,7 +61,8 @@ class Live(LiveOutputs, LiveInputs):
         from fgpose.live.system import LiveSystem
         from fgpose.live.tracking import LiveTracking
 
-        logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO)
+        console = new_console(stderr=True)
+        logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO, handlers=[ConsoleLog(console)])
         if self.replay is not None:
             self._refuse_options_of_cameras()
             run_replay(self.replay, self, self.config, is_fast=self.fast)
@@ -80,8 +82,9 @@ class Live(LiveOutputs, LiveInputs):
             consumers.open(stack, self, feed.rig, skeleton, config, clock)
             tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig))
             stack.callback(tracking.close)
-            system = LiveSystem(feed, tracking, consumers.frames, consumers.observers, clock)
             self._receive(stack, feed, skeleton, consumers)
+            line = stack.enter_context(StatusLine(console))
+            system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock)
             with _stopped_by_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))

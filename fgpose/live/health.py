@@ -163,7 +163,8 @@ class Health:
         rate_hz = self.rate_hz(self._last_s)
         if self._last_s - self._flows_since_s > 2 * self._recent_s() and rate_hz < _SLOW_SHARE * usual_hz:
             faults["slow"] = f"{rate_hz:.1f} images a second instead of {usual_hz:.1f}"
-        recent = self._last(now_s)
+        # What came before a silence says nothing of what comes after it.
+        recent = [image for image in self._last(now_s) if image[0] >= self._flows_since_s]
         if not recent:
             return faults
         late_s = float(np.median([delay_s for _, delay_s, _ in recent]))

@@ -14,6 +14,8 @@ from fgpose.live.tracking import LiveTracking, Update
 
 # Without images, frames are published this often: nobody may take silence for an empty room.
 _SILENT_S = 0.1
+# How the cameras are is asked so often: faults are noticed within a second.
+_STATUS_S = 0.05
 
 
 @runtime_checkable
@@ -45,7 +47,7 @@ class LiveSystem:
         self._feed, self._tracking, self._clock = feed, tracking, clock
         self._outputs, self._observers = tuple(outputs), tuple(observers)
         self.report = Report(tracking.rig.names)
-        self._cameras = feed.statuses()
+        self._cameras, self._looked_s = feed.statuses(), clock.now_s()
         tracking.on_taken = feed.go_on
         self._published_s = clock.now_s()
         self._stopped = threading.Event()
@@ -55,7 +57,8 @@ class LiveSystem:
         while not self._stopped.is_set() and self._clock.now_s() < until_s:
             due_s = min(self._tracking.deadline_s, self._published_s + _SILENT_S)
             images = self._feed.take(max(due_s - self._clock.now_s(), 0.0))
-            self._cameras = self._feed.statuses()
+            if self._clock.now_s() >= self._looked_s + _STATUS_S:
+                self._cameras, self._looked_s = self._feed.statuses(), self._clock.now_s()
             for image in images:
                 self._tell(self._tracking.add(image, self._clock.now_s()))
             expected = [camera.name for camera in self._cameras if camera.state is CameraState.OK]

@@ -1,0 +1,45 @@
+"""The line in the terminal says what frames say."""
+
+from __future__ import annotations
+
+import io
+import logging
+
+import pytest
+from live_frames import live_frame, live_person, standing_m
+from rich.console import Console
+
+from fgpose.cli.live_status import ConsoleLog, StatusLine, in_words
+from fgpose.live.frame import LiveFrame
+from fgpose.skeleton import Skeleton
+
+
+@pytest.fixture
+def frame(skeleton: Skeleton) -> LiveFrame:
+    person = live_person(standing_m(skeleton))
+    return live_frame(skeleton, [person], 1000.0, cameras=("a", "b", "c"), lost=("b",), delay_s=0.02)
+
+
+def test_people_cameras_and_frames(frame: LiveFrame, skeleton: Skeleton) -> None:
+    assert in_words(frame, 29.7).startswith("1 person · 2 of 3 cameras ok (b lost) · 30 frames/s")
+    empty = live_frame(skeleton, [], 1000.0, cameras=("a", "b"), delay_s=0.02)
+    assert in_words(empty, 10.0) == "0 people · 2 of 2 cameras ok · 10 frames/s, 20 ms old · 100% of the volume observed"
+
+
+def test_the_line_is_there_while_it_runs_and_the_log_above_it(frame: LiveFrame) -> None:
+    text = io.StringIO()
+    console = Console(file=text, force_terminal=True, width=200, highlight=False, markup=False)
+    logger = logging.getLogger("fgpose.test_of_the_line")
+    logger.addHandler(ConsoleLog(console))
+    with StatusLine(console) as line:
+        line.publish(frame)
+        logger.warning("camera [b]: lost")
+    assert "2 of 3 cameras ok (b lost)" in text.getvalue()
+    assert "camera [b]: lost\n" in text.getvalue()
+
+
+def test_nothing_is_shown_in_a_file(frame: LiveFrame) -> None:
+    text = io.StringIO()
+    with StatusLine(Console(file=text, width=200)) as line:
+        line.publish(frame)
+    assert text.getvalue().strip() == ""
