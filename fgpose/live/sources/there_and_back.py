@@ -5,8 +5,6 @@ from __future__ import annotations
 from fractions import Fraction
 from pathlib import Path
 
-import av
-
 # As cameras send it: key frames a second apart, and no frame that refers to a later one.
 _CODEC, _OPTIONS = "libx264", {"preset": "ultrafast", "bf": "0", "crf": "20"}
 
@@ -27,7 +25,12 @@ def write_there_and_back(
 
     Raises:
         OSError: a file cannot be read or written.
+        ImportError: PyAV is not installed.
     """
+    try:
+        import av
+    except ImportError:
+        raise ImportError('playing videos needs PyAV: pip install "fgpose[live]"') from None
     with av.open(str(video)) as container:
         source = container.streams.video[0]
         source.thread_type = "AUTO"
