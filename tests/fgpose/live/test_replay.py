@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from rrd_contents import entities
 from test_cli_live import free_port, rig_file, send
 from test_live_tracking import CONFIG, DELAY_S, scene, statuses
 
@@ -122,13 +123,18 @@ def test_in_real_time_frames_come_as_far_apart_as_they_were(session: Path) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*no footer")
 def test_the_command_records_it_again(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    again = tmp_path / "again.fgpose"
-    assert main(["live", "--replay", str(session), "--fast", "--record", str(again)]) == 0
+    again, rrd = tmp_path / "again.fgpose", tmp_path / "again.rrd"
+    assert main(["live", "--replay", str(session), "--fast", "--record", str(again), "--rrd", str(rrd)]) == 0
     said = capsys.readouterr().out
     n_frames = len(list(load_live_recording(session).frames()))
     assert f"{n_frames} frames again; people within 0.000" in said
     assert len(list(load_live_recording(again).updates())) == len(list(load_live_recording(session).updates()))
+    assert rrd.stat().st_size > 10_000
+    # People, and the detections of the updates.
+    for entity in ("/world/person_0/joints", *(f"/world/camera/{name}/image/detections" for name in scene().rig.names)):
+        assert entity in entities(rrd)
 
 
 @pytest.mark.parametrize(
