@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 from made_videos import noisy, room
 
-from fgpose.live.image import ArrayPicture
+from fgpose.live.camera import LiveCamera
+from fgpose.live.clock import SimulatedClock
+from fgpose.live.image import ArrayPicture, SourceImage
 from fgpose.live.picture_faults import PictureFaults
+from fgpose.live.sources import CameraSource
+from fgpose.people import Detections
 
 FPS = 20.0
 SIZE_PX = (480, 270)
@@ -151,3 +155,18 @@ def test_a_slow_camera_may_repeat_a_picture() -> None:
     frames = walker(4)
     found = [faults.add(ArrayPicture(frames[k // 2]), float(k)) for k in range(8)]
     assert not any(found)
+
+
+def test_what_is_found_in_an_image_with_a_fault_is_not_used() -> None:
+    clock, nobody = SimulatedClock(1.7e9), Detections("cam01", 0.0, np.zeros((0, 17, 2)), np.zeros((0, 17)))
+    camera = LiveCamera("cam01", CameraSource(source="rtsp://x"), clock, late_s=0.5)
+    is_used = []
+    for frame in [*walker(40), *walker(1, first=40) * 20, *walker(5, first=41)]:
+        image = camera.receive(SourceImage(ArrayPicture(frame)))
+        assert image is not None
+        is_used.append(image.recorded(nobody).is_used)
+        clock.advance(1 / FPS)
+    # The same picture counts as frozen after half a second, ten images, and for as long as it comes.
+    assert all(is_used[:50])
+    assert not any(is_used[52:60])
+    assert all(is_used[60:])
