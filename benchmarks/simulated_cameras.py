@@ -214,9 +214,10 @@ class _Camera:
 
 
 def _pictures(rng: np.random.Generator) -> tuple[list[ArrayPicture], list[ArrayPicture]]:
-    """Of a room with things of all brightnesses, and of the dark, with the noise of a sensor."""
+    """Of a room with a plain wall and things of all brightnesses, and of the dark, with the noise of a sensor."""
     width, height = _PICTURE_PX
     room = np.kron(rng.integers(20, 236, (height // 8, width // 8)), np.ones((8, 8)))
+    room[:, : width // 2] = 150
     dark = np.full_like(room, 16.0)
     return [_noisy(room, rng, 3.0) for _ in range(_N_PICTURES)], [_noisy(dark, rng, 1.0) for _ in range(_N_PICTURES)]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -149,7 +150,7 @@ class Health:
             if is_whole and "slow" not in self._seen and self._n_in_window:
                 self._windows.append(self._n_in_window)
                 if self._learns_rate and len(self._windows) >= _FEWEST_WINDOWS:
-                    self._usual_hz = float(np.median(self._windows)) / _WINDOW_S
+                    self._usual_hz = median(self._windows) / _WINDOW_S
             self._window_end_s = (self._window_end_s if is_whole else arrived_s) + _WINDOW_S
             self._n_in_window = 0
         self._n_in_window += 1
@@ -167,10 +168,10 @@ class Health:
         recent = [image for image in self._last(now_s) if image[0] >= self._flows_since_s]
         if not recent:
             return faults
-        late_s = float(np.median([delay_s for _, delay_s, _ in recent]))
+        late_s = median(delay_s for _, delay_s, _ in recent)
         if late_s > self._late_s:
             faults["late"] = f"images come {late_s:.2f} s after they were taken"
-        damaged = float(np.mean([is_damaged for _, _, is_damaged in recent]))
+        damaged = sum(is_damaged for _, _, is_damaged in recent) / len(recent)
         if damaged > _DAMAGED_SHARE:
             faults["garbled"] = f"{damaged:.0%} of the images are damaged"
         return faults
