@@ -143,7 +143,8 @@ def missed(result: Result) -> list[str]:
     for outcome in result.outcomes:
         name = f"{outcome.kind} at {outcome.begin_s:.1f} s"
         if outcome.noticed_s is None or outcome.noticed_s > _MOST_NOTICED_S:
-            reasons.append(f"{name}: noticed after {_seconds(outcome.noticed_s)}")
+            when = "never" if outcome.noticed_s is None else f"after {outcome.noticed_s:.2f} s"
+            reasons.append(f"{name}: noticed {when}")
         if outcome.rejoined_s is None:
             reasons.append(f"{name}: not over")
     for kind in KINDS:
@@ -206,10 +207,6 @@ def _longest(times_s: list[float | None]) -> str:
 
 def _ratio(comparison: Comparison) -> str:
     return f"{comparison.error_mm / comparison.usual_mm:.3f}" if comparison.n else ""
-
-
-def _seconds(time_s: float | None) -> str:
-    return "never" if time_s is None else f"{time_s:.2f} s"
 
 
 def _write(result: Result, path: Path) -> None:

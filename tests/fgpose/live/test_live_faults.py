@@ -97,11 +97,11 @@ def test_a_fault_is_noticed_within_a_second_and_said_once(kind: CameraFault) -> 
     noticed = [frame for frame in ran.between(BEGIN_S, STOP_S) if ran.bad(frame) == set(ran.cameras)]
     assert noticed[0].published_s - START_S - BEGIN_S <= 1.0
     for name in ran.cameras:
-        said = [(event.state, event.reason) for event in ran.events if event.camera == name][1:]
-        # Where images are late, none comes at first; what was dark is still the same for a moment.
-        assert len(said) == len(set(said)) <= 3
-        assert said[-1] == (CameraState.OK, "")
-        assert all(state is not CameraState.OK and reason for state, reason in said[:-1])
+        events = [event for event in ran.events if event.camera == name][1:]
+        assert events[-1].state is CameraState.OK
+        # Where images begin to be late, none comes at first.
+        bad = [event.state for event in events if event.state is not CameraState.OK]
+        assert bad == ([CameraState.LOST, CameraState.LATE] if kind == "late" else bad[:1])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -116,7 +116,8 @@ def test_the_others_go_on(kind: CameraFault) -> None:
             assert new.n_used > old.n_used or new.name in ran.cameras
 
 
-@pytest.mark.parametrize("kind", KINDS)
+# A clock that has jumped costs no image: the next has the right time.
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "clock"])
 def test_uncertainty_grows_while_a_camera_is_missing(kind: CameraFault) -> None:
     ran, calm = run(kind), run(None)
     missing_s = [frame.time_s - START_S for frame in ran.frames if ran.bad(frame) and frame.time_s > START_S + BEGIN_S]
