@@ -91,7 +91,7 @@ class Follower:
     def __init__(
         self, rig: CameraRig, skeleton: Skeleton, config: TrackingConfig | None = None, lost: Lost | None = None
     ) -> None:
-        self._rig, self._skeleton, self._config = rig, skeleton, config or TrackingConfig()
+        self.rig, self._skeleton, self._config = rig, skeleton, config or TrackingConfig()
         self._n_agreeing = min(2, rig.n_cameras)
         """So many cameras must agree on somebody of whom none tells the distance."""
         self.tracks: list[Track] = []
@@ -111,7 +111,7 @@ class Follower:
         """
         if not images:
             return []
-        moment = Moment.of(images, self._rig)
+        moment = Moment.of(images, self.rig)
         tracks = np.array([track.number for track in self.tracks], dtype=int)
         matches = self._match(moment)
         self._look(images, matches)
@@ -164,14 +164,14 @@ class Follower:
 
     def _found(self, now_s: float) -> dict[str, list[Begun]]:
         """Follow those who are new. By camera those whom its newest image shows."""
-        begun: dict[str, list[Begun]] = {name: [] for name in self._rig.names}
+        begun: dict[str, list[Begun]] = {name: [] for name in self.rig.names}
         recent = [free for free in self._free.values() if free.time_s > now_s - _SAME_MOMENT_S]
         agreeing = sum(bool(np.isfinite(free.points_px).any()) for free in recent) >= self._n_agreeing
         if not agreeing and not any(free.tells_distance.any() for free in recent):
             return begun
-        moment = Moment.together(recent, self._rig)
+        moment = Moment.together(recent, self.rig)
         known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
-        people = found_alone(moment) if self._rig.n_cameras == 1 else found(moment, known, self._skeleton)
+        people = found_alone(moment) if self.rig.n_cameras == 1 else found(moment, known, self._skeleton)
         for somebody in people:
             numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
             chosen = {name: number for name, number in numbers if number != NOBODY}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
@@ -13,20 +15,49 @@ from fgpose.geometry.reprojection import linearized_projection
 from fgpose_factors import robust_weight
 
 
+@dataclass(frozen=True, eq=False)
+class OffsetEvidence:
+    """What motion tells of the time offsets; that of several people adds up."""
+
+    information: Float[np.ndarray, "camera camera"]
+    """1/s^2; the joints are eliminated."""
+    moment: Float[np.ndarray, " camera"]
+    """Information times the offsets that fit best, 1/s."""
+
+    @staticmethod
+    def nothing(n_cameras: int) -> OffsetEvidence:
+        return OffsetEvidence(np.zeros((n_cameras, n_cameras)), np.zeros(n_cameras))
+
+    def __add__(self, other: OffsetEvidence) -> OffsetEvidence:
+        return OffsetEvidence(self.information + other.information, self.moment + other.moment)
+
+    def faded(self, share: float) -> OffsetEvidence:
+        """With this share of its weight."""
+        return OffsetEvidence(share * self.information, share * self.moment)
+
+
 class RunningOffsets:
     """Time offsets frame by frame, from the residuals of all frames so far; older frames have less weight.
 
+    Several estimators may share one: the cameras are the same, whoever moves before them.
+
     Args:
-        rig: with the offsets known so far, around which calibration.offset_sigma_s is the prior.
+        rig: with the offsets known so far, the mean of the prior.
     """
 
     def __init__(self, rig: CameraRig, config: Config) -> None:
         self._rig, self._config = rig, config
-        self._information = np.zeros((rig.n_cameras, rig.n_cameras))
-        self._moment = np.zeros(rig.n_cameras)
+        self.evidence = self.elsewhere = OffsetEvidence.nothing(rig.n_cameras)
+        """Of the frames that were added here, and of those that were added in other processes."""
+        self.sigma_s = np.full(rig.n_cameras, config.calibration.offset_sigma_s)
+        """(C,) standard deviations of the prior; zero: held. At first that of the first camera is held and the others
+        have calibration.offset_sigma_s; whoever knows the clocks better says so here."""
+        self.sigma_s[:1] = 0.0
+        self._newest_s = -np.inf
 
     def add(
         self,
+        time_s: float,
         step_s: float,
         positions_m: Float[np.ndarray, "joint 3"],
         velocities_mps: Float[np.ndarray, "joint 3"],
@@ -34,24 +65,56 @@ class RunningOffsets:
         weights: Float[np.ndarray, "camera joint"],
         rig: CameraRig,
     ) -> None:
-        """Take a frame, its detections moved to its time with the offsets of the rig."""
+        """Take a frame of somebody at its time, its detections moved to that time with the offsets of the rig.
+
+        Args:
+            step_s: since the frame before, of the same person.
+        """
+        if not self.sigma_s.any():
+            return
         information, gradient = offset_information(
             positions_m[None], velocities_mps[None], undistorted_px[None], weights[None], rig, self._config.projection
         )
-        calibration = self._config.calibration
-        keep = np.exp(-step_s / calibration.offset_memory_s)
-        correlated = correlated_frames(step_s, CORRELATION_S)
-        self._information = keep * self._information + information / correlated
-        self._moment = keep * self._moment + (information @ rig.time_offsets_s - gradient) / correlated
+        told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient)
+        passed_s, self._newest_s = max(time_s - self._newest_s, 0.0), max(time_s, self._newest_s)
+        kept = self.evidence.faded(float(np.exp(-passed_s / self._config.calibration.offset_memory_s)))
+        self.evidence = kept + told.faded(1.0 / correlated_frames(step_s, CORRELATION_S))
+
+    @property
+    def has_told(self) -> bool:
+        """Whether there is any evidence, of cameras that are not held."""
+        told = self.evidence.information + self.elsewhere.information
+        return bool(np.diag(told)[self.sigma_s > 0].any())
 
     def rig(self) -> CameraRig:
-        """The rig with the offsets that fit best; that of the first camera is held."""
-        offsets_s = self._rig.time_offsets_s
-        prior = np.eye(len(offsets_s)) / self._config.calibration.offset_sigma_s**2
-        gradient = self._information @ offsets_s - self._moment
-        change_s = np.zeros_like(offsets_s)
-        change_s[1:] = -np.linalg.solve((self._information + prior)[1:, 1:], gradient[1:])
-        return self._rig.with_time_offsets(offsets_s + change_s)
+        """The rig with the offsets that fit best."""
+        return self._rig.with_time_offsets(self._rig.time_offsets_s + self._change_s())
+
+    def relative(self) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
+        """How much later than the clocks say the images are taken, seconds, and its standard deviation. It is relative
+        to the mean of the cameras by what was known of each: what all have in common cannot be seen in the motion.
+        Where some are held, it is relative to these."""
+        free, change_s = self.sigma_s > 0, self._change_s()
+        covariance_s2 = np.zeros((len(free), len(free)))
+        covariance_s2[np.ix_(free, free)] = self._covariance_s2()
+        if free.all():
+            weights = self.sigma_s**-2 / np.sum(self.sigma_s**-2)
+            centred = np.eye(len(free)) - weights
+            change_s, covariance_s2 = centred @ change_s, centred @ covariance_s2 @ centred.T
+        return change_s, np.sqrt(np.maximum(np.diag(covariance_s2), 0.0))
+
+    def _change_s(self) -> Float[np.ndarray, " camera"]:
+        """From the given offsets to those that fit best."""
+        told, free = self.evidence + self.elsewhere, self.sigma_s > 0
+        gradient = told.information @ self._rig.time_offsets_s - told.moment
+        change_s = np.zeros(len(free))
+        change_s[free] = -self._covariance_s2() @ gradient[free]
+        return change_s
+
+    def _covariance_s2(self) -> Float[np.ndarray, "free free"]:
+        free = self.sigma_s > 0
+        told = self.evidence.information + self.elsewhere.information
+        return np.linalg.inv(told[np.ix_(free, free)] + np.diag(self.sigma_s[free] ** -2))
 
 
 def offset_information(

@@ -45,13 +45,19 @@ class Estimator:
 
     The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
     range factors, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also learns how
-    late each camera is (rig_with_offsets).
+    late each camera is (rig_with_offsets); with estimators of other people in the room, where they share the offsets.
 
     It cannot be pickled or copied: GTSAM's smoother has no serialisation. To continue elsewhere, start a new one and
     feed it the last few seconds again; it settles within a second.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
+    def __init__(
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config | None = None,
+        offsets: RunningOffsets | None = None,
+    ) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._rig = rig
         self._lengths = RunningLengths(skeleton, self.config)
@@ -60,7 +66,7 @@ class Estimator:
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._graph = WindowGraph(self._lengths, self._density, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
-        self._offsets = RunningOffsets(rig, self.config)
+        self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
@@ -272,10 +278,10 @@ class Estimator:
         if not self.config.online.estimate_time_offsets or len(self._window) < 2:
             return
         state = self._window[-1]
-        detections = state.evidence.measured_px[0], state.evidence.weights[0]
-        self._offsets.add(state.step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
-        if state.at.time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
-            self._rig, self._offsets_applied_s = self._offsets.rig(), state.at.time_s
+        detections, time_s = (state.evidence.measured_px[0], state.evidence.weights[0]), state.at.time_s
+        self._offsets.add(time_s, state.step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
+        if time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
+            self._rig, self._offsets_applied_s = self._offsets.rig(), time_s
 
     def _predicted(
         self, frame: Observations, gathered: Evidence, image_time_s: Float[np.ndarray, " camera"]

@@ -1,7 +1,8 @@
 """Estimators in a process of their own.
 
 It is sent first what the estimators need, and answers when they are ready; then for each update what is new of each
-person, and the answers are the estimates, or the error.
+person and what is known of the clocks, and the answers are the estimates and what the motion tells of the clocks, or
+the error.
 """
 
 from __future__ import annotations
@@ -10,14 +11,20 @@ import warnings
 from collections.abc import Mapping
 from contextlib import suppress
 
+import numpy as np
+
 from fgpose.child_process import ChildProcess, parent
 from fgpose.config import Config
+from fgpose.estimation.clock_offsets import OffsetEvidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.trajectory import Estimate
 
 _TIDY, _READY = "tidy", "ready"
+
+Clocks = tuple[np.ndarray, OffsetEvidence]
+"""Standard deviations of the prior of each camera's offset, seconds, and what the motion of other people tells."""
 
 
 class EstimatorProcess:
@@ -32,6 +39,8 @@ class EstimatorProcess:
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
         self._needs = rig, skeleton, config
         self._newest: dict[int, Newest] = {}
+        self.told = self._nothing = OffsetEvidence.nothing(rig.n_cameras)
+        """What the motion of its people tells of the clocks."""
         self._is_ready = self._starts_again = False
         self._start()
 
@@ -54,18 +63,25 @@ class EstimatorProcess:
                 raise OSError(f"an estimator process ended twice, with status {self._process.status}") from error
         return not self._starts_again
 
-    def send(self, newest: Mapping[int, Newest]) -> bool:
+    def send(self, newest: Mapping[int, Newest], clocks: Clocks) -> bool:
         """Let the estimators take what is new of each person. Whether there will be an answer: there is none where
         nobody was and nobody is, or where the process has ended.
+
+        Args:
+            newest: by the number of the track.
+            clocks: what is known of them elsewhere.
 
         Warns:
             UserWarning: the process had ended.
         """
         is_asked = bool(newest or self._newest)
         self._newest = dict(newest)
-        if is_asked:
+        if not is_asked:
+            # It would not fade as long as nobody is added.
+            self.told = self._nothing
+        else:
             try:
-                self._process.write(self._newest)
+                self._process.write((self._newest, clocks))
             except BrokenPipeError:
                 self._restart()
                 return False
@@ -88,7 +104,8 @@ class EstimatorProcess:
             return {}
         if isinstance(answer, Exception):
             raise answer
-        return answer
+        estimates, self.told = answer
+        return estimates
 
     def tidy(self) -> None:
         """Let the estimators tidy; there is no answer."""
@@ -108,7 +125,7 @@ class EstimatorProcess:
             f"the estimates of {len(self._newest)} people begin anew",
             stacklevel=2,
         )
-        self._newest, self._is_ready, self._starts_again = {}, False, True
+        self._newest, self._is_ready, self._starts_again, self.told = {}, False, True, self._nothing
         self._start()
 
     def _start(self) -> None:
@@ -128,14 +145,16 @@ def serve() -> None:
         send(_READY)
         while True:
             try:
-                newest = receive()
+                message = receive()
             except EOFError:
                 return
             try:
-                if newest == _TIDY:
+                if message == _TIDY:
                     estimators.tidy()
                     continue
-                answer = estimators.update(newest)
+                newest, clocks = message
+                estimators.offsets.sigma_s, estimators.offsets.elsewhere = clocks
+                answer = estimators.update(newest), estimators.offsets.evidence
             except Exception as error:  # raised by EstimatorProcess.receive
                 answer = error
             send(answer)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.arrivals import TooLateError
+from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.estimation.estimator import Estimator
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
@@ -35,6 +36,8 @@ class Estimators:
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
         self._rig, self._skeleton, self._config = rig, skeleton, config
         self._of: dict[int, Estimator] = {}
+        self.offsets = RunningOffsets(rig, config)
+        """What everybody's motion tells of the cameras' clocks."""
 
     def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
         """The pose of each of these; who is new gets an estimator, and who is not among them loses theirs."""
@@ -52,7 +55,7 @@ class Estimators:
             estimator.tidy()
 
     def _new(self) -> Estimator:
-        return Estimator(self._rig, self._skeleton, self._config)
+        return Estimator(self._rig, self._skeleton, self._config, self.offsets)
 
 
 def _updated(estimator: Estimator, new: Newest) -> Estimate:

@@ -10,6 +10,7 @@ from fgpose.association.follow import Follower
 from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
 from fgpose.config import Config
+from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import refuse_millimetres
 from fgpose.people import NOTHING, Detections, refuse_mixed_appearance
@@ -17,6 +18,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Newest
 from fgpose.tracking.parallel import ParallelEstimators
 
+_APPLY_OFFSETS_S = 0.5
 _MOST_EVENTS = 1000  # of hours, for those who never ask
 
 
@@ -25,7 +27,8 @@ class Tracker:
 
     An Estimator of each person who is confirmed gets the detections that are theirs. Time and memory grow with the
     people in the room, not with how long it runs. The estimators share tracking.max_processes processes, which end with
-    the tracker: when it is closed, or left as a context.
+    the tracker: when it is closed, or left as a context. With online.estimate_time_offsets the motion of all people
+    together tells how late each camera is (offsets).
     """
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
@@ -37,6 +40,7 @@ class Tracker:
         """Whether per-view 3D comes with covariance; None: there was none yet."""
         self._with_appearance: list[Detections] = []
         """The first image that has appearance vectors."""
+        self._offsets_applied_s = -np.inf
 
     def __enter__(self) -> Tracker:
         return self
@@ -70,6 +74,11 @@ class Tracker:
             people = self._update(moment)
         del self._follower.events[:-_MOST_EVENTS]
         return people
+
+    @property
+    def offsets(self) -> RunningOffsets:
+        """What is known of the cameras' clocks beyond the rig; its sigma_s may be set at any time."""
+        return self._estimators.offsets
 
     def tidy(self) -> None:
         """Let the estimators do what the next update would do first, see Estimator.tidy."""
@@ -115,11 +124,17 @@ class Tracker:
             for track, detection, joint in sighting.joints():
                 seen.setdefault(track, {})[sighting.image.camera] = detection, joint
         tracks = [track for track in self._follower.tracks if track.is_confirmed]
+        self._apply_offsets(images[-1].time_s)
         newest = {track.number: self._newest(images, seen.get(track.number, {})) for track in tracks}
         estimates = self._estimators.update(newest)
         return [
             Tracked(track.person, track.state, estimates[track.number], seen.get(track.number, {})) for track in tracks
         ]
+
+    def _apply_offsets(self, time_s: float) -> None:
+        """The association uses those that the estimators have learned; they change slowly."""
+        if self.config.online.estimate_time_offsets and time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
+            self._follower.rig, self._offsets_applied_s = self.offsets.rig(), time_s
 
     def _newest(self, images: Sequence[Detections], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Newest:
         """What is new of one person: the images, and which joints of which detections are theirs in those that show

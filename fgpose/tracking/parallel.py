@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping
 
 from fgpose.config import Config
 from fgpose.cores import n_cores
+from fgpose.estimation.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import EstimatorProcess
@@ -24,13 +25,18 @@ class ParallelEstimators:
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
         needs = rig, skeleton, config
-        self._here = Estimators(*needs)
+        self._here, self._nothing = Estimators(*needs), OffsetEvidence.nothing(rig.n_cameras)
         n_processes = min(config.tracking.max_processes, n_cores())
         self._others = [EstimatorProcess(*needs) for _ in range(n_processes - 1)]
         self._process_of: dict[int, int] = {}
         """Of each person; 0 is this one."""
         self.close = weakref.finalize(self, _close, self._others)
         """Ends the other processes."""
+
+    @property
+    def offsets(self) -> RunningOffsets:
+        """What everybody's motion tells of the cameras' clocks, in all processes."""
+        return self._here.offsets
 
     def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
         """The pose of each of these; who is not among them any more is forgotten.
@@ -45,12 +51,22 @@ class ParallelEstimators:
         shares: list[dict[int, Newest]] = [{} for _ in range(1 + len(self._others))]
         for number, new in newest.items():
             shares[self._process_of[number]][number] = new
-        asked = [process for process, share in zip(self._others, shares[1:], strict=True) if process.send(share)]
+        asked = [
+            process
+            for process, share in zip(self._others, shares[1:], strict=True)
+            if process.send(share, (self.offsets.sigma_s, self._told_elsewhere(process)))
+        ]
         estimates = self._here.update(shares[0])
         for process in asked:
             estimates |= process.receive()
+        self.offsets.elsewhere = sum((process.told for process in self._others), self._nothing)
         estimates |= self._taken_here({number: new for number, new in newest.items() if number not in estimates})
         return {number: estimates[number] for number in newest}
+
+    def _told_elsewhere(self, process: EstimatorProcess) -> OffsetEvidence:
+        """What the motion of those who are not estimated in a process tells of the clocks."""
+        others = (other.told for other in self._others if other is not process)
+        return sum(others, self._here.offsets.evidence)
 
     def _taken_here(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
         """The people of a process that has ended: their estimates begin anew."""

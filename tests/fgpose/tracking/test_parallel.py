@@ -10,6 +10,7 @@ import pytest
 from crowds import crowd
 
 import fgpose
+from fgpose.estimation.clock_offsets import OffsetEvidence
 from fgpose.people import Detections
 from fgpose.synthetic import CrowdScene
 from fgpose.tracking import parallel
@@ -134,7 +135,7 @@ def test_processes_end_with_the_tracker(scene: CrowdScene):
 def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
     process = EstimatorProcess(scene.rig, scene.motion.skeleton, CONFIG)
     wrong = Newest("door", 0.0, {"points2d_px": np.zeros((17, 2))})
-    assert process.send({0: wrong})
+    assert process.send({0: wrong}, (np.zeros(3), OffsetEvidence.nothing(3)))
     with pytest.raises(ValueError, match="door"):
         process.receive()
     process.close()
@@ -149,3 +150,26 @@ def test_one_core_starts_no_process(scene: CrowdScene, monkeypatch: pytest.Monke
     here = Estimators(scene.rig, scene.motion.skeleton, CONFIG).update(images)
     for person, estimate in estimators.update(images).items():
         np.testing.assert_array_equal(estimate.positions_m, here[person].positions_m)
+
+
+@pytest.mark.slow
+def test_the_motion_of_all_people_tells_of_the_clocks(scene: CrowdScene):
+    """Each process has the evidence of the others one update later, and that of those who have left is forgotten."""
+    learning = CONFIG.replace(online={"estimate_time_offsets": True})
+    estimators = ParallelEstimators(scene.rig, scene.motion.skeleton, learning)
+    alone = Estimators(scene.rig, scene.motion.skeleton, learning)
+    for frame in range(30):
+        estimators.update(newest(scene, frame, (0, 1)))
+        alone.update(newest(scene, frame, (0,)))
+        estimators.tidy()
+        alone.tidy()
+    offsets, (process,) = estimators.offsets, estimators._others
+    assert np.diag(alone.offsets.evidence.information)[1:].all()
+    # Both people are given the same detections. Twice the evidence makes other offsets, and those other poses.
+    assert np.trace(offsets.evidence.information) == pytest.approx(np.trace(alone.offsets.evidence.information), 0.1)
+    np.testing.assert_array_equal(offsets.elsewhere.information, process.told.information)
+    assert np.trace(process.told.information) == pytest.approx(np.trace(offsets.evidence.information), 0.1)
+    for frame in (30, 31):
+        estimators.update(newest(scene, frame, (0,)))
+    assert not offsets.elsewhere.information.any()
+    estimators.close()
