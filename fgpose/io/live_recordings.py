@@ -4,8 +4,9 @@ A file of records (record_files), each a MessagePack document (packing) with a k
 
 - ``start``: the first. ``version``, ``started_s`` (Unix time), ``rig``, ``skeleton``, ``config`` (TOML).
 - ``images``: detections that the tracker was given together, as ``images``. Of each the camera, ``time_s`` (when it
-  was taken, Unix time), ``stamp_s`` (by the camera's own clock; null: it gave none), ``arrived_s``, ``is_used`` (it was
-  not too late for the estimate, and no fault was seen in its picture), and the arrays of fgpose.Detections.
+  was taken, Unix time), ``time_sigma_s`` (all times of the camera may be off by about so much; 0 if absent),
+  ``stamp_s`` (by the camera's own clock; null: it gave none), ``arrived_s``, ``is_used`` (it was not too late for the
+  estimate, and no fault was seen in its picture), and the arrays of fgpose.Detections.
 - ``frame``: a message as it was published, see docs/live_messages.md.
 - ``lost``: ``n`` records are missing at about this place, as the disk was too slow or full.
 - ``end``: the recording was closed.
@@ -46,6 +47,8 @@ class RecordedImage:
     """When it was taken by the camera's own clock; None: the camera gave no stamp."""
     is_used: bool = True
     """It entered the estimate; False: it came too late, or a fault was seen in its picture."""
+    time_sigma_s: float = 0.0
+    """By about so much the times of all images of the camera are off; 0: they are those of this computer's clock."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,8 @@ def images_document(images: list[RecordedImage]) -> dict[str, Any]:
 
 def _image_document(image: RecordedImage) -> dict[str, Any]:
     seen = image.detections
-    times = {"time_s": seen.time_s, "stamp_s": image.stamp_s, "arrived_s": image.arrived_s}
+    times = {"time_s": seen.time_s, "time_sigma_s": image.time_sigma_s}
+    times |= {"stamp_s": image.stamp_s, "arrived_s": image.arrived_s}
     arrays = {name: getattr(seen, name) for name in _ARRAYS}
     given = {name: np.asarray(array) for name, array in arrays.items() if array is not None}
     return {"camera": seen.camera, **times, "is_used": image.is_used, **given}
@@ -183,4 +187,7 @@ def _recorded_image(image: dict[str, Any]) -> RecordedImage:
     detections = Detections(str(image["camera"]), float(image["time_s"]), **arrays)
     stamp_s = image["stamp_s"]
     stamp_s = None if stamp_s is None else float(stamp_s)
-    return RecordedImage(detections, float(image["arrived_s"]), stamp_s, bool(image["is_used"]))
+    time_sigma_s = float(image.get("time_sigma_s", 0.0))
+    if not 0 <= time_sigma_s < np.inf:
+        raise ValueError(f"camera {detections.camera}: the standard deviation of its times is {time_sigma_s:g} s")
+    return RecordedImage(detections, float(image["arrived_s"]), stamp_s, bool(image["is_used"]), time_sigma_s)

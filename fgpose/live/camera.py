@@ -92,6 +92,7 @@ class LiveCamera:
         with self._lock:
             n_jumps = self._model.n_jumps
             captured_s = self._model.captured_s(image.stamp, arrived_s)
+            time_sigma_s = self._model.time_sigma_s
             picture_faults: dict[str, str] = {}
             if image.picture is not None and not image.is_damaged:
                 picture_faults = self._picture_faults.add(image.picture, arrived_s)
@@ -106,7 +107,8 @@ class LiveCamera:
         if image.detections is not None:
             detections = dataclasses.replace(image.detections, time_s=captured_s)
             image = dataclasses.replace(image, detections=detections)
-        return Image(self.name, number, captured_s, arrived_s, image, is_trusted=not picture_faults)
+        is_trusted = not picture_faults
+        return Image(self.name, number, captured_s, arrived_s, image, time_sigma_s, is_trusted=is_trusted)
 
     def status(self, now_s: float) -> CameraStatus:
         """The camera at a time, which is now."""

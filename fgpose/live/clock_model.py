@@ -33,6 +33,9 @@ _SYNCHRONISED_S = (-0.005, 0.5)
 _SET_S = 0.1
 # What SNTP, which most cameras have, reaches in a local network.
 _SYNCHRONISED_SIGMA_S = 0.01
+# Streams take 50 to 150 ms from the exposure to the arrival, where nobody has said how long; where somebody has, they
+# have measured it with a display that changes every 5 to 17 ms.
+_UNKNOWN_LATENCY_SIGMA_S, _KNOWN_LATENCY_SIGMA_S = 0.1, 0.01
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,15 @@ class ClockModel:
         if self._is_synchronised:
             return _SYNCHRONISED_SIGMA_S
         return None if self._segment is None else self._segment.sigma_s
+
+    @property
+    def time_sigma_s(self) -> float:
+        """What the times of all images have in common is off by about this: offset and latency. The motion of those
+        who are seen may tell more."""
+        if self._last is not None and (self._last.is_host_time or self._is_synchronised):
+            return self.sigma_s or 0.0
+        latency_sigma_s = _KNOWN_LATENCY_SIGMA_S if self._latency_s else _UNKNOWN_LATENCY_SIGMA_S
+        return float(np.hypot(latency_sigma_s, self.sigma_s or 0.0))
 
     @property
     def drift(self) -> float:

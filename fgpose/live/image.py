@@ -74,6 +74,8 @@ class Image:
     arrived_s: float
     """Unix time."""
     source: SourceImage
+    time_sigma_s: float = 0.0
+    """By about so much the times of all images of the camera are off."""
     is_trusted: bool = True
     """No fault is seen in its picture."""
 
@@ -84,8 +86,8 @@ class Image:
 
     def recorded(self, detections: Detections) -> RecordedImage:
         """What was found in it, with all that is known of its time."""
-        stamp = self.source.stamp
-        return RecordedImage(detections, self.arrived_s, None if stamp is None else stamp.stamp_s, self.is_trusted)
+        stamp_s = None if self.source.stamp is None else self.source.stamp.stamp_s
+        return RecordedImage(detections, self.arrived_s, stamp_s, self.is_trusted, self.time_sigma_s)
 
     @cached_property
     def picture(self) -> np.ndarray:

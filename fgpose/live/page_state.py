@@ -176,6 +176,8 @@ def _status(frame: LiveFrame | None, name: str) -> dict[str, Any]:
         "rate_hz": camera.rate_hz,
         "clock_offset_s": camera.clock_offset_s,
         "clock_sigma_s": camera.clock_sigma_s,
+        "motion_offset_s": camera.motion_offset_s,
+        "motion_sigma_s": camera.motion_sigma_s,
         "n_images": camera.n_images,
         "n_used": camera.n_used,
         "n_lost": camera.n_lost,

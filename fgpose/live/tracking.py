@@ -40,7 +40,8 @@ class LiveTracking:
     """The tracker of a live system. It is used from one thread.
 
     Images of one moment are given together; one that comes later than its moment is still used at its own time, unless
-    it is older than the lag. A tracker that fails is replaced by a new one.
+    it is older than the lag. Where the times of a camera are not those of this computer's clock, everybody's motion
+    tells how late it is beyond them. A tracker that fails is replaced by a new one.
 
     Args:
         rig, skeleton, config: as of fgpose.Tracker.
@@ -48,9 +49,11 @@ class LiveTracking:
     """
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray) -> None:
-        self.rig, self.skeleton, self.config = rig, skeleton, config
+        self.rig, self.skeleton = rig, skeleton
+        self.config = config.replace(online={"estimate_time_offsets": True})
+        self._time_sigma_s = np.zeros(rig.n_cameras)
         self._volume_m = volume_m
-        self._tracker = Tracker(rig, skeleton, config)
+        self._tracker = Tracker(rig, skeleton, self.config)
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
@@ -105,7 +108,7 @@ class LiveTracking:
             published_s=now_s,
             skeleton=self.skeleton,
             people=people,
-            cameras=tuple(self._counted(camera) for camera in cameras),
+            cameras=self._told(cameras),
             observed_share=self._observed_share(cameras),
         )
         self._sequence += 1
@@ -129,6 +132,7 @@ class LiveTracking:
         given = [image.detections for image in images if image.is_used]
         if not given:
             return Update(tuple(images), (), ())
+        self._know_clocks(images)
         try:
             people = self._tracker.update(given)
             self._people = tuple(live_person(tracked) for tracked in people)
@@ -139,6 +143,11 @@ class LiveTracking:
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(tuple(images), tuple(people), tuple(events))
+
+    def _know_clocks(self, images: Sequence[RecordedImage]) -> None:
+        for image in images:
+            self._time_sigma_s[self.rig.names.index(image.detections.camera)] = image.time_sigma_s
+        self._tracker.offsets.sigma_s = self._time_sigma_s.copy()
 
     def _tracked(self, moment: Sequence[Detections]) -> Update:
         self.on_taken([each.camera for each in moment])
@@ -161,6 +170,16 @@ class LiveTracking:
             self._share = ok, observed_share(self.rig, ok, self._volume_m)
         return self._share[1]
 
-    def _counted(self, camera: CameraStatus) -> CameraStatus:
-        n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
-        return replace(camera, n_used=n_used, n_lost=n_lost)
+    def _told(self, cameras: Sequence[CameraStatus]) -> tuple[CameraStatus, ...]:
+        """With what is known here: the images that were used, and what the motion tells of the clocks."""
+        offsets = self._tracker.offsets
+        offset_s, sigma_s = offsets.relative() if offsets.has_told else (None, None)
+        told = []
+        for camera in cameras:
+            c = self.rig.names.index(camera.name)
+            n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
+            camera = replace(camera, n_used=n_used, n_lost=n_lost)
+            if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
+                camera = replace(camera, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
+            told.append(camera)
+        return tuple(told)

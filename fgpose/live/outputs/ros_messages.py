@@ -184,6 +184,8 @@ def _camera(camera: CameraStatus, frame: LiveFrame) -> Any:
         camera.rate_hz,
         known(camera.clock_offset_s),
         known(camera.clock_sigma_s),
+        known(camera.motion_offset_s),
+        known(camera.motion_sigma_s),
         camera.n_images,
         camera.n_used,
         camera.n_lost,

@@ -190,3 +190,22 @@ def test_memory_is_bounded() -> None:
     assert model._segment is not None
     assert len(model._segment._buckets) <= 602
     assert len(model._segment._recent) <= 1
+
+
+def test_how_far_all_times_of_a_camera_may_be_off() -> None:
+    """Nothing by this computer's clock; else what is known of the offset, and of the delay of the fastest image."""
+    host = ClockModel()
+    host.captured_s(Stamp(5.0, is_host_time=True), 5.1)
+    assert host.time_sigma_s == 0.0
+    synchronised = ClockModel()
+    synchronised.captured_s(Stamp(5.0, wall_s=100.0), 100.1)
+    assert synchronised.time_sigma_s == synchronised.sigma_s == 0.01
+    unknown, known, without = ClockModel(), ClockModel(latency_s=0.12), ClockModel()
+    for number in range(300):
+        for model in (unknown, known):
+            model.captured_s(Stamp(number / 30), 1000.0 + number / 30 + 0.02 * (number % 7 > 0))
+        without.captured_s(None, 1000.0 + number / 30)
+    assert known.sigma_s is not None
+    assert known.time_sigma_s == pytest.approx(np.hypot(0.01, known.sigma_s))
+    assert unknown.time_sigma_s == pytest.approx(np.hypot(0.1, known.sigma_s))
+    assert without.time_sigma_s == 0.1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -130,6 +132,25 @@ def test_a_late_image_is_used_within_the_lag_and_counted_beyond():
     for image, is_used in ((within, True), (beyond, False)):
         updates = live.add(RecordedImage(image, now_s), now_s) + live.look(now_s + 1.0, ())
         assert [each.is_used for update in updates for each in update.images] == [is_used]
+
+
+@pytest.mark.slow
+def test_the_motion_tells_how_late_a_camera_is():
+    """Where that is not known; it changes nothing where the times are those of this computer."""
+    late_s, live, held = {"ring_1": 0.03}, tracking(), tracking()
+    moments = itertools.groupby(scene().observations.images, key=lambda image: image.time_s)
+    for _, images in moments:
+        images = [replace(image, time_s=image.time_s - late_s.get(image.camera, 0.0)) for image in images]
+        live.track([RecordedImage(image, image.time_s, time_sigma_s=0.1) for image in images])
+        held.track([RecordedImage(image, image.time_s) for image in images])
+        live.tidy()
+        held.tidy()
+    told, silent = live.frame(3.0, statuses()), held.frame(3.0, statuses())
+    assert {camera.motion_offset_s for camera in silent.cameras} == {None}
+    offset_s = np.array([camera.motion_offset_s for camera in told.cameras])
+    # Relative to the mean of four. Three seconds of two people who hardly walk tell it to some milliseconds.
+    np.testing.assert_allclose(offset_s, [-0.0075, 0.0225, -0.0075, -0.0075], atol=0.01)
+    assert all(camera.motion_sigma_s is not None and 0 < camera.motion_sigma_s < 0.02 for camera in told.cameras)
 
 
 def test_an_image_that_was_there_before_is_not_used_again():

@@ -46,7 +46,8 @@ def update(number: int) -> list[RecordedImage]:
             rng.uniform(0.1, 1, (2, SKELETON.n_joints)).astype(np.float32).astype(float),
             appearance=rng.normal(size=(2, 8)) if c else None,
         )
-        images.append(RecordedImage(seen, seen.time_s + 0.05, None if c == 1 else seen.time_s - 7.0, c != 2))
+        stamp_s = None if c == 1 else seen.time_s - 7.0
+        images.append(RecordedImage(seen, seen.time_s + 0.05, stamp_s, c != 2, time_sigma_s=0.01 * c))
     return images
 
 
@@ -65,7 +66,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def assert_same_image(actual: RecordedImage, expected: RecordedImage) -> None:
     """Exactly: the same detections give the same estimates."""
-    for name in ("arrived_s", "stamp_s", "is_used"):
+    for name in ("arrived_s", "stamp_s", "is_used", "time_sigma_s"):
         assert getattr(actual, name) == getattr(expected, name)
     for name in ("camera", "time_s", "points2d_px", "confidence", "points3d_m", "covariance3d_m2", "appearance"):
         a, b = (getattr(each.detections, name) for each in (actual, expected))

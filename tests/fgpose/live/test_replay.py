@@ -57,7 +57,7 @@ class Recorded(Feed):
         while self._coming and self._coming[0][0] <= self._clock.now_s():
             arrived_s, image = self._coming.pop(0)
             seen = fgpose.Detections(image.camera, START_S + image.time_s, image.points2d_px, image.confidence)
-            images.append(RecordedImage(seen, arrived_s))
+            images.append(RecordedImage(seen, arrived_s, time_sigma_s=0.1))
         return images
 
     def go_on(self, camera_names: object) -> None:
