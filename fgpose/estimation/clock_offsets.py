@@ -78,7 +78,7 @@ class RunningOffsets:
         told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient)
         passed_s, self._newest_s = max(time_s - self._newest_s, 0.0), max(time_s, self._newest_s)
         kept = self.evidence.faded(float(np.exp(-passed_s / self._config.calibration.offset_memory_s)))
-        self.evidence = kept + told.faded(1.0 / correlated_frames(step_s, CORRELATION_S))
+        self.evidence = kept + told.faded(1.0 / float(correlated_frames(step_s, CORRELATION_S)))
 
     @property
     def has_told(self) -> bool:
