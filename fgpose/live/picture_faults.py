@@ -13,9 +13,9 @@ from fgpose.live.moved import MovedCheck
 # Pictures are looked at with about as many pixels as 480 x 270; details that matter to a person survive.
 _PIXELS = 480 * 270
 # Times a second; in between, pictures are only compared with the one before.
-_LOOKS_HZ = 4.0
+_LOOKS_HZ = 5.0
 # A fault is one that lasts: a single picture may be damaged, and somebody may pass close to the camera.
-_LASTS_S = 0.5
+_LASTS_S = 0.45
 # And not one picture alone, of a slow camera.
 _LASTS_PICTURES = 4
 # Averages of what is usual: long against a fault that is noticed, short against daylight.

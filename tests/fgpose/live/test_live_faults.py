@@ -154,7 +154,7 @@ def test_images_in_which_a_fault_is_seen_are_left_out_and_counted(kind: CameraFa
     status = next(camera for camera in ran.frames[-1].cameras if camera.name == name)
     assert status.n_lost == len(left_out)
     taken_s = np.array([image.detections.time_s for image in left_out]) - START_S
-    # It is noticed after a second at the latest; pictures are looked at four times a second, every third at this rate.
+    # It is noticed after a second at the latest; pictures are looked at five times a second, every other at this rate.
     assert BEGIN_S < taken_s.min() < BEGIN_S + 1.0
     assert END_S - 0.2 < taken_s.max() < END_S + 0.3
     assert np.diff(taken_s).max() < 1.5 / RATE_HZ

@@ -166,7 +166,7 @@ def test_what_is_found_in_an_image_with_a_fault_is_not_used() -> None:
         assert image is not None
         is_used.append(image.recorded(nobody).is_used)
         clock.advance(1 / FPS)
-    # The same picture counts as frozen after half a second, ten images, and for as long as it comes.
-    assert all(is_used[:50])
-    assert not any(is_used[52:60])
+    # The same picture counts as frozen after 0.45 s, nine images, and for as long as it comes.
+    assert all(is_used[:49])
+    assert not any(is_used[51:60])
     assert all(is_used[60:])
