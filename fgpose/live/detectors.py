@@ -1,4 +1,4 @@
-"""Networks at work on the newest image of every camera, on all cores."""
+"""Networks at work on the images of every camera, on all cores."""
 
 from __future__ import annotations
 
@@ -24,15 +24,16 @@ _NICE = 10
 
 
 class Detectors:
-    """Threads that look for people in the newest images, first of the camera that has waited longest.
+    """Threads that look for people in images, first of the camera that has waited longest.
 
     The network of a camera remembers the image before, so one thread at a time works on a camera. The next image of a
-    camera is looked at when it is told to go on: when what was found in the one before is used. So nothing queues,
-    cameras stay in step with each other, and where networks or tracker are slower than the cameras, images of all
-    cameras are left out evenly.
+    camera is the newest when it is told to go on: when what was found in the one before is used. So nothing queues, and
+    where networks or tracker are slower than the cameras, images of all cameras are left out evenly. Cameras that are
+    told together are looked at as they were at that moment, one after the other: images that were taken at different
+    times, 0.1 s apart, would show hands and feet at different places.
 
     Args:
-        cameras: whose newest images are looked at, and their rig.
+        cameras: whose images are looked at, and their rig.
         network: that looks for people.
         deliver: takes what was found in each image, in the thread that looked.
         n_threads: at work at once.
@@ -52,6 +53,8 @@ class Detectors:
         self._trackers: dict[str, Tracker] = {}
         self._idle = set(self._calibrated)
         """Cameras whose next image may be looked at; changes with cameras.changed held."""
+        self._next: dict[str, Image] = {}
+        """Their images when they were told to go on; those of others had no new one and may come yet."""
         self._looked_s: dict[str, float] = {}
         """When the image of each camera was taken at which a thread last looked."""
         self._failed: set[str] = set()
@@ -66,6 +69,10 @@ class Detectors:
         """What was found in the newest images of these cameras is used."""
         with self._cameras.changed:
             self._idle.update(camera_names)
+            for name in self._idle - self._next.keys():
+                newest = self._cameras.mailboxes[name].take()
+                if newest is not None:
+                    self._next[name] = newest
             self._cameras.changed.notify_all()
 
     def close(self) -> None:
@@ -82,7 +89,7 @@ class Detectors:
                 self.go_on([image.camera])
 
     def _take(self) -> Image | None:
-        """The newest image of the camera whose last was taken first, of those at whose images no other thread looks."""
+        """The next image of the camera whose last was taken first, of those at whose images no other thread looks."""
         with self._cameras.changed:
             self._cameras.changed.wait_for(lambda: self._waiting() or self._stopped.is_set(), _LOOKS_S)
             waiting = self._waiting()
@@ -91,11 +98,11 @@ class Detectors:
             first = min(waiting, key=lambda image: self._looked_s.get(image.camera, -np.inf))
             self._idle.discard(first.camera)
             self._looked_s[first.camera] = first.captured_s
-            return self._cameras.mailboxes[first.camera].take()
+            return self._next.pop(first.camera, None) or self._cameras.mailboxes[first.camera].take()
 
     def _waiting(self) -> list[Image]:
-        newest = (self._cameras.mailboxes[name].peek() for name in self._idle)
-        return [image for image in newest if image is not None]
+        images = (self._next.get(name) or self._cameras.mailboxes[name].peek() for name in self._idle)
+        return [image for image in images if image is not None]
 
     def _look(self, image: Image) -> bool:
         """Deliver what is found in an image; whether the network could look at it."""

@@ -14,6 +14,9 @@ import numpy as np
 from fgpose.people import Detections
 
 _FIRST_PERIOD_S = 1 / 30
+# So long the first of a moment waits. After one period it comes again and ends the wait, unless networks look at the
+# next image only when this one was used: then these are what takes so long, and they take twice as long at times.
+_WAITS_PERIODS = 2.0
 # Of so many images, what is usual is the median.
 _REMEMBERED = 30
 
@@ -32,9 +35,9 @@ class _Usual:
 
 
 class Moments:
-    """Gathers detections as they come, and gives those of a moment when it is complete, or has waited long enough: for
-    the time between two images of the fastest camera, after which the first of the moment could come again. A camera
-    whose images usually come later than that after those of the others is not waited for."""
+    """Gathers detections as they come, and gives those of a moment when it is complete, when a camera comes again, or
+    when it has waited for two of the usual times between images of the fastest camera. A camera whose images usually
+    come later than one of these after those of the others is not waited for."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, Detections] = {}
@@ -77,7 +80,7 @@ class Moments:
     @property
     def deadline_s(self) -> float:
         """When what waits is given in any case; inf: nothing waits."""
-        return self._began_s + self.period_s if self._waiting else np.inf
+        return self._began_s + _WAITS_PERIODS * self.period_s if self._waiting else np.inf
 
     def _take(self) -> list[Detections]:
         taken, self._waiting, self._began_s = list(self._waiting.values()), {}, np.inf

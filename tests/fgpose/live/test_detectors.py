@@ -1,0 +1,111 @@
+"""Which images the networks look at."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from counting_network import CountingNetwork, CountingTracker
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.detectors import Detectors
+from fgpose.live.image import ArrayPicture, Image, SourceImage
+from fgpose.live.mailbox import Mailbox
+from fgpose.monocular.network import People
+from fgpose.synthetic import ring_rig
+
+LONG_S = 30.0
+
+
+class Slow(CountingNetwork):
+    """Looks at an image only when it is let."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        object.__setattr__(self, "may_look", threading.Semaphore(0))
+
+    def tracker(self, camera: object) -> Any:
+        def detect(picture: np.ndarray) -> People:
+            assert self.may_look.acquire(timeout=LONG_S)
+            return CountingTracker().detect(picture)
+
+        return SimpleNamespace(detect=detect)
+
+
+class Cameras:
+    """Three cameras whose images are put in by hand."""
+
+    def __init__(self) -> None:
+        self.rig: CameraRig = ring_rig(3)
+        self.changed = threading.Condition()
+        self.mailboxes = {name: Mailbox[Image](self.changed) for name in self.rig.names}
+
+    def take_images(self, number: int) -> None:
+        """All at the same time."""
+        with self.changed:
+            for name, mailbox in self.mailboxes.items():
+                source = SourceImage(ArrayPicture(np.zeros((8, 8, 3), np.uint8)))
+                mailbox.put(Image(name, number, float(number), float(number), source))
+
+
+class Looking:
+    """Detectors at work, and what they have delivered."""
+
+    def __init__(self, cameras: Cameras) -> None:
+        self.network, self._delivered = Slow(), list[RecordedImage]()
+        self._came = threading.Condition()
+        arguments: Any = cameras, self.network, self._deliver
+        self.detectors = Detectors(*arguments, n_threads=1)
+
+    def times_s(self, n: int) -> list[float]:
+        """When the next n images were taken at which the network is let look."""
+        for _ in range(n):
+            self.network.may_look.release()
+        with self._came:
+            assert self._came.wait_for(lambda: len(self._delivered) >= n, LONG_S)
+            taken, self._delivered = self._delivered[:n], self._delivered[n:]
+        return [image.detections.time_s for image in taken]
+
+    def _deliver(self, image: RecordedImage) -> None:
+        with self._came:
+            self._delivered.append(image)
+            self._came.notify_all()
+
+
+@pytest.fixture
+def cameras() -> Cameras:
+    return Cameras()
+
+
+@pytest.fixture
+def looking(cameras: Cameras, monkeypatch: pytest.MonkeyPatch) -> Iterator[Looking]:
+    monkeypatch.setattr("counting_network.counted", lambda image: 0)
+    looking = Looking(cameras)
+    yield looking
+    for _ in range(10):
+        looking.network.may_look.release()
+    looking.detectors.close()
+
+
+def test_cameras_that_go_on_together_are_looked_at_as_they_were_then(cameras: Cameras, looking: Looking) -> None:
+    """Although one thread looks at one after the other, while new images come."""
+    cameras.take_images(1)
+    looking.times_s(3)
+    for number in (2, 3, 4):
+        cameras.take_images(number)
+    looking.detectors.go_on(cameras.rig.names)
+    cameras.take_images(5)
+    assert looking.times_s(3) == [4, 4, 4]
+
+
+def test_a_camera_without_a_new_image_is_looked_at_when_it_has_one(cameras: Cameras, looking: Looking) -> None:
+    cameras.take_images(1)
+    looking.times_s(3)
+    looking.detectors.go_on(cameras.rig.names)
+    cameras.take_images(2)
+    assert looking.times_s(3) == [2, 2, 2]
