@@ -129,7 +129,19 @@ def test_the_detector_rests_while_a_person_is_tracked(files: tuple[Path, Path]) 
         # Between the cells of the detector's grid: only who remembers finds the person there.
         cell = (8 + step * 0.875, 13 + step * 0.3125)
         assert_sees(tracker.detect(scene(cell)), (cell[0], round(16 * cell[1]) / 16))
-    assert (searches.n_calls, crops.n_calls) == (1, 12)
+    # Whoever moves so far from image to image is looked at twice.
+    assert (searches.n_calls, crops.n_calls) == (1, 12 * 2)
+
+
+@pytest.mark.parametrize(("share", "n_looks"), [(0.01, 1), (0.04, 2)])
+def test_who_has_moved_far_is_looked_at_again(files: tuple[Path, Path], share: float, n_looks: int) -> None:
+    """As where images are rare: from a fiftieth of the side of the region on."""
+    network = BlazePose(*files)
+    tracker = network.tracker(CAMERA)
+    tracker.detect(scene((13, 13)))
+    _, crops = counted(network)
+    tracker.detect(scene((13 + share * tiny.SIDE_PX / tiny.CELL_PX, 13)))
+    assert crops.n_calls == n_looks
 
 
 def test_every_image_anew_when_asked_for(files: tuple[Path, Path]) -> None:
@@ -163,7 +175,7 @@ def test_two_people_are_followed_the_most_confident_first(files: tuple[Path, Pat
         one, other = (9, 8 + 0.5 * step), (21, 20 - 0.5 * step)
         pale, full = (one, other) if step < 5 else (other, one)
         assert_sees(tracker.detect(np.maximum(scene(pale, colour=tiny.PALE), scene(full))), full, pale)
-    assert (searches.n_calls, crops.n_calls) == (1, 20)
+    assert (searches.n_calls, crops.n_calls) == (1, 20 * 2)
 
 
 def test_no_more_people_than_wanted(files: tuple[Path, Path]) -> None:
@@ -178,8 +190,8 @@ def test_who_comes_later_is_found_within_five_images(files: tuple[Path, Path]) -
     seen = [tracker.detect(scene((9, 8))).n_people for _ in range(3)]
     seen += [tracker.detect(scene((9, 8), (21, 20))).n_people for _ in range(5)]
     assert seen == [1, 1, 1, 1, 1, 2, 2, 2]
-    # The search finds the tracked person once more; that costs no second look.
-    assert (searches.n_calls, crops.n_calls) == (2, 5 + 3 * 2)
+    # Whoever is found is looked at twice; that the search finds the tracked person once more costs nothing.
+    assert (searches.n_calls, crops.n_calls) == (2, (1 + 5) + (3 * 2 + 1))
 
 
 def test_one_of_two_who_leaves_is_searched_for_at_once_and_then_now_and_again(files: tuple[Path, Path]) -> None:
