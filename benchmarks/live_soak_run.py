@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -29,6 +30,7 @@ START_S = 1.7e9
 # After a fault is over, estimates must be as good as without it.
 _SETTLES_S, _COMPARED_S = 1.0, 4.0
 _MOST_ALARMS = 100
+_REAL_S = 0.02
 
 
 @dataclass
@@ -183,6 +185,9 @@ class Soak:
 
     def _look_at_consumer(self, kind: Any, outcome: Outcome, now_s: float) -> None:
         is_working = self.consumer.output.state.is_working
+        if outcome.rejoined_s is None:
+            # Outputs work in real time, and a simulated minute may be over in one second.
+            time.sleep(_REAL_S)
         if not self._began:
             self._began = True
             self.consumer.begin(kind)

@@ -14,9 +14,9 @@ from fgpose.live.frame import CameraState
 _SILENT_S, _SILENT_IMAGES = 0.5, 5
 # Before two images say how long an interval is.
 _FIRST_SILENT_S = 2.0
-# Rates and lateness are of the last second, and of at least as many images.
-_RECENT_S, _RECENT_IMAGES = 1.0, 5
-# Cameras fall to half of their rate in the dark; of the last second, this is noticed before it is over.
+# Rates and lateness are of so long, and of at least as many images: what they tell is noticed within a second.
+_RECENT_S, _RECENT_IMAGES = 0.9, 5
+# Cameras fall to half of their rate in the dark.
 _SLOW_SHARE = 0.7
 # The usual rate is the median over windows of two seconds, of ten minutes; a stall and its backlog do not change it.
 _WINDOW_S, _N_WINDOWS, _FEWEST_WINDOWS = 2.0, 300, 3

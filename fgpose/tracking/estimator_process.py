@@ -79,6 +79,9 @@ class EstimatorProcess:
         if not is_asked:
             # It would not fade as long as nobody is added.
             self.told = self._nothing
+            # Started again before somebody comes.
+            if not self._starts_again and self._process.status is not None:
+                self._restart()
         else:
             try:
                 self._process.write((self._newest, clocks))

@@ -173,3 +173,15 @@ def test_the_motion_of_all_people_tells_of_the_clocks(scene: CrowdScene):
         estimators.update(newest(scene, frame, (0,)))
     assert not offsets.elsewhere.information.any()
     estimators.close()
+
+
+@pytest.mark.slow
+def test_a_process_that_ends_while_nobody_is_there_is_started_again(scene: CrowdScene, estimators: ParallelEstimators):
+    (before,) = process_ids(estimators)
+    os.kill(before, signal.SIGKILL)
+    os.waitid(os.P_PID, before, os.WEXITED | os.WNOWAIT)
+    with pytest.warns(UserWarning, match="ended with status -9"):
+        assert estimators.update({}) == {}
+    (after,) = process_ids(estimators)
+    assert after != before
+    assert estimators.update(newest(scene, 0, (0, 1))).keys() == {0, 1}
