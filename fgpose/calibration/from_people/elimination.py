@@ -1,0 +1,111 @@
+"""Normal equations of cameras, lengths and biases with the joints of every frame eliminated (Schur complement).
+
+The joints of a frame hang together by their bones, those of different frames do not. A bias is that of one joint in one
+camera, and is seen in the frames of its sector.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Gauss-Newton's, by blocks; shared are the unknowns of cameras and lengths."""
+
+    shared: Float[np.ndarray, "shared shared"]
+    biases: Float[np.ndarray, "sector camera joint 2 2"]
+    joints: Float[np.ndarray, "frame coordinate coordinate"]
+    shared_biases: Float[np.ndarray, "shared sector camera joint 2"]
+    shared_joints: Float[np.ndarray, "frame shared coordinate"]
+    biases_joints: Float[np.ndarray, "frame joint camera 2 3"]
+    """A bias and the joint it is of."""
+    sector: Int[np.ndarray, "frame camera"]
+
+    @property
+    def n_shared(self) -> int:
+        return len(self.shared)
+
+    @property
+    def n_biases(self) -> int:
+        return int(np.prod(self.biases.shape[:4]))
+
+    def bias_index(self) -> Int[np.ndarray, "frame joint camera 2"]:
+        """Where the biases that a frame sees are among all."""
+        _, n_cameras, n_joints = self.biases.shape[:3]
+        by_view = self.sector * n_cameras + np.arange(n_cameras)
+        by_joint = by_view[:, None, :] * n_joints + np.arange(n_joints)[:, None]
+        return 2 * by_joint[..., None] + np.arange(2)
+
+
+class Eliminated:
+    """The equations of shared unknowns and biases, factorised.
+
+    Raises:
+        LinAlgError: they are not positive definite.
+    """
+
+    def __init__(self, equations: NormalEquations) -> None:
+        self._equations = equations
+        self._of_joints = np.linalg.inv(equations.joints)
+        self._by_shared = equations.shared_joints @ self._of_joints
+        self._bias_index = equations.bias_index()
+        system = self._system()
+        self._factor = cho_factor(system, lower=True, overwrite_a=True, check_finite=False)
+        if not np.isfinite(self._factor[0]).all():
+            raise LinAlgError("the normal equations are not finite")
+
+    def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        """Of everything: shared unknowns, biases, joints, one after the other."""
+        equations, n_shared = self._equations, self._equations.n_shared
+        n_outer = n_shared + equations.n_biases
+        outer, of_joints = right_hand_side[:n_outer].copy(), right_hand_side[n_outer:]
+        of_joints = of_joints.reshape(len(equations.joints), -1)
+        alone = np.einsum("txy,ty->tx", self._of_joints, of_joints)
+        outer[:n_shared] -= np.einsum("tux,tx->u", equations.shared_joints, alone)
+        pulled = np.einsum("tjcia,tja->tjci", equations.biases_joints, alone.reshape(*self._bias_index.shape[:2], 3))
+        np.subtract.at(outer, n_shared + self._bias_index, pulled)
+        outer = cho_solve(self._factor, outer, check_finite=False)
+        by_bias = np.einsum("tjcia,tjci->tja", equations.biases_joints, outer[n_shared + self._bias_index])
+        through = np.einsum("tux,u->tx", equations.shared_joints, outer[:n_shared]) + by_bias.reshape(alone.shape)
+        return np.append(outer, alone - np.einsum("txy,ty->tx", self._of_joints, through))
+
+    def shared_covariance(self) -> Float[np.ndarray, "shared shared"]:
+        """Marginal: biases and joints are unknown too."""
+        n_shared = self._equations.n_shared
+        unit = np.eye(n_shared + self._equations.n_biases, n_shared)
+        return cho_solve(self._factor, unit, check_finite=False)[:n_shared]
+
+    def _system(self) -> Float[np.ndarray, "outer outer"]:
+        equations, n_shared, n_biases = self._equations, self._equations.n_shared, self._equations.n_biases
+        system = np.zeros((n_shared + n_biases,) * 2)
+        flat = self._by_shared.transpose(1, 0, 2).reshape(n_shared, -1)
+        across = equations.shared_joints.transpose(1, 0, 2).reshape(n_shared, -1)
+        system[:n_shared, :n_shared] = equations.shared - flat @ across.T
+        system[n_shared:, :n_shared] = equations.shared_biases.reshape(n_shared, -1).T
+        pairs = n_shared + np.arange(n_biases).reshape(-1, 2)
+        system[pairs[:, :, None], pairs[:, None, :]] = equations.biases.reshape(-1, 2, 2)
+        for frame, index in enumerate(n_shared + self._bias_index.reshape(len(self._bias_index), -1)):
+            by_shared, by_bias = self._through_joints(frame)
+            system[index, :n_shared] -= by_shared.T
+            system[np.ix_(index, index)] -= by_bias
+        return system
+
+    def _through_joints(self, frame: int) -> tuple[Float[np.ndarray, "shared bias"], Float[np.ndarray, "bias bias"]]:
+        """What the joints of a frame take from the equations of the biases that it sees."""
+        n_joints = self._bias_index.shape[1]
+        biases = self._equations.biases_joints[frame].reshape(n_joints, -1, 3)
+        by_bias = biases @ self._of_joints[frame].reshape(n_joints, 3, -1)
+        return _onto(self._by_shared[frame], biases), _onto(by_bias.reshape(-1, 3 * n_joints), biases)
+
+
+def _onto(
+    rows: Float[np.ndarray, "row coordinate"], biases: Float[np.ndarray, "joint view 3"]
+) -> Float[np.ndarray, "row bias"]:
+    """Products of rows over all coordinates of a frame with the biases, each of which is that of one joint."""
+    by_joint = rows.reshape(len(rows), len(biases), 3).swapaxes(0, 1)
+    return (by_joint @ biases.swapaxes(1, 2)).swapaxes(0, 1).reshape(len(rows), -1)
