@@ -22,6 +22,7 @@ from fgpose.calibration.from_people.scene import SceneState
 from fgpose.calibration.from_people.scene_problem import SceneNoise, SceneProblem
 from fgpose.calibration.from_people.sectors import N_SECTORS, sectors
 from fgpose.calibration.from_people.unknowns import Groups, Unknowns
+from fgpose.calibration.from_people.unit import scaled, unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.config import ProjectionConfig
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
@@ -163,7 +164,10 @@ class _Task:
         noise = self._noise(self._shown_sigma_px(before), bias_m=config.bias_m, bone_m=config.bone_m)
         unknowns = Unknowns.of(rig.n_cameras, self.evidence.n_lengths, self.unknown_lenses, radial, clocks=self.clocks)
         known, joints_m = self._triangulated(rig)
-        sector = sectors(self._of_skeleton(joints_m), self.walk.skeleton, before.state.positions_m, config.n_sectors)
+        unit = self._unit(joints_m)
+        rig, joints_m = scaled(rig, unit), unit * joints_m
+        positions_m = np.stack([camera.position_m for camera in rig.cameras])
+        sector = sectors(self._of_skeleton(joints_m), self.walk.skeleton, positions_m, config.n_sectors)
         state = SceneState.of(rig, joints_m, self.evidence, config.n_sectors)
         state = replace(state, log_focal=before.state.log_focal, k1=before.state.k1, offset_s=before.state.offset_s)
         return self._solved(state, self.evidence.only(known), sector, unknowns, noise)
@@ -250,6 +254,12 @@ class _Task:
         measured_px, weights = self.evidence.measured_px, self.evidence.weights
         found = triangulate_robust(measured_px, weights, rig, _INLIER_SHARE * self._radius_px)
         return np.isfinite(found.positions_m).all(axis=-1), found.positions_m
+
+    def _unit(self, joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
+        """What the scene is to be multiplied by: a focal length that was wrong has changed its size."""
+        views_m, joints = self.walk.points3d_m, self.evidence.joints
+        views_m = None if views_m is None else views_m[self.evidence.frames][:, :, joints]
+        return unit_of(joints_m, views_m, self.walk.skeleton, joints)
 
     def _of_skeleton(self, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame all 3"]:
         every_m = np.full((len(joints_m), self.walk.skeleton.n_joints, 3), np.nan)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 
 TORSO_M = 0.5
@@ -33,6 +36,15 @@ def unit_of(
         if ratios.size:
             return float(np.median(ratios))
     return TORSO_M / _torso(scene, skeleton, joints)
+
+
+def scaled(rig: CameraRig, unit: float) -> CameraRig:
+    """The rig with all distances multiplied."""
+    poses = [camera.world_T_camera.copy() for camera in rig.cameras]
+    for pose in poses:
+        pose[:3, 3] *= unit
+    pairs = zip(rig.cameras, poses, strict=True)
+    return CameraRig(tuple(replace(camera, world_T_camera=pose) for camera, pose in pairs))
 
 
 def _sizes(points: Float[np.ndarray, "frame camera joint 3"], known: np.ndarray) -> Float[np.ndarray, "frame camera"]:
