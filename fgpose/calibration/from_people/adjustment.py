@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.from_people.evidence import Evidence, body_radius_px, evidence_of, frames_of
-from fgpose.calibration.from_people.gauge import in_world_frame
 from fgpose.calibration.from_people.projection import FOCAL, RADIAL
 from fgpose.calibration.from_people.scene import SceneState
 from fgpose.calibration.from_people.scene_problem import SceneNoise, SceneProblem
@@ -76,9 +75,9 @@ class Adjusted:
     residual_px: Float[np.ndarray, "frame camera joint"]
     """Length of the reprojection errors, biases taken out; NaN = missing or not used."""
     covariance: Float[np.ndarray, "camera 9 camera 9"]
-    """Of rotation (radians) and translation along the axes of the world, log of the focal length, k1 and time offset
-    (seconds) of each camera, joints and biases marginalised; zero for what is held: the first camera, and its distance
-    to the farthest. See gauge.about_centroid."""
+    """Of rotation vector (radians) and translation in the frame of each camera, log of its focal length, k1 and time
+    offset (seconds), joints and biases marginalised; zero for what is held: the first camera, and its distance to the
+    farthest."""
     focal_determined: tuple[bool, ...]
     """Whether the recording tells the focal length of each camera; true where it is given."""
     k1_determined: tuple[bool, ...]
@@ -201,7 +200,7 @@ class _Task:
             walk=walk,
             joints_m=joints_m,
             residual_px=residual_px,
-            covariance=in_world_frame(covariance, rig),
+            covariance=covariance,
             focal_determined=tuple(
                 c not in of_unknown or self._determined(covariance, c, FOCAL) for c in range(rig.n_cameras)
             ),
