@@ -38,6 +38,8 @@ class Evidence:
     """Places of their joints in joints."""
     length_of_bone: Int[np.ndarray, " bone"]
     """Mirrored bones share one."""
+    counted_as_one: float
+    """So many frames are one independent measurement."""
 
     @property
     def n_lengths(self) -> int:
@@ -66,7 +68,7 @@ def evidence_of(walk: Walk, rig: CameraRig, max_frames: int) -> Evidence:
     undistorted_px, velocity_pxps = _moving(walk, rig, frames, joints)
     known = np.isfinite(undistorted_px).all(axis=-1)
     known &= known.sum(axis=1, keepdims=True) >= 2
-    counted_as_one = correlated_frames(usual_step_s(walk.time_s[frames]), CORRELATION_S)
+    counted_as_one = float(correlated_frames(usual_step_s(walk.time_s[frames]), CORRELATION_S))
     confidence = np.maximum(walk.confidence[frames][:, :, joints], LEAST_WEIGHT)
     bones, length_of_bone = _bones(walk.skeleton, joints)
     return Evidence(
@@ -77,6 +79,7 @@ def evidence_of(walk: Walk, rig: CameraRig, max_frames: int) -> Evidence:
         weights=np.where(known, confidence / counted_as_one, 0.0),
         bones=bones,
         length_of_bone=length_of_bone,
+        counted_as_one=counted_as_one,
     )
 
 

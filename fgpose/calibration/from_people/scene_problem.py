@@ -88,6 +88,7 @@ class SceneProblem:
         self._far = int(np.argmax(from_first_m))
         self._far_m = float(from_first_m[self._far])
         self._prior = _prior_information(unknowns, noise)
+        self._stiffness = 1 / (noise.bone_m**2 * evidence.counted_as_one)
         known = (evidence.weights > 0).any(axis=1)
         self._present = known[:, evidence.bones[:, 0]] & known[:, evidence.bones[:, 1]]
         self._start, self._n_biases, self._n_coordinates = start, start.bias_m.size, start.joints_m.size
@@ -104,7 +105,7 @@ class SceneProblem:
         residual_px, in_front = self._residual_px(state)
         noise, weights = self._noise, self._evidence.weights
         loss = robust_loss(self._squared(residual_px, in_front), noise.kernel, noise.kernel_scale)
-        of_bones = np.sum(self._bones(state)[0] ** 2) / noise.bone_m**2
+        of_bones = np.sum(self._bones(state)[0] ** 2) * self._stiffness
         of_priors = np.sum(self._prior * state.camera_values**2) + np.sum(state.bias_m**2) / noise.bias_m**2
         return float(np.sum(weights * loss) + 0.5 * (of_bones + of_priors + self._gauge(state)[0] ** 2))
 
@@ -121,7 +122,7 @@ class SceneProblem:
         of_joints = np.einsum("tcji,tcjia->tja", terms.pull, terms.by_joint)
         of_biases = self._by_sector(np.einsum("tcji,tcjib->tcjb", terms.pull, terms.by_bias))
         excess_m, direction = self._bones(state)
-        tension = excess_m / self._noise.bone_m**2
+        tension = excess_m * self._stiffness
         np.subtract.at(of_joints, (slice(None), evidence.bones[:, 0]), tension[..., None] * direction)
         np.add.at(of_joints, (slice(None), evidence.bones[:, 1]), tension[..., None] * direction)
         of_lengths = -np.bincount(evidence.length_of_bone, tension.sum(axis=0), minlength=evidence.n_lengths)
@@ -259,7 +260,7 @@ class SceneProblem:
         joints[:, every, :, every] = of_detections.swapaxes(0, 1) + (_LEAST_INFORMATION + damping) * np.eye(3)
         by_coordinate = rows_joints.reshape(n_frames, -1, n_joints, 3)
         _, direction = self._bones(state)
-        stiffness = 1 / self._noise.bone_m**2
+        stiffness = self._stiffness
         of_lengths = len(rows) - self._evidence.n_lengths + self._evidence.length_of_bone
         for bone, (a, b) in enumerate(self._evidence.bones.tolist()):
             along, length = direction[:, bone], of_lengths[bone]
