@@ -50,6 +50,8 @@ class AdjustmentConfig:
     """Directions from which the biases of a view are told apart."""
     bias_m: float = 0.02
     """Standard deviation of each coordinate of a bias. Raising it trusts a view less, whatever its number of frames."""
+    in_common: bool = True
+    """Whether a bias depends on the direction alone, as that of one network does, or on the camera too."""
     bone_m: float = 0.02
     """Standard deviation of the length of a bone in a frame. Raising it uses bones less."""
     focal: float = 0.25
@@ -167,7 +169,7 @@ class _Task:
         rig, joints_m = scaled(rig, unit), unit * joints_m
         positions_m = np.stack([camera.position_m for camera in rig.cameras])
         sector = sectors(self._of_skeleton(joints_m), self.walk.skeleton, positions_m, config.n_sectors)
-        state = SceneState.of(rig, joints_m, self.evidence, config.n_sectors)
+        state = SceneState.of(rig, joints_m, self.evidence, config.n_sectors, in_common=config.in_common)
         state = replace(state, log_focal=before.state.log_focal, k1=before.state.k1, offset_s=before.state.offset_s)
         return self._solved(state, self.evidence.only(known), sector, unknowns, noise)
 

@@ -25,14 +25,19 @@ class SceneState:
     offset_s: Float[np.ndarray, " camera"]
     """How much later than the walk says a camera saw it."""
     lengths_m: Float[np.ndarray, " length"]
-    bias_m: Float[np.ndarray, "sector camera joint 2"]
-    """Of the detections, along the axes of the image, metres at the joint."""
+    bias_m: Float[np.ndarray, "sector view joint 2"]
+    """Of the detections, along the axes of the image, metres at the joint; of each camera, or of all the same."""
     joints_m: Float[np.ndarray, "frame joint 3"]
     """Zero where there is none."""
 
     @staticmethod
     def of(
-        rig: CameraRig, joints_m: Float[np.ndarray, "frame joint 3"], evidence: Evidence, n_sectors: int
+        rig: CameraRig,
+        joints_m: Float[np.ndarray, "frame joint 3"],
+        evidence: Evidence,
+        n_sectors: int,
+        *,
+        in_common: bool = True,
     ) -> SceneState:
         """The cameras of a rig and joints, NaN = not known; nothing is known of the rest."""
         lengths_m = _lengths_m(joints_m, evidence)
@@ -42,7 +47,7 @@ class SceneState:
             k1=np.zeros(rig.n_cameras),
             offset_s=np.zeros(rig.n_cameras),
             lengths_m=lengths_m,
-            bias_m=np.zeros((n_sectors, rig.n_cameras, joints_m.shape[1], 2)),
+            bias_m=np.zeros((n_sectors, 1 if in_common else rig.n_cameras, joints_m.shape[1], 2)),
             joints_m=np.nan_to_num(joints_m),
         )
 
@@ -71,7 +76,7 @@ class SceneState:
         self,
         cameras: Float[np.ndarray, "camera 9"],
         lengths_m: Float[np.ndarray, " length"],
-        bias_m: Float[np.ndarray, "sector camera joint 2"],
+        bias_m: Float[np.ndarray, "sector view joint 2"],
         joints_m: Float[np.ndarray, "frame joint 3"],
     ) -> SceneState:
         """After a step of everything."""
@@ -87,7 +92,8 @@ class SceneState:
 
     def bias_seen_m(self, sector: Int[np.ndarray, "frame camera"]) -> Float[np.ndarray, "frame camera joint 2"]:
         """The biases of each detection."""
-        return self.bias_m[sector, np.arange(sector.shape[1])]
+        views = np.arange(sector.shape[1]) % self.bias_m.shape[1]
+        return self.bias_m[sector, views]
 
     def _camera(self, c: int, camera: Camera) -> Camera:
         K, ratio = camera.K.copy(), float(np.exp(self.log_focal[c]))

@@ -91,6 +91,7 @@ class SceneProblem:
         self._stiffness = 1 / (noise.bone_m**2 * evidence.counted_as_one)
         known = (evidence.weights > 0).any(axis=1)
         self._present = known[:, evidence.bones[:, 0]] & known[:, evidence.bones[:, 1]]
+        self._n_sectors, self._in_common = len(start.bias_m), start.bias_m.shape[1] == 1
         self._start, self._n_biases, self._n_coordinates = start, start.bias_m.size, start.joints_m.size
 
     @property
@@ -121,6 +122,8 @@ class SceneProblem:
         of_cameras[self._far, TRANSLATION] += gauge * by_far
         of_joints = np.einsum("tcji,tcjia->tja", terms.pull, terms.by_joint)
         of_biases = self._by_sector(np.einsum("tcji,tcjib->tcjb", terms.pull, terms.by_bias))
+        if self._in_common:
+            of_biases = of_biases.sum(axis=1, keepdims=True)
         excess_m, direction = self._bones(state)
         tension = excess_m * self._stiffness
         np.subtract.at(of_joints, (slice(None), evidence.bones[:, 0]), tension[..., None] * direction)
@@ -231,18 +234,20 @@ class SceneProblem:
         joints = np.einsum("tcjia,tcjib->tjab", terms.weights[..., None, None] * terms.by_joint, terms.by_joint)
         joints = self._with_bones(joints, rows, rows_joints, state, damping)
         sums = self._by_sector(np.einsum("tcjik,tcjib->tcjkb", weighted_camera, terms.by_bias))
-        rows_biases = np.zeros((n_rows, *state.bias_m.shape))
+        biases = self._by_sector(np.einsum("tcjia,tcjib->tcjab", weighted_bias, terms.by_bias))
+        rows_biases = np.zeros((n_rows, *biases.shape[:-1]))
         for c in range(unknowns.n_cameras):
             rows_biases[N_OF_CAMERA * c : N_OF_CAMERA * (c + 1), :, c] = np.moveaxis(sums[:, c], 2, 0)
-        biases = self._by_sector(np.einsum("tcjia,tcjib->tcjab", weighted_bias, terms.by_bias))
         return NormalEquations(
             shared=unknowns.columns.T @ rows @ unknowns.columns + damping * np.diag(unknowns.scale_m2),
-            biases=biases + (1 / self._noise.bias_m**2 + damping) * np.eye(2),
+            biases=biases,
             joints=joints,
             shared_biases=np.tensordot(unknowns.columns.T, rows_biases, 1),
             shared_joints=unknowns.columns.T @ rows_joints,
             biases_joints=np.einsum("tcjib,tcjia->tjcba", weighted_bias, terms.by_joint),
             sector=self._sector,
+            in_common=self._in_common,
+            bias_prior=1 / self._noise.bias_m**2 + damping,
         )
 
     def _with_bones(
@@ -274,7 +279,7 @@ class SceneProblem:
 
     def _by_sector(self, of_views: Float[np.ndarray, "frame camera *rest"]) -> Float[np.ndarray, "sector camera *rest"]:
         n_cameras = of_views.shape[1]
-        sums = np.zeros((self._n_biases // (2 * n_cameras * of_views.shape[2]), *of_views.shape[1:]))
+        sums = np.zeros((self._n_sectors, *of_views.shape[1:]))
         np.add.at(sums, (self._sector, np.arange(n_cameras)), of_views)
         return sums
 

@@ -30,8 +30,8 @@ def evidence(noise: DetectionNoise) -> Evidence:
     return replace(own, weights=weights)
 
 
-def true_state(own: Evidence) -> SceneState:
-    return SceneState.of(RIG, walking(121, 30.0)[FRAMES][:, own.joints], own, 2)
+def true_state(own: Evidence, *, in_common: bool = False) -> SceneState:
+    return SceneState.of(RIG, walking(121, 30.0)[FRAMES][:, own.joints], own, 2, in_common=in_common)
 
 
 def moved(problem: SceneProblem, state: SceneState, size: float) -> SceneState:
@@ -39,12 +39,14 @@ def moved(problem: SceneProblem, state: SceneState, size: float) -> SceneState:
     return problem.moved(state, size * np.random.default_rng(0).normal(size=scale.size) / np.sqrt(scale))
 
 
-def test_the_gradient_is_that_of_the_error() -> None:
+@pytest.mark.parametrize("in_common", [True, False])
+def test_the_gradient_is_that_of_the_error(in_common: bool) -> None:
     own = evidence(DetectionNoise())
     assert own.n_lengths == 6
-    problem = SceneProblem(RIG, own, SECTOR, UNKNOWNS, NOISE, true_state(own))
+    state = true_state(own, in_common=in_common)
+    problem = SceneProblem(RIG, own, SECTOR, UNKNOWNS, NOISE, state)
     # Away from the truth; not far, for the distance that is held is stiff: 1e5 to one.
-    state = moved(problem, true_state(own), 1e-3)
+    state = moved(problem, state, 1e-3)
     rng = np.random.default_rng(1)
     gradient = problem.gradient(state)
 
@@ -58,11 +60,12 @@ def test_the_gradient_is_that_of_the_error() -> None:
         assert gradient[unknown] == pytest.approx((ahead - behind) / 2e-6, rel=1e-4, abs=2e-2), unknown
 
 
-def test_the_elimination_solves_the_whole_system() -> None:
+@pytest.mark.parametrize("in_common", [True, False])
+def test_the_elimination_solves_the_whole_system(in_common: bool) -> None:
     """Where all residuals are zero Gauss-Newton's matrix is the derivative of the gradient."""
     own = evidence(NO_NOISE)
     own = replace(own, velocity_pxps=own.velocity_pxps + 1.0)
-    state = true_state(own)
+    state = true_state(own, in_common=in_common)
     problem = SceneProblem(RIG, own, SECTOR, UNKNOWNS, NOISE, state)
     scale = problem.damping_scale
     step = np.random.default_rng(0).normal(size=scale.size) / np.sqrt(scale)
