@@ -13,15 +13,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.evidence import Evidence, body_radius_px, evidence_of, frames_of
 from fgpose.calibration.from_people.projection import FOCAL, RADIAL
 from fgpose.calibration.from_people.scene import SceneState
 from fgpose.calibration.from_people.scene_problem import SceneNoise, SceneProblem
-from fgpose.calibration.from_people.sectors import N_SECTORS, sectors
-from fgpose.calibration.from_people.unknowns import Groups, Unknowns
+from fgpose.calibration.from_people.sectors import N_SECTORS, SeenFrom
 from fgpose.calibration.from_people.unit import scaled, unit_of
+from fgpose.calibration.from_people.unknowns import Groups, Unknowns
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.config import ProjectionConfig
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
@@ -156,8 +156,8 @@ class _Task:
         unknowns = Unknowns.of(self.rig.n_cameras, self.evidence.n_lengths, self.unknown_lenses)
         known, joints_m = self._triangulated(self.rig)
         state = SceneState.of(self.rig, joints_m, self.evidence, 1)
-        sector = np.zeros((len(self.evidence.frames), self.rig.n_cameras), dtype=int)
-        return self._solved(state, self.evidence.only(known), sector, unknowns, noise)
+        anywhere = SeenFrom.anywhere(len(self.evidence.frames), self.rig.n_cameras)
+        return self._solved(state, self.evidence.only(known), anywhere, unknowns, noise)
 
     def finely(self, before: _Solved, radial: Groups = ()) -> _Solved:
         """With the errors that the detections have, bones, clocks and biases."""
@@ -167,11 +167,11 @@ class _Task:
         known, joints_m = self._triangulated(rig)
         unit = self._unit(joints_m)
         rig, joints_m = scaled(rig, unit), unit * joints_m
-        positions_m = np.stack([camera.position_m for camera in rig.cameras])
-        sector = sectors(self._of_skeleton(joints_m), self.walk.skeleton, positions_m, config.n_sectors)
         state = SceneState.of(rig, joints_m, self.evidence, config.n_sectors, in_common=config.in_common)
         state = replace(state, log_focal=before.state.log_focal, k1=before.state.k1, offset_s=before.state.offset_s)
-        return self._solved(state, self.evidence.only(known), sector, unknowns, noise)
+        every_m = self._of_skeleton(joints_m)
+        seen_from = SeenFrom.of(every_m, self.walk.skeleton, state.world_T_camera, config.n_sectors)
+        return self._solved(state, self.evidence.only(known), seen_from, unknowns, noise)
 
     def determined_radial(self, solved: _Solved) -> Groups:
         """The unknown lenses whose distortion would be known better than before, were it free, and whose focal length
@@ -216,11 +216,11 @@ class _Task:
         self,
         state: SceneState,
         evidence: Evidence,
-        sector: Int[np.ndarray, "frame camera"],
+        seen_from: SeenFrom,
         unknowns: Unknowns,
         noise: SceneNoise,
     ) -> _Solved:
-        problem = SceneProblem(self.rig, evidence, sector, unknowns, noise, state)
+        problem = SceneProblem(self.rig, evidence, seen_from, unknowns, noise, state)
         solution = levenberg_marquardt(problem, state, self.config.max_iterations)
         return _Solved(
             problem,

@@ -1,7 +1,7 @@
 """Normal equations of cameras, lengths and biases with the joints of every frame eliminated (Schur complement).
 
-The joints of a frame hang together by their bones, those of different frames do not. A bias is that of one joint, in one
-camera or in all, and is seen in the frames of its sector.
+The joints of a frame hang together by their bones, those of different frames do not. A bias is that of one joint, in
+one camera or in all, and is seen in the frames of its sector.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from fgpose.calibration.from_people.evidence import Evidence
 from fgpose.calibration.from_people.projection import FOCAL, N_OF_CAMERA, OFFSET, RADIAL, ROTATION, TRANSLATION, Views
@@ -26,7 +26,8 @@ class SceneState:
     """How much later than the walk says a camera saw it."""
     lengths_m: Float[np.ndarray, " length"]
     bias_m: Float[np.ndarray, "sector view joint 2"]
-    """Of the detections, along the axes of the image, metres at the joint; of each camera, or of all the same."""
+    """Of the detections, to the body's right and down (sectors.upright), metres at the joint; of each camera, or of all
+    the same."""
     joints_m: Float[np.ndarray, "frame joint 3"]
     """Zero where there is none."""
 
@@ -89,11 +90,6 @@ class SceneState:
             self.bias_m + bias_m,
             self.joints_m + joints_m,
         )
-
-    def bias_seen_m(self, sector: Int[np.ndarray, "frame camera"]) -> Float[np.ndarray, "frame camera joint 2"]:
-        """The biases of each detection."""
-        views = np.arange(sector.shape[1]) % self.bias_m.shape[1]
-        return self.bias_m[sector, views]
 
     def _camera(self, c: int, camera: Camera) -> Camera:
         K, ratio = camera.K.copy(), float(np.exp(self.log_focal[c]))

@@ -11,13 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.linalg import LinAlgError
 
 from fgpose.calibration.from_people.elimination import Eliminated, NormalEquations
 from fgpose.calibration.from_people.evidence import Evidence
 from fgpose.calibration.from_people.projection import FOCAL, N_OF_CAMERA, OFFSET, RADIAL, TRANSLATION, projected
 from fgpose.calibration.from_people.scene import SceneState
+from fgpose.calibration.from_people.sectors import SeenFrom
 from fgpose.calibration.from_people.unknowns import Unknowns
 from fgpose.geometry.camera import CameraRig
 from fgpose_factors import Kernel, bone_length_and_direction, robust_loss, robust_weight
@@ -68,7 +69,7 @@ class SceneProblem:
     Args:
         rig: what the lenses start from.
         evidence: the detections.
-        sector: of directions from which each camera sees the body.
+        seen_from: directions from which the cameras see the body.
         unknowns: what is free.
         noise: standard deviations.
         start: of the optimisation.
@@ -78,12 +79,19 @@ class SceneProblem:
         self,
         rig: CameraRig,
         evidence: Evidence,
-        sector: Int[np.ndarray, "frame camera"],
+        seen_from: SeenFrom,
         unknowns: Unknowns,
         noise: SceneNoise,
         start: SceneState,
     ) -> None:
-        self._rig, self._evidence, self._sector, self._unknowns, self._noise = rig, evidence, sector, unknowns, noise
+        self._rig, self._evidence, self._seen_from, self._unknowns, self._noise = (
+            rig,
+            evidence,
+            seen_from,
+            unknowns,
+            noise,
+        )
+        self._sector = seen_from.sector
         from_first_m = np.linalg.norm(start.positions_m - start.positions_m[0], axis=1)
         self._far = int(np.argmax(from_first_m))
         self._far_m = float(from_first_m[self._far])
@@ -156,7 +164,7 @@ class SceneProblem:
 
     def with_unknowns(self, unknowns: Unknowns) -> SceneProblem:
         """The same with other unknowns."""
-        return SceneProblem(self._rig, self._evidence, self._sector, unknowns, self._noise, self._start)
+        return SceneProblem(self._rig, self._evidence, self._seen_from, unknowns, self._noise, self._start)
 
     def camera_covariance(self, state: SceneState) -> Float[np.ndarray, "camera 9 camera 9"]:
         """Marginal covariance of the unknowns of each camera (projection.N_OF_CAMERA); zero for what is held.
@@ -170,8 +178,13 @@ class SceneProblem:
     def _residual_px(
         self, state: SceneState
     ) -> tuple[Float[np.ndarray, "frame camera joint 2"], Bool[np.ndarray, "frame camera joint"]]:
-        seen = projected(state.joints_m, state.bias_seen_m(self._sector), state.views(self._rig))
+        seen = projected(state.joints_m, self._bias_m(state), state.views(self._rig))
         return self._from_detections(seen.points_px, state), seen.in_front
+
+    def _bias_m(self, state: SceneState) -> Float[np.ndarray, "frame camera joint 2"]:
+        """Of each detection, along the axes of the image."""
+        views = np.arange(self._rig.n_cameras) % state.bias_m.shape[1]
+        return np.einsum("cib,tcjb->tcji", self._seen_from.axes, state.bias_m[self._sector, views])
 
     def _from_detections(
         self, points_px: Float[np.ndarray, "frame camera joint 2"], state: SceneState
@@ -188,7 +201,7 @@ class SceneProblem:
         return np.where(in_front, np.sum(residual_px**2, axis=-1), behind_px2) / self._noise.sigma_px**2
 
     def _linearized(self, state: SceneState) -> _Linearized:
-        seen = projected(state.joints_m, state.bias_seen_m(self._sector), state.views(self._rig))
+        seen = projected(state.joints_m, self._bias_m(state), state.views(self._rig))
         residual_px, noise = self._from_detections(seen.points_px, state), self._noise
         robust = robust_weight(self._squared(residual_px, seen.in_front), noise.kernel, noise.kernel_scale)
         weights = np.where(seen.in_front, self._evidence.weights * robust, 0.0) / noise.sigma_px**2
@@ -197,7 +210,7 @@ class SceneProblem:
             weights=weights,
             by_joint=seen.by_joint,
             by_camera=np.concatenate([seen.by_camera, self._evidence.velocity_pxps[..., None]], axis=-1),
-            by_bias=seen.by_bias,
+            by_bias=seen.by_bias @ self._seen_from.axes[:, None],
         )
 
     def _bones(self, state: SceneState) -> tuple[Float[np.ndarray, "frame bone"], Float[np.ndarray, "frame bone 3"]]:

@@ -9,7 +9,7 @@ import pytest
 from jaxtyping import Float
 from walks import FPS, bare, position_errors_m, rotation_errors_deg, walk
 
-from fgpose.calibration.from_people.adjustment import AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import DetectionNoise, ring_rig, walking
 
@@ -52,11 +52,11 @@ def test_perfect_detections_give_the_rig() -> None:
 
 
 @pytest.fixture(scope="module")
-def noisy() -> object:
+def noisy() -> Adjusted:
     return adjust(walk(RIG, 600, DetectionNoise(), bias_m=0.03), started(RIG), config=MORE)
 
 
-def test_biased_detections_are_within_the_stated_errors(noisy) -> None:  # noqa: ANN001
+def test_biased_detections_are_within_the_stated_errors(noisy: Adjusted) -> None:
     assert noisy.converged
     # Figures of the issue: 0.7 degrees and 30 mm in the median, 1.5 and 60 for the worst, though the walker circles.
     assert np.median(rotation_errors_deg(noisy.rig, RIG)[1:]) < 0.7
@@ -67,7 +67,7 @@ def test_biased_detections_are_within_the_stated_errors(noisy) -> None:  # noqa:
     assert (sigmas_deg < 1.5).all()
 
 
-def test_joints_and_residuals_are_of_the_whole_skeleton_in_the_used_frames(noisy) -> None:  # noqa: ANN001
+def test_joints_and_residuals_are_of_the_whole_skeleton_in_the_used_frames(noisy: Adjusted) -> None:
     assert noisy.joints_m.shape == (150, 17, 3)
     assert noisy.residual_px.shape == (150, 4, 17)
     assert noisy.walk.points2d_px.shape == (150, 4, 17, 2)

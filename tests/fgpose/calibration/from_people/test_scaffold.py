@@ -24,8 +24,8 @@ def found() -> Scaffold:
 
 def test_the_rig_is_roughly_right_and_in_the_frame_of_the_first_camera(found: Scaffold) -> None:
     np.testing.assert_allclose(found.rig.cameras[0].world_T_camera, np.eye(4), atol=1e-9)
-    # The walker turns on the spot, almost, and so do errors of 30 mm: on a circle of 1 m that is far from noise. Twisted
-    # poses are 30 degrees off and more.
+    # The walker turns on the spot, almost, and so do errors of 30 mm: on a circle of 1 m that is far from noise.
+    # Twisted poses are 30 degrees off and more.
     assert rotation_errors_deg(found.rig, RIG).max() < ROUGH_DEG
     assert position_errors_m(found.rig, RIG).max() < 4.5 * np.deg2rad(ROUGH_DEG)
 

@@ -12,6 +12,7 @@ from walks import bare, walk
 from fgpose.calibration.from_people.evidence import Evidence, evidence_of
 from fgpose.calibration.from_people.scene import SceneState
 from fgpose.calibration.from_people.scene_problem import SceneNoise, SceneProblem
+from fgpose.calibration.from_people.sectors import SeenFrom
 from fgpose.calibration.from_people.unknowns import Unknowns
 from fgpose.synthetic import NO_NOISE, DetectionNoise, ring_rig, walking
 
@@ -19,7 +20,9 @@ RIG = ring_rig(3)
 NOISE = SceneNoise(5.0, "cauchy", 2.2, bias_m=0.02, bone_m=0.02, focal=0.25, k1=0.1, offset_s=0.05)
 FRAMES = [0, 40, 80, 120]
 UNKNOWNS = Unknowns.of(3, 6, focal=[(0, 2), (1,)], radial=[(0, 1, 2)], clocks=True)
-SECTOR = np.array([[0, 1, 1], [1, 0, 0], [0, 0, 1], [1, 1, 1]])
+# The last camera is rolled by 30 degrees.
+AXES = np.array([np.eye(2), np.eye(2), [[np.sqrt(0.75), -0.5], [0.5, np.sqrt(0.75)]]])
+SEEN_FROM = SeenFrom(np.array([[0, 1, 1], [1, 0, 0], [0, 0, 1], [1, 1, 1]]), AXES)
 
 
 def evidence(noise: DetectionNoise) -> Evidence:
@@ -44,14 +47,19 @@ def test_the_gradient_is_that_of_the_error(in_common: bool) -> None:
     own = evidence(DetectionNoise())
     assert own.n_lengths == 6
     state = true_state(own, in_common=in_common)
-    problem = SceneProblem(RIG, own, SECTOR, UNKNOWNS, NOISE, state)
+    problem = SceneProblem(RIG, own, SEEN_FROM, UNKNOWNS, NOISE, state)
     # Away from the truth; not far, for the distance that is held is stiff: 1e5 to one.
     state = moved(problem, state, 1e-3)
     rng = np.random.default_rng(1)
     gradient = problem.gradient(state)
 
     n_outer = UNKNOWNS.n_shared + state.bias_m.size
-    chosen = [*range(UNKNOWNS.n_shared), *rng.integers(UNKNOWNS.n_shared, len(gradient), 40), n_outer, len(gradient) - 1]
+    chosen = [
+        *range(UNKNOWNS.n_shared),
+        *rng.integers(UNKNOWNS.n_shared, len(gradient), 40),
+        n_outer,
+        len(gradient) - 1,
+    ]
     for unknown in chosen:
         step = np.zeros_like(gradient)
         step[unknown] = 1e-6
@@ -66,7 +74,7 @@ def test_the_elimination_solves_the_whole_system(in_common: bool) -> None:
     own = evidence(NO_NOISE)
     own = replace(own, velocity_pxps=own.velocity_pxps + 1.0)
     state = true_state(own, in_common=in_common)
-    problem = SceneProblem(RIG, own, SECTOR, UNKNOWNS, NOISE, state)
+    problem = SceneProblem(RIG, own, SEEN_FROM, UNKNOWNS, NOISE, state)
     scale = problem.damping_scale
     step = np.random.default_rng(0).normal(size=scale.size) / np.sqrt(scale)
     known = (own.weights > 0).sum(axis=1) >= 2
@@ -87,9 +95,9 @@ def test_the_detections_cost_what_they_cost_in_gtsam() -> None:
     own = evidence(DetectionNoise())
     noise = replace(NOISE, bone_m=1e9, bias_m=1e-6, kernel="none", offset_s=1e9)
     state = true_state(own)
-    turned = moved(SceneProblem(RIG, own, SECTOR, Unknowns.of(3, 6), noise, state), state, 1e-2)
+    turned = moved(SceneProblem(RIG, own, SEEN_FROM, Unknowns.of(3, 6), noise, state), state, 1e-2)
     state = replace(turned, bias_m=np.zeros_like(state.bias_m), log_focal=np.full(3, 0.1))
-    problem = SceneProblem(RIG, own, SECTOR, Unknowns.of(3, 6), noise, state)
+    problem = SceneProblem(RIG, own, SEEN_FROM, Unknowns.of(3, 6), noise, state)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     values.insert(0, gtsam.Cal3f(1145 * np.exp(0.1), 500.0, 500.0))
     for c, pose in enumerate(state.world_T_camera):
@@ -108,7 +116,7 @@ def test_the_detections_cost_what_they_cost_in_gtsam() -> None:
 def test_a_joint_behind_a_camera_costs_a_constant() -> None:
     own = evidence(NO_NOISE)
     state = true_state(own)
-    problem = SceneProblem(RIG, own, SECTOR, UNKNOWNS, replace(NOISE, bone_m=1e9), state)
+    problem = SceneProblem(RIG, own, SEEN_FROM, UNKNOWNS, replace(NOISE, bone_m=1e9), state)
     behind = state.joints_m.copy()
     camera = RIG.cameras[0]
     behind[0, 3] = camera.position_m - 0.5 * camera.world_T_camera[:3, 2]
@@ -116,7 +124,9 @@ def test_a_joint_behind_a_camera_costs_a_constant() -> None:
     farther[0, 3] -= 0.1 * camera.world_T_camera[:3, 2]
     only_first = own.weights.copy()
     only_first[:, 1:, 3] = 0.0
-    problem = SceneProblem(RIG, replace(own, weights=only_first), SECTOR, UNKNOWNS, replace(NOISE, bone_m=1e9), state)
+    problem = SceneProblem(
+        RIG, replace(own, weights=only_first), SEEN_FROM, UNKNOWNS, replace(NOISE, bone_m=1e9), state
+    )
 
     assert np.isnan(problem.residual_px(replace(state, joints_m=behind))[0, 0, 3])
     errors = [problem.error(replace(state, joints_m=joints_m)) for joints_m in (behind, farther)]
@@ -128,6 +138,6 @@ def test_intrinsics_that_are_bare_make_no_difference() -> None:
     """Poses are of the state alone."""
     own = evidence(DetectionNoise())
     state = true_state(own)
-    errors = [SceneProblem(rig, own, SECTOR, UNKNOWNS, NOISE, state).error(state) for rig in (RIG, bare(RIG))]
+    errors = [SceneProblem(rig, own, SEEN_FROM, UNKNOWNS, NOISE, state).error(state) for rig in (RIG, bare(RIG))]
 
     assert errors[0] == errors[1]

@@ -56,7 +56,9 @@ def rotation_errors_deg(found: CameraRig, true: CameraRig) -> Float[np.ndarray, 
     """Of each camera relative to the first."""
     errors = []
     for c in range(true.n_cameras):
-        relative = [rig.cameras[0].world_T_camera[:3, :3].T @ rig.cameras[c].world_T_camera[:3, :3] for rig in (found, true)]
+        relative = [
+            rig.cameras[0].world_T_camera[:3, :3].T @ rig.cameras[c].world_T_camera[:3, :3] for rig in (found, true)
+        ]
         errors.append(angle_deg(*relative))
     return np.array(errors)
 
