@@ -52,7 +52,7 @@ class AdjustmentConfig:
     """Standard deviation of each coordinate of a bias. Raising it trusts a view less, whatever its number of frames."""
     in_common: bool = True
     """Whether a bias depends on the direction alone, as that of one network does, or on the camera too."""
-    bone_m: float = 0.02
+    bone_m: float = 0.04
     """Standard deviation of the length of a bone in a frame. Raising it uses bones less."""
     focal: float = 0.25
     """Of the guess of an unknown focal length, as a share of it."""
