@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
+from fgpose.calibration.from_people.coverage import Coverage
+from fgpose.calibration.from_people.verdict import (
+    Grounds,
+    findings,
+    focal_undetermined,
+    halves_disagree,
+    mirrors,
+    nobody_upright,
+    poorly_covered,
+    recording_too_short,
+    start_uncertain,
+    twisted,
+    uncertain,
+    worst_camera,
+)
+
+NAMES = ("a", "b", "c")
+
+
+def each(*values: float) -> np.ndarray:
+    return np.array(values, dtype=float)
+
+
+def well_covered() -> Coverage:
+    return Coverage(
+        common_share=0.5,
+        area_m2=8.0,
+        box_m=np.array([[-2.0, -2.0, 0.0], [2.0, 2.0, 1.8]]),
+        near_m=np.full(3, 2.5),
+        far_m=np.full(3, 6.0),
+        image_share=np.full(3, 0.6),
+        along_m=np.full(3, 1.2),
+        across_m=np.full(3, 0.8),
+        seen_s=np.full(3, 25.0),
+    )
+
+
+def good() -> Grounds:
+    sigmas = CameraSigmas(
+        np.full(3, 0.03), np.full(3, 0.5), np.zeros(3), np.full(3, 0.002), scale=0.01, vertical_deg=0.5, floor_m=0.01
+    )
+    certain = np.ones(3, dtype=bool)
+    return Grounds(
+        camera_names=NAMES,
+        sigmas=sigmas,
+        distance_m=np.full(3, 4.0),
+        third_view_mrad=np.full(3, 7.0),
+        referee_deg=np.full(3, 8.0),
+        halves_deg=np.full(3, 0.8),
+        halves_m=np.full(3, 0.05),
+        coverage=well_covered(),
+        focal_estimated=~certain,
+        start_certain=certain,
+        mirrored=~certain,
+        handedness=0.9,
+        upright=0.95,
+        duration_s=28.0,
+    )
+
+
+def test_nothing_speaks_against_a_good_calibration() -> None:
+    assert findings(good()) == ()
+
+
+def test_the_gravest_comes_first() -> None:
+    grounds = replace(good(), duration_s=1.0, mirrored=np.array([False, True, False]))
+    assert [finding.grade for finding in findings(grounds)] == [Grade.FAILED, Grade.COARSE]
+
+
+@pytest.mark.parametrize(
+    ("change", "camera", "grade", "words"),
+    [
+        ({"third_view_mrad": each(7, 16, 7)}, "b", Grade.FAILED, "16 mrad"),
+        ({"referee_deg": each(7, 8, 40)}, "c", Grade.FAILED, "40 degrees"),
+        ({"halves_deg": each(10, 1, 1)}, "a", Grade.FAILED, "10.0 degrees"),
+        ({"halves_m": each(0.1, 0.3, 0.1)}, "b", Grade.COARSE, "8%"),
+        ({"start_certain": np.array([True, False, True])}, "b", Grade.COARSE, "start is not certain"),
+        ({"handedness": -0.8}, "", Grade.FAILED, "inside out"),
+        ({"upright": 0.2}, "", Grade.COARSE, "20%"),
+        ({"duration_s": 1.0}, "", Grade.COARSE, "1.0 s"),
+        ({"of_scale": (Finding("", Grade.COARSE, "a wrong stature", ""),)}, "", Grade.COARSE, "stature"),
+    ],
+)
+def test_each_of_the_grounds_has_its_finding(change: dict, camera: str, grade: Grade, words: str) -> None:
+    (finding,) = findings(replace(good(), **change))
+    assert (finding.camera, finding.grade) == (camera, grade)
+    assert words in finding.reason
+    assert finding.remedy or change.keys() == {"of_scale"}
+
+
+def test_a_camera_that_is_worse_than_the_others_stands_out() -> None:
+    assert not worst_camera(NAMES, each(3, 3, 12))  # 12 mrad are usual, if the others are good by chance
+    (finding,) = worst_camera(NAMES, each(3, 3, 18))
+    assert (finding.camera, finding.grade) == ("c", Grade.FAILED)
+
+
+def test_a_camera_that_nobody_can_judge_is_coarse() -> None:
+    (finding,) = worst_camera(NAMES, each(np.nan, 5, 5))
+    assert (finding.camera, finding.grade) == ("a", Grade.COARSE)
+
+
+def test_two_grades_of_a_twist() -> None:
+    graded = {finding.camera: finding.grade for finding in twisted(NAMES, each(10, 18, 50))}
+    assert graded == {"b": Grade.COARSE, "c": Grade.FAILED}
+    assert not twisted(NAMES, each(np.nan, np.nan, np.nan))  # no 3D
+
+
+def test_rotation_and_place_are_one_finding_a_camera() -> None:
+    (finding,) = halves_disagree(NAMES, each(4, 0, 0), each(0.2, 0, 0))
+    assert finding.grade is Grade.FAILED
+    assert "place" in finding.reason
+    (finding,) = uncertain(NAMES, each(0.3, 5, 0.3), each(0.01, 0.04, 0.01))
+    assert (finding.camera, finding.grade) == ("b", Grade.FAILED)
+
+
+def test_a_focal_length_needs_depth() -> None:
+    estimated, ratio = np.array([True, True, False]), each(1.2, 2.5, 1.2)
+    (finding,) = focal_undetermined(NAMES, estimated, each(0.01, 0.01, 0.0), ratio)
+    assert finding.camera == "a"
+    assert "walk towards it" in finding.remedy
+    (finding,) = focal_undetermined(NAMES, estimated, each(0.2, 0.01, 0.0), ratio)
+    assert finding.grade is Grade.FAILED
+    assert "not determined" in finding.reason
+
+
+def test_how_a_camera_saw_the_walk() -> None:
+    coverage = replace(
+        well_covered(), along_m=each(0.1, 1.0, 1.0), across_m=each(0.05, 0.05, 1.0), image_share=each(0.1, 0.5, 0.1)
+    )
+    found = {finding.camera: finding.reason for finding in poorly_covered(NAMES, coverage)}
+    assert "one place" in found["a"]
+    assert "one line" in found["b"]
+    assert "10% of its image" in found["c"]
+    unseen = poorly_covered(NAMES, replace(well_covered(), seen_s=each(0, 20, 20), along_m=each(np.nan, 1, 1)))
+    assert [finding.reason for finding in unseen] == ["it saw the person for 0.0 s only"]
+
+
+def test_criteria_that_hold_say_nothing() -> None:
+    assert not start_uncertain(NAMES, np.ones(3, dtype=bool))
+    assert not mirrors(NAMES, np.zeros(3, dtype=bool), 0.0)
+    assert not recording_too_short(30.0)
+    assert not nobody_upright(0.9)
