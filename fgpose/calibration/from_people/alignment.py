@@ -42,9 +42,15 @@ def aligned(rig: CameraRig, onto: CameraRig) -> tuple[Similarity, Float[np.ndarr
     similarity = _start(rig, onto)
     weights, generators = _weights(onto), _generators(onto)
     to_step = np.linalg.pinv(weights[:, None] * generators) * weights
+    errors = _errors(rig, similarity, onto)
     for _ in range(_ROUNDS):
-        similarity = _moved(similarity, -to_step @ _errors(rig, similarity, onto).ravel(), _centre(onto))
-    return similarity, _errors(rig, similarity, onto)
+        nearer = _moved(similarity, -to_step @ errors.ravel(), _centre(onto))
+        left = _errors(rig, nearer, onto)
+        # Rigs that have nothing in common are as near as they were at the start.
+        if not np.linalg.norm(weights * left.ravel()) < np.linalg.norm(weights * errors.ravel()):
+            break
+        similarity, errors = nearer, left
+    return similarity, errors
 
 
 def _start(rig: CameraRig, onto: CameraRig) -> Similarity:
@@ -63,7 +69,7 @@ def _start(rig: CameraRig, onto: CameraRig) -> Similarity:
 
 def _moved(similarity: Similarity, step: Float[np.ndarray, " 7"], centre: Float[np.ndarray, 3]) -> Similarity:
     """After a further small similarity about a centre: rotation vector, shift, change of scale."""
-    turn, grow = np.array(gtsam.Rot3.Expmap(step[:3]).matrix()), float(np.exp(step[6]))
+    turn, grow = np.array(gtsam.Rot3.Expmap(step[:3]).matrix()), float(np.exp(np.clip(step[6], -1.0, 1.0)))
     offset = grow * turn @ (similarity.offset_m - centre) + centre + step[3:6]
     return Similarity(grow * similarity.scale, turn @ similarity.R, offset)
 

@@ -9,15 +9,20 @@ from jaxtyping import Float
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate
 
+_MIN_JOINTS = 6  # of a frame: fewer do not tell a body from its joints
+_COMPLEX = np.array([1.0, 1.0j])
+
 
 def third_view_mrad(
     undistorted_px: Float[np.ndarray, "frame camera joint 2"],
     confidence: Float[np.ndarray, "frame camera joint"],
     rig: CameraRig,
 ) -> Float[np.ndarray, " camera"]:
-    """Of each camera the median angle between its detections and where the other cameras have the joints.
+    """How far each camera sees the body from where the other cameras have it: median over the frames.
 
-    Two cameras have no third view: there it is the angle out of the epipolar plane.
+    Of each frame the part of the offsets counts that moves, turns or scales the whole body in the image: a detector
+    places every joint somewhere else, depending on the view, and a wrong camera moves them all. Two cameras have no
+    third view: there it is by how much the body is out of the epipolar planes.
 
     Args:
         undistorted_px: of frames that the calibration was not made from, where there are some: those that made it
@@ -26,7 +31,7 @@ def third_view_mrad(
         rig: the cameras.
 
     Returns:
-        Milliradians; NaN where a camera has no detection of a joint that enough others see.
+        Milliradians; NaN where a camera never sees six joints of a frame that enough others see.
     """
     px = np.where(confidence[..., None] > 0, undistorted_px, np.nan)
     if rig.n_cameras == 2:
@@ -46,9 +51,21 @@ def _left_out_mrad(
         px[:, others].swapaxes(1, 2), confidence[:, others].swapaxes(1, 2), rig.projection_matrices[others]
     )
     camera = rig.cameras[left_out]
-    there = joints_m - camera.position_m
-    cosine = np.sum(camera.ray(px[:, left_out]) * there, axis=-1) / np.linalg.norm(there, axis=-1)
-    return _median_mrad(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    focal_px, centre_px = np.diag(camera.K)[:2], camera.K[:2, 2]
+    seen, there = (px[:, left_out] - centre_px) / focal_px, (camera.project(joints_m) - centre_px) / focal_px
+    known = np.asarray((np.isfinite(seen) & np.isfinite(there)).all(axis=-1))
+    frames = np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS)
+    return _median_mrad(np.array([_body_offset(seen[t, known[t]], there[t, known[t]]) for t in frames]))
+
+
+def _body_offset(seen: Float[np.ndarray, "joint 2"], there: Float[np.ndarray, "joint 2"]) -> float:
+    """Root mean square of what a shift, a turn and a scaling of the image move the joints by, in focal lengths: the
+    least-squares similarity, whose turn and scale are one complex number."""
+    points, offsets = seen @ _COMPLEX, (there - seen) @ _COMPLEX
+    around, shift = points - points.mean(), offsets.mean()
+    square = float(np.vdot(around, around).real)
+    grow = np.vdot(around, offsets - shift) / square if square > 0 else 0.0
+    return float(np.sqrt(np.mean(np.abs(shift + grow * around) ** 2)))
 
 
 def _epipolar_mrad(px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig) -> Float[np.ndarray, " camera"]:
@@ -58,14 +75,15 @@ def _epipolar_mrad(px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig
     for own, other in ((0, 1), (1, 0)):
         normal = np.cross(baseline, rays[other])
         length = np.linalg.norm(normal, axis=-1)
-        sine = np.sum(rays[own] * normal, axis=-1) / np.where(length > 0, length, np.nan)
-        angles.append(_median_mrad(np.arcsin(np.clip(np.abs(sine), 0.0, 1.0))))
+        out_rad = np.arcsin(np.clip(np.sum(rays[own] * normal, axis=-1) / np.where(length > 0, length, np.nan), -1, 1))
+        known = np.isfinite(out_rad)
+        frames = np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS)
+        angles.append(_median_mrad(np.array([abs(np.median(out_rad[t, known[t]])) for t in frames])))
     return np.array(angles)
 
 
-def _median_mrad(angle_rad: np.ndarray) -> float:
-    known = angle_rad[np.isfinite(angle_rad)]
-    return 1e3 * float(np.median(known)) if known.size else float("nan")
+def _median_mrad(angle_rad: Float[np.ndarray, " frame"]) -> float:
+    return 1e3 * float(np.median(angle_rad)) if angle_rad.size else float("nan")
 
 
 def referee_deg(
@@ -92,7 +110,7 @@ def _turned_deg(
     seen_m: Float[np.ndarray, "frame joint 3"], joints_m: Float[np.ndarray, "frame joint 3"], camera: Camera
 ) -> float:
     own_m = camera.to_camera_frame(joints_m)
-    known = (np.isfinite(seen_m) & np.isfinite(own_m)).all(axis=-1)
+    known = np.asarray((np.isfinite(seen_m) & np.isfinite(own_m)).all(axis=-1))
     several = known.sum(axis=1) >= 4
     if not several.any():
         return float("nan")

@@ -68,9 +68,9 @@ def _better_mirrored(
     first_m: Float[np.ndarray, "frame joint 3"], second_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton
 ) -> float:
     """By how much the poses of two views correlate better with one mirrored; NaN if no frame has both."""
-    known = (np.isfinite(first_m) & np.isfinite(second_m)).all(axis=-1)
+    known = np.asarray((np.isfinite(first_m) & np.isfinite(second_m)).all(axis=-1))
     # The other side of the body takes the place of a mirrored joint, so both have to be known.
-    known &= known[:, skeleton.mirror]
+    known = known & known[:, skeleton.mirror]
     if not known.any():
         return float("nan")
     first, second = (_centred(points_m, known) for points_m in (first_m, second_m))

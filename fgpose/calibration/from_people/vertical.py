@@ -133,7 +133,7 @@ def _normal(
 ) -> Float[np.ndarray, "5 6"]:
     """Robust (Cauchy) normal equations, each row counting as so many independent measurements; their standard deviation
     is that of the residuals around what fits best, and no less than least_sigma."""
-    normal = _weighted(rows, values, np.ones(len(rows)))
+    sigma, normal = least_sigma, _weighted(rows, values, np.ones(len(rows)))
     for _ in range(3):
         fit = np.linalg.lstsq(normal[:, :-1], normal[:, -1], rcond=1e-9)[0]
         residual = np.linalg.norm(values - rows @ fit, axis=1)

@@ -94,7 +94,7 @@ def test_somebody_who_stands_still_is_as_good_as_his_image() -> None:
 def walk_of(joints_m: np.ndarray, rig: CameraRig) -> Walk:
     _, skeleton = walker(5.0, 0)
     px = rig.project(joints_m)
-    inside = ((px >= 0) & (px < 1000)).all(axis=-1)
+    inside = np.asarray(((px >= 0) & (px < 1000)).all(axis=-1))
     time_s = np.arange(len(joints_m)) / FPS
     return Walk(skeleton, rig.names, time_s, np.where(inside[..., None], px, np.nan), inside.astype(float))
 

@@ -82,13 +82,13 @@ def test_a_camera_that_looks_straight_down_has_x_where_its_image_is_up() -> None
 
 
 def test_a_stature_makes_metres() -> None:
-    # The proportions of bodies differ by 1 to 2 %; those of the walkers by 3 % in each bone.
     case = adjusted(seed=7)
     stature_m = stature_of(case.truth_m)
     found = to_metric(case.walk, case.rig, case.joints_m, stature_m=stature_m)
+    # 2 % between bodies, and by 1 % more because the highest head is taken for the stature.
     assert case.true_T(found.world_T_gauge).scale == pytest.approx(1.0, abs=0.03)
     assert found.scale.source == f"stature {stature_m:.2f} m"
-    assert 0.005 < found.scale.sigma < 0.02
+    assert 0.01 < found.scale.sigma < 0.03
 
 
 def stature_of(truth_m: np.ndarray) -> float:

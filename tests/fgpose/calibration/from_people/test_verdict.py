@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from adjusted_rigs import adjusted, moved, rig_errors
 
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
 from fgpose.calibration.from_people.coverage import Coverage
+from fgpose.calibration.from_people.grounds import Grounds, gather
+from fgpose.calibration.from_people.metric import to_metric
 from fgpose.calibration.from_people.verdict import (
-    Grounds,
     findings,
     focal_undetermined,
+    focal_wrong,
     halves_disagree,
     mirrors,
     nobody_upright,
@@ -23,6 +26,8 @@ from fgpose.calibration.from_people.verdict import (
 )
 
 NAMES = ("a", "b", "c")
+NO_CAMERA = np.zeros(4, dtype=bool)
+NOBODY = np.zeros(3, dtype=bool)
 
 
 def each(*values: float) -> np.ndarray:
@@ -97,9 +102,12 @@ def test_each_of_the_grounds_has_its_finding(change: dict, camera: str, grade: G
 
 
 def test_a_camera_that_is_worse_than_the_others_stands_out() -> None:
-    assert not worst_camera(NAMES, each(3, 3, 12))  # 12 mrad are usual, if the others are good by chance
-    (finding,) = worst_camera(NAMES, each(3, 3, 18))
+    assert not worst_camera(NAMES, each(1, 1, 8))  # 8 mrad are usual, if the others are good by chance
+    assert not worst_camera(NAMES, each(7, 7, 9))
+    (finding,) = worst_camera(NAMES, each(3, 3, 12))
     assert (finding.camera, finding.grade) == ("c", Grade.FAILED)
+    (finding,) = worst_camera(NAMES, each(7, 7, 12))
+    assert (finding.camera, finding.grade) == ("c", Grade.COARSE)
 
 
 def test_a_camera_that_nobody_can_judge_is_coarse() -> None:
@@ -135,12 +143,36 @@ def test_how_a_camera_saw_the_walk() -> None:
     coverage = replace(
         well_covered(), along_m=each(0.1, 1.0, 1.0), across_m=each(0.05, 0.05, 1.0), image_share=each(0.1, 0.5, 0.1)
     )
-    found = {finding.camera: finding.reason for finding in poorly_covered(NAMES, coverage)}
+    found = {finding.camera: finding.reason for finding in poorly_covered(NAMES, coverage, NOBODY)}
     assert "one place" in found["a"]
     assert "one line" in found["b"]
     assert "10% of its image" in found["c"]
-    unseen = poorly_covered(NAMES, replace(well_covered(), seen_s=each(0, 20, 20), along_m=each(np.nan, 1, 1)))
-    assert [finding.reason for finding in unseen] == ["it saw the person for 0.0 s only"]
+    unseen = replace(well_covered(), seen_s=each(0, 20, 20), along_m=each(np.nan, 1, 1))
+    assert [f.reason for f in poorly_covered(NAMES, unseen, NOBODY)] == ["it saw the person for 0.0 s only"]
+
+
+def test_a_line_does_not_matter_where_the_camera_is_certain() -> None:
+    line, place = replace(well_covered(), across_m=np.zeros(3)), replace(well_covered(), along_m=np.zeros(3))
+    assert not poorly_covered(NAMES, line, ~NOBODY)
+    assert poorly_covered(NAMES, place, ~NOBODY)
+    grounds = replace(good(), coverage=line)
+    assert not findings(grounds)
+    sigmas = replace(grounds.sigmas, direction_deg=each(0.5, 0.5, 1.2))
+    (finding,) = findings(replace(grounds, sigmas=sigmas))
+    assert (finding.camera, finding.reason) == ("c", "it saw the person on one line only")
+
+
+def test_what_holds_for_all_cameras_is_said_once() -> None:
+    (finding,) = poorly_covered(NAMES, replace(well_covered(), along_m=np.zeros(3)), NOBODY)
+    assert (finding.camera, finding.reason) == ("", "every camera saw the person in one place only")
+
+
+def test_a_focal_length_that_the_images_contradict() -> None:
+    change, sigma = each(0.2, 0.05, 0.2), each(0.01, 0.01, 0.1)
+    graded = {finding.camera: finding.grade for finding in focal_wrong(NAMES, change, sigma)}
+    assert graded == {"a": Grade.FAILED, "b": Grade.COARSE}
+    assert not focal_wrong(NAMES, None, None)
+    assert len(findings(replace(good(), focal_change=change, focal_change_sigma=sigma))) == 2
 
 
 def test_criteria_that_hold_say_nothing() -> None:
@@ -148,3 +180,36 @@ def test_criteria_that_hold_say_nothing() -> None:
     assert not mirrors(NAMES, np.zeros(3, dtype=bool), 0.0)
     assert not recording_too_short(30.0)
     assert not nobody_upright(0.9)
+
+
+def test_a_walker_gives_a_good_verdict() -> None:
+    # The whole way from what an adjustment gives, at 20 mm of error; halves with as much.
+    case = adjusted(seed=2)
+    found = to_metric(case.walk, case.rig, case.joints_m, stature_m=1.7)
+    rng = np.random.default_rng(0)
+    first, second = (moved(found.rig, rig_errors(found.rig, 0.02, rng)) for _ in range(2))
+    grounds = gather(
+        case.walk, found, four_sigmas(), (first, second), np.arange(len(case.truth_m)) % 2 == 0, NO_CAMERA, ~NO_CAMERA
+    )
+    assert findings(grounds) == ()
+    assert grounds.duration_s == pytest.approx(30.0, abs=0.1)
+    assert grounds.distance_m == pytest.approx(4.5, rel=0.2)
+    assert np.isnan(grounds.referee_deg).all()  # no 3D
+
+
+def test_a_camera_that_was_bumped_in_the_middle_fails() -> None:
+    case = adjusted(seed=2)
+    bumped = rig_errors(case.rig, 0.0, np.random.default_rng(0))
+    bumped[1, 1] += np.deg2rad(6.0)
+    found = to_metric(case.walk, moved(case.rig, bumped), case.joints_m, stature_m=1.7)
+    grounds = gather(
+        case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, NO_CAMERA, ~NO_CAMERA
+    )
+    assert {(finding.camera, finding.grade) for finding in findings(grounds)} >= {("ring_1", Grade.FAILED)}
+    assert np.isnan(grounds.halves_deg).all()
+
+
+def four_sigmas() -> CameraSigmas:
+    return CameraSigmas(
+        np.full(4, 0.02), np.full(4, 0.3), np.zeros(4), np.zeros(4), scale=0.01, vertical_deg=0.5, floor_m=0.01
+    )
