@@ -10,8 +10,9 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.steps import Steps
 
-# Of the heights of a standing foot, least standard deviation as a share of the stature: 10 mm, as of the vertical.
-_FOOT_SIGMA = 0.006
+# Of the height of the foot, as a share of the stature: 14 mm of bias of its detections (20 to 40 mm in the image, less
+# where several views agree), which no number of steps averages out on a way to and fro.
+_BIAS_SIGMA = 0.008
 _STEPS_AS_ONE = 4.0  # see vertical.py
 _LOW = 0.02  # centile of the lowest points of the feet where there are no steps (HumanCalib)
 # That centile lies below the feet by noise and above it by a foot that never stood, 30 mm each.
@@ -40,19 +41,20 @@ def find_floor(
     if len(steps):
         # Of a foot on the floor, heel or toes are lowest; when the heel has risen, it is not the foot's height.
         heights = (steps.lowest_m @ up).min(axis=1)
-        height, sigma = _lower_half(heights), max(_spread(heights), _FOOT_SIGMA * stature)
-        sigma /= np.sqrt(max(len(steps) / _STEPS_AS_ONE, 1.0))
+        height, sigma = _lower_half(heights), _spread(heights) / np.sqrt(max(len(steps) / _STEPS_AS_ONE, 1.0))
     else:
         height, sigma = _lowest(anatomy.feet_m(joints_m) @ up), _NO_STEPS_SIGMA * stature
-    return Floor(height - share * stature, float(np.hypot(sigma, share_sigma * stature)))
+    of_feet = np.hypot(share_sigma, _BIAS_SIGMA) * stature
+    return Floor(height - share * stature, float(np.hypot(sigma, of_feet)))
 
 
 def _lower_half(heights: Float[np.ndarray, " step"]) -> float:
-    """Median of the lower half: of steps on things, and of feet whose heel has risen, the other half consists."""
+    """Median of the lower half; the other half contains the steps on things, and feet whose heel has risen."""
     return float(np.quantile(heights, 0.25))
 
 
 def _spread(heights: Float[np.ndarray, " step"]) -> float:
+    """Standard deviation, from the lower half of a normal distribution."""
     return float(np.subtract(*np.quantile(heights, [0.5, 0.1587])))
 
 

@@ -47,6 +47,8 @@ class Grounds:
     """handedness.handedness of the reconstructed joints."""
     upright: float
     """Share of the frames in which the person is upright."""
+    camera_tilt_deg: float
+    """Angle between the vertical and what is up in the images, the mean of all cameras."""
     duration_s: float
     """For how long two cameras saw the person."""
     of_scale: tuple[Finding, ...] = ()
@@ -95,6 +97,7 @@ def gather(
         mirrored=unknown > 0 if points3d_m is None else mirrored_views(points3d_m, walk.skeleton),
         handedness=handedness(joints_m, walk.skeleton),
         upright=metric.vertical.upright,
+        camera_tilt_deg=_camera_tilt_deg(rig),
         duration_s=_duration_s(walk),
         of_scale=metric.scale.findings,
     )
@@ -120,6 +123,11 @@ def _distances_m(
     if not len(hips_m):
         return np.full(rig.n_cameras, np.nan)
     return np.array([np.median(np.linalg.norm(hips_m - camera.position_m, axis=-1)) for camera in rig.cameras])
+
+
+def _camera_tilt_deg(rig: CameraRig) -> float:
+    up = -np.mean([camera.world_T_camera[:3, 1] for camera in rig.cameras], axis=0)
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(up[:2]), up[2])))
 
 
 def _duration_s(walk: Walk) -> float:

@@ -34,6 +34,19 @@ class RigEstimate:
     offset_sigma_s: Float[np.ndarray, " camera"]
     """Standard deviation of the start, relative to the first camera; zero where it was given."""
 
+    @staticmethod
+    def of(rig: CameraRig, covariance: Float[np.ndarray, "camera k camera k"], focal: int, offset: int) -> RigEstimate:
+        """From the joint covariance of all unknowns of the cameras, in whatever gauge.
+
+        Args:
+            rig: from an adjustment.
+            covariance: the first six unknowns are those of the pose, as above.
+            focal: which one is the logarithm of the focal length.
+            offset: which one is the time offset, seconds.
+        """
+        sigmas = np.sqrt(np.einsum("cici->ci", covariance))
+        return RigEstimate(rig, covariance[:, :6, :, :6], sigmas[:, focal], sigmas[:, offset])
+
     def moved(self, similarity: Similarity) -> RigEstimate:
         """In another gauge and unit."""
         units = np.repeat([1.0, similarity.scale], 3)

@@ -37,6 +37,7 @@ _LEAST_ACROSS_M, _LEAST_ALONG_M = 0.15, 0.3  # standard deviations: a line is 0.
 _LEAST_IMAGE_SHARE = 0.25
 _LEAST_SEEN_S, _LEAST_DURATION_S = 3.0, 5.0
 _LEAST_UPRIGHT = 0.5
+_MOST_TILT_DEG = 70.0  # a camera under the ceiling that looks 60 degrees down is tilted by so much
 _THROUGH = "walk through its whole view, near and far"
 _OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames that say the other
 
@@ -54,8 +55,9 @@ def findings(grounds: Grounds) -> tuple[Finding, ...]:
         *start_uncertain(names, grounds.start_certain),
         *poorly_covered(names, grounds.coverage, certain(sigmas.direction_deg, sigmas.position_m / distance_m)),
         *mirrors(names, grounds.mirrored, grounds.handedness),
+        *nobody_checks(len(names)),
         *recording_too_short(grounds.duration_s),
-        *nobody_upright(grounds.upright),
+        *nobody_upright(grounds.upright, grounds.camera_tilt_deg),
         *grounds.of_scale,
     ]
     return tuple(sorted(found, key=_gravity, reverse=True))
@@ -214,6 +216,14 @@ def mirrors(names: Sequence[str], mirrored: Bool[np.ndarray, " camera"], handedn
     return found
 
 
+def nobody_checks(n_cameras: int) -> list[Finding]:
+    """Of two cameras, simulated ones were off by two degrees that neither the halves nor the epipolar planes show."""
+    if n_cameras > 2:
+        return []
+    reason = "two cameras have no third one that checks them"
+    return [Finding("", Grade.COARSE, reason, "add a third camera that sees the walk, if only for the calibration")]
+
+
 def recording_too_short(duration_s: float) -> list[Finding]:
     if duration_s >= _LEAST_DURATION_S:
         return []
@@ -221,7 +231,11 @@ def recording_too_short(duration_s: float) -> list[Finding]:
     return [Finding("", Grade.COARSE, reason, "record somebody who walks around for half a minute")]
 
 
-def nobody_upright(upright: float) -> list[Finding]:
+def nobody_upright(upright: float, camera_tilt_deg: float) -> list[Finding]:
+    """A vertical that is not one: of somebody who bends, sits or lies."""
+    if camera_tilt_deg > _MOST_TILT_DEG:
+        reason = f"the person lies, or the cameras do: up differs by {camera_tilt_deg:.0f} degrees between them"
+        return [Finding("", Grade.COARSE, reason, "walk upright, and turn the videos so that up is up")]
     if upright >= _LEAST_UPRIGHT:
         return []
     reason = f"the vertical is not certain: the person is upright in {upright:.0%} of the frames only"

@@ -26,17 +26,18 @@ def test_the_images_of_moved_points_stay() -> None:
     assert FAR.rig(RIG).project(FAR.of(points_m)) == pytest.approx(RIG.project(points_m), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_left_of_errors_is_what_the_covariance_says() -> None:
     rng = np.random.default_rng(1)
     root = 1e-3 * rng.standard_normal((24, 24)) / 5
     covariance = (root @ root.T).reshape(4, 6, 4, 6)
     left = []
-    for _ in range(300):
+    for _ in range(200):
         errors = (root @ rng.standard_normal(24)).reshape(4, 6)
         left.append(aligned(FAR.rig(moved(RIG, errors)), RIG)[1])
     stated = np.einsum("cici->ci", about_centroid(covariance, RIG))
-    # 300 draws give a variance to 8 %; four of them, for 24 numbers. Their own spread is far larger.
-    assert np.var(left, axis=0) == pytest.approx(stated, rel=0.33)
+    # 200 draws give a variance to 10 %; four of them, for 24 numbers. Their own spread is far larger.
+    assert np.var(left, axis=0) == pytest.approx(stated, rel=0.4)
 
 
 def test_a_similarity_leaves_no_error() -> None:

@@ -42,6 +42,7 @@ def sigmas_of(rng: np.random.Generator, true_sigmas: float) -> tuple[np.ndarray,
     return position / sigmas.position_m, rotation / sigmas.direction_deg
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("true_sigmas", [1.0, 10.0])
 def test_nine_errors_of_ten_are_within_two_sigmas(true_sigmas: float) -> None:
     rng = np.random.default_rng(0)
@@ -109,3 +110,11 @@ def test_how_far_two_rigs_are_apart() -> None:
     apart = disagreement(RIG, moved(RIG, errors))
     assert np.sqrt(apart.rotation_rad2[1]) == pytest.approx(0.02, rel=0.3)
     assert apart.rotation_rad2.argmax() == 1
+
+
+def test_the_unknowns_of_an_adjustment() -> None:
+    unknowns = np.einsum("cd,ij->cidj", np.eye(4), np.diag(np.arange(9.0) ** 2))
+    found = RigEstimate.of(RIG, unknowns, focal=6, offset=8)
+    assert found.covariance.shape == (4, 6, 4, 6)
+    assert found.focal_sigma == pytest.approx(6.0)
+    assert found.offset_sigma_s == pytest.approx(8.0)

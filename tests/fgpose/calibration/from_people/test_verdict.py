@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 from adjusted_rigs import adjusted, moved, rig_errors
@@ -16,6 +17,7 @@ from fgpose.calibration.from_people.verdict import (
     focal_wrong,
     halves_disagree,
     mirrors,
+    nobody_checks,
     nobody_upright,
     poorly_covered,
     recording_too_short,
@@ -67,6 +69,7 @@ def good() -> Grounds:
         mirrored=~certain,
         handedness=0.9,
         upright=0.95,
+        camera_tilt_deg=15.0,
         duration_s=28.0,
     )
 
@@ -90,6 +93,7 @@ def test_the_gravest_comes_first() -> None:
         ({"start_certain": np.array([True, False, True])}, "b", Grade.COARSE, "start is not certain"),
         ({"handedness": -0.8}, "", Grade.FAILED, "inside out"),
         ({"upright": 0.2}, "", Grade.COARSE, "20%"),
+        ({"camera_tilt_deg": 85.0}, "", Grade.COARSE, "85 degrees"),
         ({"duration_s": 1.0}, "", Grade.COARSE, "1.0 s"),
         ({"of_scale": (Finding("", Grade.COARSE, "a wrong stature", ""),)}, "", Grade.COARSE, "stature"),
     ],
@@ -175,11 +179,18 @@ def test_a_focal_length_that_the_images_contradict() -> None:
     assert len(findings(replace(good(), focal_change=change, focal_change_sigma=sigma))) == 2
 
 
+def test_two_cameras_are_coarse() -> None:
+    (finding,) = nobody_checks(2)
+    assert finding.grade is Grade.COARSE
+    assert "third" in finding.remedy
+
+
 def test_criteria_that_hold_say_nothing() -> None:
     assert not start_uncertain(NAMES, np.ones(3, dtype=bool))
     assert not mirrors(NAMES, np.zeros(3, dtype=bool), 0.0)
     assert not recording_too_short(30.0)
-    assert not nobody_upright(0.9)
+    assert not nobody_checks(3)
+    assert not nobody_upright(0.9, 10.0)
 
 
 def test_a_walker_gives_a_good_verdict() -> None:
@@ -194,6 +205,7 @@ def test_a_walker_gives_a_good_verdict() -> None:
     assert findings(grounds) == ()
     assert grounds.duration_s == pytest.approx(30.0, abs=0.1)
     assert grounds.distance_m == pytest.approx(4.5, rel=0.2)
+    assert grounds.camera_tilt_deg < 20  # the cameras look down by 10 degrees, all towards the middle
     assert np.isnan(grounds.referee_deg).all()  # no 3D
 
 
@@ -213,3 +225,11 @@ def four_sigmas() -> CameraSigmas:
     return CameraSigmas(
         np.full(4, 0.02), np.full(4, 0.3), np.zeros(4), np.zeros(4), scale=0.01, vertical_deg=0.5, floor_m=0.01
     )
+
+
+def test_somebody_who_lies_is_not_the_vertical() -> None:
+    case = adjusted(10.0, 3)
+    lying = case.joints_m @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
+    found = to_metric(case.walk, case.rig, lying, stature_m=1.7)
+    grounds = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), NO_CAMERA, ~NO_CAMERA)
+    assert any("lies" in finding.reason for finding in findings(grounds))
