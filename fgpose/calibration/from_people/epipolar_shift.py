@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.calibration.from_people.clocks import ClockShift
 from fgpose.calibration.from_people.views import View
 from fgpose.sampling import spread_evenly
 
@@ -33,29 +34,16 @@ RATE_SIGMA = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class EpipolarShift:
-    """Two cameras that see one walker: time of the first = time of the second + shift_s + rate * (time of the second -
-    middle_s)."""
+    """Two cameras that see one walker."""
 
-    shift_s: float
-    rate: float
-    middle_s: float
-    """By the clock of the second camera, of what both see."""
-    covariance: Float[np.ndarray, "2 2"]
-    """Of shift_s and rate, from how blocks of a second disagree."""
+    clock: ClockShift
+    """Its covariance is from how blocks of a second disagree."""
     misfit: float
     """Mean of r^2 / (1 + r^2) over all joints, r the Sampson error relative to 25 mm at the body: 0 is perfect, 1 is
     nonsense."""
     n_points: int
     F: Float[np.ndarray, "3 3"]
     """x_second^T F x_first = 0 in the images at unit focal length."""
-
-    @property
-    def sigma_s(self) -> float:
-        return float(np.sqrt(self.covariance[0, 0]))
-
-    @property
-    def rate_sigma(self) -> float:
-        return float(np.sqrt(self.covariance[1, 1]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +122,7 @@ def fit_epipolar_shift(
     residual, jacobian = _linearized(geometry, points)
     covariance = _covariance(residual, jacobian, points, rate_sigma)
     misfit = float(np.mean(residual**2 / (1 + residual**2)))
-    return EpipolarShift(shift_s, rate, middle_s, covariance, misfit, len(residual), geometry.F)
+    return EpipolarShift(ClockShift(shift_s, rate, middle_s, covariance), misfit, len(residual), geometry.F)
 
 
 def _common_times_s(first: View, second: View, shift_s: float) -> Float[np.ndarray, " sample"]:

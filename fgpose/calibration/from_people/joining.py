@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.calibration.from_people.correlation import Correlation, correlate, peaks
+from fgpose.calibration.from_people.correlation import PEAK_WIDTH_S, Correlation, correlate, peaks
 from fgpose.calibration.from_people.epipolar_shift import fit_epipolar_shift
 from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals
 from fgpose.calibration.from_people.views import View
@@ -49,51 +49,74 @@ class Joined:
     """The next best."""
 
     @property
+    def is_outstanding(self) -> bool:
+        """Whether the motion fits better than chance would have it."""
+        return self.best.score >= _MIN_SCORE and self.best.misfit < 1.0
+
+    @property
     def is_decisive(self) -> bool:
+        """Whether it does, and fits much better than at any other moment."""
         second = 0.0 if self.second is None else self.second.support
-        return self.best.score >= _MIN_SCORE and self.best.support >= _DECISIVE * second
+        return self.is_outstanding and self.best.support >= _DECISIVE * second
+
+
+@dataclass(frozen=True)
+class Joining:
+    offsets_s: dict[int, float]
+    """Of the cameras that could be joined: common time = own time + offset."""
+    joined: dict[int, Joined]
+    """Of cameras that were tried, also in vain."""
 
 
 def join_cameras(
-    signals: Sequence[MotionSignals], views: Sequence[View]
-) -> tuple[dict[int, float], dict[int, Joined]]:
-    """Offsets of the cameras that could be joined, of one of them 0, and how each of the others joined or failed to.
+    signals: Sequence[MotionSignals], views: Sequence[View], offsets_s: Mapping[int, float] | None = None
+) -> Joining:
+    """Whole offsets of all cameras that can be joined.
 
-    It begins with the two cameras whose correlation has the most outstanding peak. Then always the camera joins whose
-    correlation with all those that have joined, summed up at shifts that are consistent with theirs, has the most
-    outstanding peak. Which peak is right is decided by how well the joints satisfy an epipolar geometry there. A camera
-    for which that is not decisive waits until the others have joined.
+    It begins with the two cameras whose correlation has the most outstanding peak, which is at 0 for the first of them.
+    Then always the camera joins whose correlations with all those that have joined, summed up where they are consistent,
+    have the most outstanding peak. Which peak is right is decided by how well the joints satisfy an epipolar geometry
+    there. A camera for which that is not decisive is tried again when others have joined.
+
+    Args:
+        signals, views: of all cameras; empty where nobody is seen.
+        offsets_s: of cameras that have joined already.
     """
     pairs = _correlations(signals)
-    offsets_s: dict[int, float] = {}
-    outcome: dict[int, Joined] = {}
     waiting = [camera for camera in range(len(signals)) if signals[camera].known.any()]
-    if len(waiting) < 2:
-        return offsets_s, outcome
-    for one, other in sorted(combinations(waiting, 2), key=lambda pair: -_outstanding(pairs[pair].score)):
-        joined = _proposed(other, {one: 0.0}, pairs, views)
-        if joined is not None and joined.is_decisive:
-            offsets_s = {one: 0.0, other: joined.best.offset_s}
-            outcome[other] = joined
-            break
-        if joined is not None:
-            outcome[other] = joined
-    if not offsets_s:
-        return offsets_s, outcome
-    waiting = [camera for camera in waiting if camera not in offsets_s]
+    joining = Joining(dict(offsets_s), {}) if offsets_s else _first_two(waiting, pairs, views)
+    if not joining.offsets_s:
+        return joining
+    waiting = [camera for camera in waiting if camera not in joining.offsets_s]
     postponed: list[int] = []
     while waiting:
-        camera = max(waiting, key=lambda camera: _outstanding(_together(camera, offsets_s, pairs)[1]))
-        joined = _proposed(camera, offsets_s, pairs, views)
+        camera = max(waiting, key=lambda camera: _outstanding(_together(camera, joining.offsets_s, pairs)[1]))
         waiting.remove(camera)
-        if joined is not None:
-            outcome[camera] = joined
-        if joined is not None and joined.is_decisive:
-            offsets_s[camera] = joined.best.offset_s
-            waiting, postponed = waiting + postponed, []
-        else:
-            postponed.append(camera)
-    return offsets_s, outcome
+        postponed.append(camera)
+        joined = _proposed(camera, joining.offsets_s, pairs, views)
+        if joined is None:
+            continue
+        joining.joined[camera] = joined
+        if joined.is_decisive:
+            joining.offsets_s[camera] = joined.best.offset_s
+            waiting, postponed = [*waiting, *(other for other in postponed if other != camera)], []
+    return joining
+
+
+def _first_two(
+    cameras: Sequence[int], pairs: Mapping[tuple[int, int], Correlation], views: Sequence[View]
+) -> Joining:
+    """The two with the most outstanding peak that is decisive; if there are none, how each has failed."""
+    failed: dict[int, Joined] = {}
+    for one, other in sorted(combinations(cameras, 2), key=lambda pair: -_outstanding(pairs[pair].score)):
+        joined = _proposed(other, {one: 0.0}, pairs, views)
+        if joined is None:
+            continue
+        if joined.is_decisive:
+            return Joining({one: 0.0, other: joined.best.offset_s}, {other: joined})
+        failed.setdefault(other, joined)
+        failed.setdefault(one, joined)
+    return Joining({}, failed)
 
 
 def _correlations(signals: Sequence[MotionSignals]) -> dict[tuple[int, int], Correlation]:
@@ -137,8 +160,12 @@ def _proposed(
         for peak in highest
         if score[peak] >= _MIN_PEAK * score[highest[0]]
     ]
-    found.sort(key=lambda proposal: -proposal.support)
-    return Joined(camera, found[0], found[1] if len(found) > 1 else None) if found else None
+    if not found:
+        return None
+    best = max(found, key=lambda proposal: proposal.support)
+    # Neighbouring peaks may lead to the same moment.
+    others = [proposal for proposal in found if abs(proposal.offset_s - best.offset_s) > PEAK_WIDTH_S]
+    return Joined(camera, best, max(others, key=lambda proposal: proposal.support, default=None))
 
 
 def _judged(
@@ -161,6 +188,6 @@ def _judged(
     if not known:
         return Proposal(offset_s, score, 1.0)
     weight = np.array([fit.n_points for _, fit in known], dtype=float)
-    refined_s = [offsets_s[one] + fit.shift_s for one, fit in known]
+    refined_s = [offsets_s[one] + fit.clock.shift_s for one, fit in known]
     misfit = float(np.average([fit.misfit for _, fit in known], weights=weight))
     return Proposal(float(np.median(refined_s)), score, misfit)
