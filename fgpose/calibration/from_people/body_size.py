@@ -33,3 +33,10 @@ def steady_radius(
     radius = np.interp(time_s, time_s[known], radius[known])
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else _MEDIAN_S
     return median_filter(radius, size=max(round(_MEDIAN_S / step_s) | 1, 1), mode="nearest")
+
+
+def mean_joint(points: Float[np.ndarray, "image joint 2"]) -> Float[np.ndarray, "image 2"]:
+    """Centre of the known joints; NaN without any."""
+    known = np.isfinite(points).all(axis=-1, keepdims=True)
+    count = known.sum(axis=1)
+    return np.where(count > 0, np.where(known, points, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)

@@ -61,16 +61,19 @@ def solve_clocks(shifts: Mapping[tuple[int, int], ClockShift], n_cameras: int, r
     Returns:
         NaN for cameras that do not occur.
     """
-    known = sorted({camera for pair in shifts for camera in pair} | {reference})
+    known = [reference, *sorted({camera for pair in shifts for camera in pair} - {reference})]
     column = {camera: 2 * n for n, camera in enumerate(known)}
     rows, right = _equations(shifts, column)
-    rows[:, column[reference] : column[reference] + 2] = 0.0
     weight, solution = np.ones(len(rows)), np.zeros(2 * len(known))
+    covariance = np.zeros((2 * len(known), 2 * len(known)))
     for _ in range(_ROUNDS if len(rows) else 0):
-        solution = np.linalg.lstsq(rows * weight[:, None], right * weight, rcond=1e-15)[0]
+        # The first two unknowns are those of the reference: zero.
+        own = rows[:, 2:] * weight[:, None]
+        solution[2:] = np.linalg.lstsq(own, right * weight, rcond=1e-15)[0]
+        covariance[2:, 2:] = np.linalg.pinv(own.T @ own, rcond=1e-15, hermitian=True)
         apart = np.linalg.norm((right - rows @ solution).reshape(-1, 2), axis=1)
         weight = np.repeat(np.sqrt(np.minimum(1.0, _HUBER / np.maximum(apart, 1e-9))), 2)
-    return _clocks(solution, rows * weight[:, None], shifts, column, n_cameras, reference)
+    return _clocks(solution, covariance, shifts, column, n_cameras)
 
 
 def _equations(
@@ -93,14 +96,12 @@ def _equations(
 
 def _clocks(
     solution: Float[np.ndarray, " unknown"],
-    rows: Float[np.ndarray, "row unknown"],
+    covariance: Float[np.ndarray, "unknown unknown"],
     shifts: Mapping[tuple[int, int], ClockShift],
     column: Mapping[int, int],
     n_cameras: int,
-    reference: int,
 ) -> Clocks:
     offsets_s, rates, sigma_s, rate_sigma, apart_s = np.full((5, n_cameras), np.nan)
-    covariance = np.linalg.pinv(rows.T @ rows, rcond=1e-15, hermitian=True)
     for camera, at in column.items():
         offsets_s[camera], rates[camera] = solution[at : at + 2]
     for camera, at in column.items():
@@ -112,7 +113,6 @@ def _clocks(
         sigma_s[camera] = np.sqrt(max(by @ covariance[at : at + 2, at : at + 2] @ by, 0.0) * alone)
         rate_sigma[camera] = np.sqrt(max(covariance[at + 1, at + 1], 0.0) * alone)
         apart_s[camera] = np.median([abs(_apart_s(offsets_s, rates, *each)) for each in own.items()]) if own else 0.0
-    sigma_s[reference] = rate_sigma[reference] = 0.0
     return Clocks(offsets_s, rates, sigma_s, rate_sigma, apart_s)
 
 

@@ -28,8 +28,8 @@ _MAX_STEP_S = 0.08  # further than this the joints do not move straight on
 _BLOCK_S = 1.0  # errors are correlated for 0.15 s, biases as long as somebody is seen from one side
 _INDEPENDENT_S = 0.3  # twice the correlation time
 _EPSILON = 1e-6
-RATE_SIGMA = 1e-4
-"""Clocks of cameras drift by 43 to 145 ppm."""
+RATE_SIGMA = 1.5e-4
+"""Of one clock relative to another: each drifts by 43 to 145 ppm."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +50,12 @@ class EpipolarShift:
 class _Points:
     """Corresponding points, one row for each joint of each sample."""
 
-    first: Float[np.ndarray, "point 2"]
-    second: Float[np.ndarray, "point 2"]
-    velocity: Float[np.ndarray, "point 2"]
-    """Of the second, per second."""
+    xy: tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]
+    """In the first and in the second camera, as the next two."""
+    velocity: tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]
+    """Per second."""
+    fast: tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]
+    """The part of it that changes within a stride."""
     spread: Float[np.ndarray, " point"]
     time_s: Float[np.ndarray, " point"]
     """By the clock of the second camera, since the middle."""
@@ -109,8 +111,7 @@ def fit_epipolar_shift(
     if geometry is None:
         return None
     for _ in range(_MAX_ROUNDS):
-        residual, jacobian = _linearized(geometry, points)
-        step = _step(residual, jacobian, rate - prior_rate, rate_sigma**-2 / points.independent)
+        step = _Linearized.at(geometry, points, rate_sigma).step(rate - prior_rate)
         moved_s = float(np.clip(step[7], -_MAX_STEP_S, _MAX_STEP_S))
         geometry, shift_s, rate = geometry.moved(step[:7]), shift_s + moved_s, rate + float(step[8])
         again = _points(first, second, time_s, shift_s, rate, middle_s)
@@ -119,10 +120,9 @@ def fit_epipolar_shift(
         points = again
         if abs(moved_s) < _CONVERGED_S and np.abs(step[:7]).max() < 1e-4:
             break
-    residual, jacobian = _linearized(geometry, points)
-    covariance = _covariance(residual, jacobian, points, rate_sigma)
-    misfit = float(np.mean(residual**2 / (1 + residual**2)))
-    return EpipolarShift(ClockShift(shift_s, rate, middle_s, covariance), misfit, len(residual), geometry.F)
+    found = _Linearized.at(geometry, points, rate_sigma)
+    clock = ClockShift(shift_s, rate, middle_s, found.covariance(rate_sigma))
+    return EpipolarShift(clock, float(np.mean(1 - found.weight)), len(found.residual), geometry.F)
 
 
 def _common_times_s(first: View, second: View, shift_s: float) -> Float[np.ndarray, " sample"]:
@@ -144,24 +144,23 @@ def _points(
 ) -> _Points | None:
     """None if there are too few."""
     since_s = (time_s - shift_s - middle_s) / (1 + rate)
-    at_s = middle_s + since_s
-    xy, others, velocity = first.at(time_s), second.at(at_s), second.velocity_at(at_s)
-    square = (first.radius_at(time_s) ** 2 + second.radius_at(at_s) ** 2) / 2
-    sample, joint = np.nonzero(np.isfinite(xy + others + velocity).all(axis=-1))
+    both = ((first, time_s), (second, middle_s + since_s))
+    xy, velocity, fast = zip(*((view.at(s), view.velocity_at(s), view.fast_velocity_at(s)) for view, s in both), strict=True)
+    sample, joint = np.nonzero(np.isfinite(sum(xy) + sum(velocity)).all(axis=-1))
     if len(sample) < _MIN_POINTS:
         return None
-    spread = _SPREAD * np.sqrt(square)[sample]
+    square = sum(view.radius_at(s) ** 2 for view, s in both) / 2
     independent = min(float(np.ptp(since_s)) / _INDEPENDENT_S / len(since_s), 1.0)
-    rows = (array[sample, joint] for array in (xy, others, velocity))
-    return _Points(*rows, spread, since_s[sample], max(independent, 1e-3))
+    rows = (tuple(array[sample, joint] for array in arrays) for arrays in (xy, velocity, fast))
+    return _Points(*rows, _SPREAD * np.sqrt(square)[sample], since_s[sample], max(independent, 1e-3))
 
 
 def _robust_geometry(points: _Points) -> _Geometry | None:
     """Fundamental matrix of some of the points by MAGSAC."""
-    some = spread_evenly(len(points.first), _MAX_ROBUST_POINTS)
+    some = spread_evenly(len(points.spread), _MAX_ROBUST_POINTS)
     # OpenCV is made for pixels; thresholds are absolute.
     unit = float(np.median(points.spread))
-    first, second = points.first[some] / unit, points.second[some] / unit
+    first, second = (xy[some] / unit for xy in points.xy)
     F, _ = cv2.findFundamentalMat(first, second, cv2.USAC_MAGSAC, 3.0, 0.999, 2000)
     if F is None or F.shape != (3, 3) or not np.isfinite(F).all():
         return None
@@ -169,69 +168,101 @@ def _robust_geometry(points: _Points) -> _Geometry | None:
     return _Geometry.of(scale @ F @ scale)
 
 
-def _residual(geometry: _Geometry, points: _Points, second: Float[np.ndarray, "point 2"]) -> Float[np.ndarray, " point"]:
-    """Sampson errors relative to their spreads."""
+def _residual(
+    geometry: _Geometry, first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"]
+) -> Float[np.ndarray, " point"]:
+    """Sampson errors."""
     F = geometry.F
-    line = points.first @ F[:, :2].T + F[:, 2]
-    other_line = second @ F[:2] + F[2]
-    algebraic = np.sum(second * line[:, :2], axis=1) + line[:, 2]
-    square = np.sum(line[:, :2] ** 2, axis=1) + np.sum(other_line[:, :2] ** 2, axis=1)
-    return algebraic / np.sqrt(np.maximum(square, 1e-18)) / points.spread
+    line, other_line = first @ F[:, :2].T + F[:, 2], second @ F[:2] + F[2]
+    algebraic = second[:, 0] * line[:, 0] + second[:, 1] * line[:, 1] + line[:, 2]
+    square = line[:, 0] ** 2 + line[:, 1] ** 2 + other_line[:, 0] ** 2 + other_line[:, 1] ** 2
+    return algebraic / np.sqrt(np.maximum(square, 1e-18))
 
 
-def _linearized(
-    geometry: _Geometry, points: _Points
-) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, "point 9"]]:
-    """Residual, and its Jacobian by the seven numbers of the geometry, the shift and the rate."""
-    residual = _residual(geometry, points, points.second)
-    jacobian = np.empty((len(residual), 9))
-    for n in range(7):
-        # Downwards: s is 1 at most.
-        step = np.zeros(7)
-        step[n] = -_EPSILON
-        jacobian[:, n] = (_residual(geometry.moved(step), points, points.second) - residual) / -_EPSILON
-    # The joint is asked for at a time that is earlier by the shift.
-    ahead = _residual(geometry, points, points.second - _EPSILON * points.velocity)
-    jacobian[:, 7] = (ahead - residual) / _EPSILON
-    jacobian[:, 8] = jacobian[:, 7] * points.time_s
-    return residual, jacobian
+@dataclass(frozen=True, eq=False)
+class _Linearized:
+    """Sampson errors near an estimate, by the seven numbers of the geometry, the shift and the rate."""
+
+    residual: Float[np.ndarray, " point"]
+    """Relative to the spreads."""
+    jacobian: Float[np.ndarray, "point 9"]
+    instruments: Float[np.ndarray, "point 9"]
+    """What the residuals must not be correlated with: the Jacobian, but with the fast part of the velocities only. The
+    bias of a detector depends on the side from which it sees the body, and so does where somebody walks in the image."""
+    signal: Float[np.ndarray, " point"]
+    """Product of Jacobian and instrument of the shift, without the square of the noise that is in both."""
+    time_s: Float[np.ndarray, " point"]
+    prior: float
+    """Information on the rate, in units of that of a point."""
+
+    @staticmethod
+    def at(geometry: _Geometry, points: _Points, rate_sigma: float) -> _Linearized:
+        """When the clocks are right, a joint stays on its epipolar line: what its motion in one image does to the
+        residual, its motion in the other one undoes. So the derivative by the shift can be had from either image, and
+        the noise of the two is independent."""
+
+        def residual(geometry: _Geometry, *moved: np.ndarray | float) -> np.ndarray:
+            first, second = (xy + by for xy, by in zip(points.xy, moved or (0.0, 0.0), strict=True))
+            return _residual(geometry, first, second) / points.spread
+
+        here = residual(geometry)
+        jacobian = np.empty((len(here), 9))
+        # Downwards, for s is 1 at most.
+        for n, step in enumerate(-_EPSILON * np.eye(7)):
+            jacobian[:, n] = (residual(geometry.moved(step)) - here) / -_EPSILON
+        # A late clock of the second camera: its joint is asked for at an earlier time, or that of the first at a later.
+        of_first, fast_first = (
+            (residual(geometry, _EPSILON * v[0], 0.0) - here) / _EPSILON for v in (points.velocity, points.fast)
+        )
+        of_second, fast_second = (
+            (residual(geometry, 0.0, -_EPSILON * v[1]) - here) / _EPSILON for v in (points.velocity, points.fast)
+        )
+        instruments = jacobian.copy()
+        for array, derivative in ((jacobian, of_first + of_second), (instruments, fast_first + fast_second)):
+            array[:, 7] = derivative / 2
+            array[:, 8] = array[:, 7] * points.time_s
+        signal = (of_first * fast_second + of_second * fast_first) / 2
+        prior = rate_sigma**-2 / points.independent
+        return _Linearized(here, jacobian, instruments, signal, points.time_s, prior)
+
+    @property
+    def weight(self) -> Float[np.ndarray, " point"]:
+        """Cauchy."""
+        return 1 / (1 + self.residual**2)
+
+    @property
+    def information(self) -> Float[np.ndarray, "9 9"]:
+        """Not symmetric: of instruments and Jacobian. The prior of the rate is in it."""
+        information = (self.instruments * self.weight[:, None]).T @ self.jacobian
+        signal = self.weight * self.signal
+        moments = [float(signal @ self.time_s**power) for power in range(3)]
+        information[7:, 7:] = [[moments[0], moments[1]], [moments[1], moments[2]]]
+        information[8, 8] += self.prior
+        return information
+
+    def step(self, from_prior_rate: float) -> Float[np.ndarray, " 9"]:
+        """To residuals that are not correlated with the instruments."""
+        gradient = self.instruments.T @ (self.weight * self.residual)
+        gradient[8] += self.prior * from_prior_rate
+        return -_solved(self.information, gradient)
+
+    def covariance(self, rate_sigma: float) -> Float[np.ndarray, "2 2"]:
+        """Of shift and rate: the sandwich estimator over blocks of a second (Liang and Zeger 1986), within which errors
+        may be correlated in any way. The prior of the rate counts as an observation."""
+        _, block = np.unique(np.floor(self.time_s / _BLOCK_S), return_inverse=True)
+        scores = np.zeros((block.max() + 1, 9))
+        np.add.at(scores, block, self.instruments * (self.weight * self.residual)[:, None])
+        meat = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
+        meat[8, 8] += (self.prior * rate_sigma) ** 2
+        inverse = _solved(self.information, np.eye(9))
+        return (inverse @ meat @ inverse.T)[7:, 7:]
 
 
-def _step(
-    residual: Float[np.ndarray, " point"],
-    jacobian: Float[np.ndarray, "point 9"],
-    from_prior_rate: float,
-    prior: float,
-) -> Float[np.ndarray, " 9"]:
-    """Of Gauss-Newton, with the information that the prior of the rate has in units of one point's."""
-    weight = 1 / (1 + residual**2)
-    weighted = jacobian * weight[:, None]
-    information, gradient = jacobian.T @ weighted, weighted.T @ residual
-    information[8, 8] += prior
-    gradient[8] += prior * from_prior_rate
-    return -_solved(information, gradient)
-
-
-def _solved(information: Float[np.ndarray, "9 9"], right: Float[np.ndarray, "9 *shape"]) -> Float[np.ndarray, "9 *shape"]:
+def _solved(
+    information: Float[np.ndarray, "9 9"], right: Float[np.ndarray, "9 *shape"]
+) -> Float[np.ndarray, "9 *shape"]:
     """With a damping that only counts where the points say nothing, as of the turn that U and V share if s is 1."""
-    scale = np.sqrt(np.maximum(np.diag(information), 1e-12))
+    scale = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-12))
     damped = information / np.outer(scale, scale) + 1e-6 * np.eye(9)
     shape = (-1, *(1,) * (right.ndim - 1))
     return np.linalg.solve(damped, right / scale.reshape(shape)) / scale.reshape(shape)
-
-
-def _covariance(
-    residual: Float[np.ndarray, " point"], jacobian: Float[np.ndarray, "point 9"], points: _Points, rate_sigma: float
-) -> Float[np.ndarray, "2 2"]:
-    """Of shift and rate: the sandwich estimator over blocks of a second (Liang and Zeger 1986), within which errors may
-    be correlated in any way. The prior of the rate counts as an observation."""
-    weight, prior = 1 / (1 + residual**2), rate_sigma**-2 / points.independent
-    information = jacobian.T @ (jacobian * weight[:, None])
-    information[8, 8] += prior
-    _, block = np.unique(np.floor(points.time_s / _BLOCK_S), return_inverse=True)
-    scores = np.zeros((block.max() + 1, 9))
-    np.add.at(scores, block, jacobian * (weight * residual)[:, None])
-    meat = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
-    meat[8, 8] += (prior * rate_sigma) ** 2
-    inverse = _solved(information, np.eye(9))
-    return (inverse @ meat @ inverse.T)[7:, 7:]

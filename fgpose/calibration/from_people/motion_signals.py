@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
-from fgpose.calibration.from_people.body_size import steady_radius
+from fgpose.calibration.from_people.body_size import mean_joint, steady_radius
 from fgpose.calibration.from_people.walk import Track
 from fgpose.skeleton import Skeleton
 
@@ -133,7 +133,7 @@ def _down(track: Track, skeleton: Skeleton) -> Float[np.ndarray, " 2"]:
     above, below = ([j for j, name in enumerate(skeleton.joints) if _is_of(name, part)] for part in (_ABOVE, _BELOW))
     if not above or not below:
         return np.array([0.0, 1.0])
-    axis_px = _mean_joint(track.points2d_px[:, below]) - _mean_joint(track.points2d_px[:, above])
+    axis_px = mean_joint(track.points2d_px[:, below]) - mean_joint(track.points2d_px[:, above])
     axis_px = axis_px[np.isfinite(axis_px).all(axis=-1)]
     if not len(axis_px):
         return np.array([0.0, 1.0])
@@ -146,12 +146,6 @@ def _down(track: Track, skeleton: Skeleton) -> Float[np.ndarray, " 2"]:
 
 def _is_of(joint: str, part: tuple[str, ...]) -> bool:
     return any(name in joint for name in part)
-
-
-def _mean_joint(points_px: Float[np.ndarray, "image joint 2"]) -> Float[np.ndarray, "image 2"]:
-    known = np.isfinite(points_px).all(axis=-1, keepdims=True)
-    count = known.sum(axis=1)
-    return np.where(count > 0, np.where(known, points_px, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
 
 
 def _mean_of_known(values: Float[np.ndarray, "sample joint"]) -> Float[np.ndarray, "sample 1"]:

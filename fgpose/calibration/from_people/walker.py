@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fgpose.calibration.from_people.body_size import steady_radius
+from fgpose.calibration.from_people.body_size import mean_joint, steady_radius
 from fgpose.calibration.from_people.correlation import correlate
 from fgpose.calibration.from_people.motion_signals import MotionSignals, motion_signals
 from fgpose.calibration.from_people.tracks import chained, no_track
@@ -61,9 +61,9 @@ def _seen(track: Track) -> float:
         return 0.0
     step_s = np.minimum(np.diff(track.time_s), 0.2)
     radius_px = steady_radius(track.time_s, track.points2d_px)[1:]
-    # Of the body: noise of single joints is no motion.
-    moved_px = np.nanmedian(np.where(np.isfinite(track.points2d_px), track.points2d_px, np.nan), axis=1)
-    speed = np.linalg.norm(np.diff(moved_px, axis=0), axis=-1) / radius_px / np.diff(track.time_s)
+    # Of the body as a whole: the noise of single joints is no motion.
+    centre_px = mean_joint(track.points2d_px)
+    speed = np.linalg.norm(np.diff(centre_px, axis=0), axis=-1) / radius_px / np.diff(track.time_s)
     weight = _STILL + np.minimum(np.nan_to_num(speed), 1.0)
     return float(np.sum(track.confidence[1:].mean(axis=1) * step_s * weight))
 
