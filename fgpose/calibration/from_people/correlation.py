@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.fft import irfft, next_fast_len, rfft
+from scipy.fft import next_fast_len
 from scipy.signal import find_peaks
 
 from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals
@@ -58,9 +58,9 @@ def correlate(first: MotionSignals, second: MotionSignals) -> Correlation:
     size = next_fast_len(n_first + n_second - 1, real=True)
 
     def product(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        spectrum = rfft(one[:n_channels], size, axis=1) * rfft(other[:n_channels], size, axis=1).conj()
+        spectrum = np.fft.rfft(one[:n_channels], size) * np.fft.rfft(other[:n_channels], size).conj()
         # From -(n_second - 1) to n_first - 1.
-        return np.roll(irfft(spectrum.sum(axis=0), size), n_second - 1)[: n_first + n_second - 1]
+        return np.roll(np.fft.irfft(spectrum.sum(axis=0), size), n_second - 1)[: n_first + n_second - 1]
 
     mask, other_mask = first.known.astype(float), second.known.astype(float)
     energy = product(first.values**2, other_mask) * product(mask, second.values**2)
@@ -78,9 +78,7 @@ def min_overlap_s(first: MotionSignals, second: MotionSignals) -> float:
     return float(np.clip(_MIN_SHARE * shorter_s, min(_MIN_OVERLAP_S, _SHORT_SHARE * shorter_s), _MAX_MIN_OVERLAP_S))
 
 
-def peaks(
-    score: Float[np.ndarray, " shift"], at_most: int, width_s: float = PEAK_WIDTH_S
-) -> Int[np.ndarray, " peak"]:
+def peaks(score: Float[np.ndarray, " shift"], at_most: int, width_s: float = PEAK_WIDTH_S) -> Int[np.ndarray, " peak"]:
     """Indices of the highest positive local maxima, the highest first."""
     padded = np.concatenate([[-np.inf], score, [-np.inf]])
     found = find_peaks(padded, height=1e-9, distance=max(round(width_s * RATE_HZ), 1))[0] - 1

@@ -50,11 +50,11 @@ class EpipolarShift:
 class _Points:
     """Corresponding points, one row for each joint of each sample."""
 
-    xy: tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]
-    """In the first and in the second camera, as the next two."""
-    velocity: tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]
+    xy: Float[np.ndarray, "camera point 2"]
+    """In the first and in the second camera."""
+    velocity: Float[np.ndarray, "camera point 2"]
     """Per second."""
-    fast: tuple[Float[np.ndarray, "point 2"], Float[np.ndarray, "point 2"]]
+    fast: Float[np.ndarray, "camera point 2"]
     """The part of it that changes within a stride."""
     spread: Float[np.ndarray, " point"]
     time_s: Float[np.ndarray, " point"]
@@ -65,25 +65,30 @@ class _Points:
 
 @dataclass(frozen=True, eq=False)
 class _Geometry:
-    """A fundamental matrix as U diag(1, s, 0) V^T (Bartoli and Sturm 2004)."""
+    """A fundamental matrix as U [A 0; 0 0] V^T: a rank of two without a singularity (unlike U diag(1, s, 0) V^T, where
+    U and V may turn together if s is 1, as it is with true intrinsics)."""
 
     U: Float[np.ndarray, "3 3"]
-    s: float
+    A: Float[np.ndarray, "2 2"]
+    """Of unit norm."""
     V: Float[np.ndarray, "3 3"]
 
     @staticmethod
     def of(F: Float[np.ndarray, "3 3"]) -> _Geometry:
         U, singular, Vt = np.linalg.svd(F)
         U, Vt = U * np.linalg.det(U), Vt * np.linalg.det(Vt)
-        return _Geometry(U, float(singular[1] / singular[0]), Vt.T)
+        return _Geometry(U, np.diag(singular[:2]) / np.linalg.norm(singular[:2]), Vt.T)
 
     @property
     def F(self) -> Float[np.ndarray, "3 3"]:
-        return self.U @ np.diag([1.0, self.s, 0.0]) @ self.V.T
+        return self.U[:, :2] @ self.A @ self.V[:, :2].T
 
     def moved(self, step: Float[np.ndarray, " 7"]) -> _Geometry:
-        U, V = (M @ cv2.Rodrigues(w)[0] for M, w in ((self.U, step[:3]), (self.V, step[3:6])))
-        return _Geometry(U, float(np.clip(self.s + step[6], 1e-3, 1.0)), V)
+        """By turning the two epipoles, and changing A across itself."""
+        U, V = (M @ cv2.Rodrigues(np.array([*w, 0.0]))[0] for M, w in ((self.U, step[:2]), (self.V, step[2:4])))
+        across = np.linalg.svd(self.A.reshape(1, 4))[2][1:]
+        A = self.A + (step[4:] @ across).reshape(2, 2)
+        return _Geometry(U, A / np.linalg.norm(A), V)
 
 
 def fit_epipolar_shift(
@@ -122,7 +127,8 @@ def fit_epipolar_shift(
             break
     found = _Linearized.at(geometry, points, rate_sigma)
     clock = ClockShift(shift_s, rate, middle_s, found.covariance(rate_sigma))
-    return EpipolarShift(clock, float(np.mean(1 - found.weight)), len(found.residual), geometry.F)
+    square = found.residual**2
+    return EpipolarShift(clock, float(np.mean(square / (1 + square))), len(square), geometry.F)
 
 
 def _common_times_s(first: View, second: View, shift_s: float) -> Float[np.ndarray, " sample"]:
@@ -145,14 +151,16 @@ def _points(
     """None if there are too few."""
     since_s = (time_s - shift_s - middle_s) / (1 + rate)
     both = ((first, time_s), (second, middle_s + since_s))
-    xy, velocity, fast = zip(*((view.at(s), view.velocity_at(s), view.fast_velocity_at(s)) for view, s in both), strict=True)
-    sample, joint = np.nonzero(np.isfinite(sum(xy) + sum(velocity)).all(axis=-1))
+    xy, velocity, fast = (
+        np.stack([ask(view, at_s) for view, at_s in both]) for ask in (View.at, View.velocity_at, View.fast_velocity_at)
+    )
+    sample, joint = np.nonzero(np.isfinite(xy + velocity).all(axis=(0, -1)))
     if len(sample) < _MIN_POINTS:
         return None
-    square = sum(view.radius_at(s) ** 2 for view, s in both) / 2
+    xy, velocity, fast = (array[:, sample, joint] for array in (xy, velocity, fast))
+    radius = np.sqrt(np.mean([view.radius_at(at_s) ** 2 for view, at_s in both], axis=0))
     independent = min(float(np.ptp(since_s)) / _INDEPENDENT_S / len(since_s), 1.0)
-    rows = (tuple(array[sample, joint] for array in arrays) for arrays in (xy, velocity, fast))
-    return _Points(*rows, _SPREAD * np.sqrt(square)[sample], since_s[sample], max(independent, 1e-3))
+    return _Points(xy, velocity, fast, _SPREAD * radius[sample], since_s[sample], max(independent, 1e-3))
 
 
 def _robust_geometry(points: _Points) -> _Geometry | None:
@@ -188,7 +196,7 @@ class _Linearized:
     jacobian: Float[np.ndarray, "point 9"]
     instruments: Float[np.ndarray, "point 9"]
     """What the residuals must not be correlated with: the Jacobian, but with the fast part of the velocities only. The
-    bias of a detector depends on the side from which it sees the body, and so does where somebody walks in the image."""
+    bias of a detector depends on the side from which it sees the body, and so does where people walk in the image."""
     signal: Float[np.ndarray, " point"]
     """Product of Jacobian and instrument of the shift, without the square of the noise that is in both."""
     time_s: Float[np.ndarray, " point"]
@@ -207,9 +215,8 @@ class _Linearized:
 
         here = residual(geometry)
         jacobian = np.empty((len(here), 9))
-        # Downwards, for s is 1 at most.
-        for n, step in enumerate(-_EPSILON * np.eye(7)):
-            jacobian[:, n] = (residual(geometry.moved(step)) - here) / -_EPSILON
+        for n, step in enumerate(_EPSILON * np.eye(7)):
+            jacobian[:, n] = (residual(geometry.moved(step)) - here) / _EPSILON
         # A late clock of the second camera: its joint is asked for at an earlier time, or that of the first at a later.
         of_first, fast_first = (
             (residual(geometry, _EPSILON * v[0], 0.0) - here) / _EPSILON for v in (points.velocity, points.fast)
@@ -226,15 +233,19 @@ class _Linearized:
         return _Linearized(here, jacobian, instruments, signal, points.time_s, prior)
 
     @property
-    def weight(self) -> Float[np.ndarray, " point"]:
-        """Cauchy."""
-        return 1 / (1 + self.residual**2)
+    def _square(self) -> Float[np.ndarray, " point"]:
+        """Relative to the width of the kernel: 95 % efficient for the residuals as they are (Cauchy)."""
+        width = 2.385 * 1.4826 * float(np.median(np.abs(self.residual)))
+        return (self.residual / max(width, 1e-9)) ** 2
 
     @property
-    def information(self) -> Float[np.ndarray, "9 9"]:
+    def weight(self) -> Float[np.ndarray, " point"]:
+        return 1 / (1 + self._square)
+
+    def information(self, weight: Float[np.ndarray, " point"]) -> Float[np.ndarray, "9 9"]:
         """Not symmetric: of instruments and Jacobian. The prior of the rate is in it."""
-        information = (self.instruments * self.weight[:, None]).T @ self.jacobian
-        signal = self.weight * self.signal
+        information = (self.instruments * weight[:, None]).T @ self.jacobian
+        signal = weight * self.signal
         moments = [float(signal @ self.time_s**power) for power in range(3)]
         information[7:, 7:] = [[moments[0], moments[1]], [moments[1], moments[2]]]
         information[8, 8] += self.prior
@@ -244,7 +255,7 @@ class _Linearized:
         """To residuals that are not correlated with the instruments."""
         gradient = self.instruments.T @ (self.weight * self.residual)
         gradient[8] += self.prior * from_prior_rate
-        return -_solved(self.information, gradient)
+        return -_solved(self.information(self.weight), gradient)
 
     def covariance(self, rate_sigma: float) -> Float[np.ndarray, "2 2"]:
         """Of shift and rate: the sandwich estimator over blocks of a second (Liang and Zeger 1986), within which errors
@@ -254,14 +265,13 @@ class _Linearized:
         np.add.at(scores, block, self.instruments * (self.weight * self.residual)[:, None])
         meat = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
         meat[8, 8] += (self.prior * rate_sigma) ** 2
-        inverse = _solved(self.information, np.eye(9))
+        # What the weighted residuals do when the residuals change, on average: outliers do not follow.
+        inverse = _solved(self.information((1 - self._square) * self.weight**2), np.eye(9))
         return (inverse @ meat @ inverse.T)[7:, 7:]
 
 
-def _solved(
-    information: Float[np.ndarray, "9 9"], right: Float[np.ndarray, "9 *shape"]
-) -> Float[np.ndarray, "9 *shape"]:
-    """With a damping that only counts where the points say nothing, as of the turn that U and V share if s is 1."""
+def _solved(information: Float[np.ndarray, "9 9"], right: Float[np.ndarray, "9 ..."]) -> Float[np.ndarray, "9 ..."]:
+    """With a damping that only counts where the points say nothing."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-12))
     damped = information / np.outer(scale, scale) + 1e-6 * np.eye(9)
     shape = (-1, *(1,) * (right.ndim - 1))

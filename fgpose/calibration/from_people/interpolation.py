@@ -12,8 +12,8 @@ _MAX_STEPS = 1.5
 
 
 def between_images(
-    time_s: Float[np.ndarray, " image"], values: Float[np.ndarray, "image *shape"], at_s: Float[np.ndarray, " sample"]
-) -> Float[np.ndarray, "sample *shape"]:
+    time_s: Float[np.ndarray, " image"], values: Float[np.ndarray, "image ..."], at_s: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, "sample ..."]:
     """Linear between the two images around each time; NaN before the first, after the last and in a gap.
 
     At 25 Hz a joint that is accelerated by 20 m/s^2, as the ankle of a walker, is put 4 mm beside its way at most.
@@ -30,8 +30,8 @@ def between_images(
 
 
 def smaller_around(
-    time_s: Float[np.ndarray, " image"], values: Float[np.ndarray, "image *shape"], at_s: Float[np.ndarray, " sample"]
-) -> Float[np.ndarray, "sample *shape"]:
+    time_s: Float[np.ndarray, " image"], values: Float[np.ndarray, "image ..."], at_s: Float[np.ndarray, " sample"]
+) -> Float[np.ndarray, "sample ..."]:
     """The smaller of the values of the two images around each time; 0 where there are not two, or a gap."""
     if len(time_s) < 2:
         return np.zeros((len(at_s), *values.shape[1:]))

@@ -74,9 +74,9 @@ def join_cameras(
     """Whole offsets of all cameras that can be joined.
 
     It begins with the two cameras whose correlation has the most outstanding peak, which is at 0 for the first of them.
-    Then always the camera joins whose correlations with all those that have joined, summed up where they are consistent,
-    have the most outstanding peak. Which peak is right is decided by how well the joints satisfy an epipolar geometry
-    there. A camera for which that is not decisive is tried again when others have joined.
+    Then always the camera joins whose correlations with all those that have joined, summed up where they are
+    consistent, have the most outstanding peak. Which peak is right is decided by how well the joints satisfy an
+    epipolar geometry there. A camera for which that is not decisive is tried again when others have joined.
 
     Args:
         signals, views: of all cameras; empty where nobody is seen.
@@ -103,9 +103,7 @@ def join_cameras(
     return joining
 
 
-def _first_two(
-    cameras: Sequence[int], pairs: Mapping[tuple[int, int], Correlation], views: Sequence[View]
-) -> Joining:
+def _first_two(cameras: Sequence[int], pairs: Mapping[tuple[int, int], Correlation], views: Sequence[View]) -> Joining:
     """The two with the most outstanding peak that is decisive; if there are none, how each has failed."""
     failed: dict[int, Joined] = {}
     for one, other in sorted(combinations(cameras, 2), key=lambda pair: -_outstanding(pairs[pair].score)):
@@ -156,7 +154,7 @@ def _proposed(
     offsets, score = _together(camera, offsets_s, pairs)
     highest = peaks(score, _MAX_PEAKS)
     found = [
-        _judged(camera, offsets[peak] / RATE_HZ, float(score[peak]), offsets_s, pairs, views)
+        _judged(camera, float(offsets[peak]) / RATE_HZ, float(score[peak]), offsets_s, pairs, views)
         for peak in highest
         if score[peak] >= _MIN_PEAK * score[highest[0]]
     ]

@@ -16,7 +16,7 @@ _NEAR, _SPREAD_PER_S = 0.1, 1.0
 # A joint that is farther away than three spreads is an outlier and says no more.
 _MAX_SQUARE = 4.5
 # Cost of a second with exchanged sides, in squared spreads. So of two ways to read a track that are equally steady, the
-# one with fewer exchanged images counts, and somebody whose left and right coincide for a moment is not turned for good.
+# one with fewer exchanged images counts, and nobody whose left and right coincide for a moment is turned for good.
 _PER_S = 1.0
 
 

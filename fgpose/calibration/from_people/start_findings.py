@@ -44,13 +44,14 @@ def not_joined(camera: str, signals: MotionSignals, joined: Joined | None, *, no
     if joined is None or not joined.is_outstanding:
         others = "any other camera" if nobody_joined else "the other cameras"
         reason = f"no moment is found at which the person moves as before {others}"
-        remedy = f"{_WALK}; see that all cameras film at the same time and that frame rates are as the files say, {_GIVE}"
+        remedy = (
+            f"{_WALK}; see that all cameras film at the same time and that frame rates are as the files say, {_GIVE}"
+        )
         return Finding(camera, Grade.FAILED, reason, remedy)
     assert joined.second is not None
     apart_s = abs(joined.second.offset_s - joined.best.offset_s)
-    reason = (
-        f"when the video begins is ambiguous: starts that differ by {apart_s:.1f} s fit nearly alike"
-        + (", as with a gait that repeats itself" if apart_s < 5 else "")
+    reason = f"when the video begins is ambiguous: starts that differ by {apart_s:.1f} s fit nearly alike" + (
+        ", as with a gait that repeats itself" if apart_s < 5 else ""
     )
     return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
 

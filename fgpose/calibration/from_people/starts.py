@@ -108,7 +108,9 @@ def _check(tracks: Sequence[Track], names: tuple[str, ...], given: Mapping[str, 
         own = ", ".join(track.camera for track in tracks)
         raise ValueError(f"the tracks are of the cameras {own}, the intrinsics of {', '.join(names)}")
     if len(names) < 2:
-        raise ValueError(f"there is one camera, {names[0]}; at least two must see the same person at the same time")
+        raise ValueError(
+            f"there is only {', '.join(names)}; at least two cameras must see the same person at the same time"
+        )
     unknown = [name for name in given if name not in names]
     if unknown:
         raise ValueError(f"a start is given for {', '.join(unknown)}; the cameras are {', '.join(names)}")
@@ -127,11 +129,9 @@ def _as_given(names: tuple[str, ...], given: Mapping[str, GivenStart]) -> Starts
 def _as_shifts(names: tuple[str, ...], given: Mapping[str, GivenStart]) -> dict[tuple[int, int], ClockShift]:
     """What is given, as shifts between the first such camera and each of the others. The order of the pair is the one
     that is not used for what is estimated."""
-    if not given:
-        return {}
-    first, *others = sorted(given, key=names.index)
+    ordered = sorted(given, key=names.index)
     shifts = {}
-    for other in others:
+    for first, other in ((ordered[0], other) for other in ordered[1:]):
         variance = given[first].sigma_s ** 2 + given[other].sigma_s ** 2
         shift_s = given[first].offset_s - given[other].offset_s
         covariance = np.diag([variance, _GIVEN_RATE_SIGMA**2])
@@ -171,9 +171,7 @@ def _solved(
     return Starts(names, names[reference], offsets_s, rates, sigma_s, is_trusted, (*findings, *doubts))
 
 
-def _connected(
-    shifts: Mapping[tuple[int, int], ClockShift], reference: int
-) -> dict[tuple[int, int], ClockShift]:
+def _connected(shifts: Mapping[tuple[int, int], ClockShift], reference: int) -> dict[tuple[int, int], ClockShift]:
     """Those of cameras that are connected with the reference."""
     reached, grows = {reference}, True
     while grows:

@@ -116,5 +116,7 @@ def _moves(points2d_px: Float[np.ndarray, "frame joint 2"], time_s: Float[np.nda
     known = np.isfinite(speed_pxps)
     # The median of those that are known, without a warning where there are none.
     ordered = np.sort(np.where(known, speed_pxps, np.inf), axis=1)
-    middle = np.take_along_axis(ordered, (np.maximum(known.sum(axis=1), 1) // 2)[:, None].clip(max=ordered.shape[1] - 1), axis=1)[:, 0]
+    middle = np.take_along_axis(
+        ordered, (np.maximum(known.sum(axis=1), 1) // 2)[:, None].clip(max=ordered.shape[1] - 1), axis=1
+    )[:, 0]
     return np.where(known.any(axis=1), np.minimum(np.nan_to_num(middle / radius_px, posinf=0.0), 1.0), 0.0)

@@ -127,9 +127,7 @@ def _follow(images: Sequence[Detections], skeleton: Skeleton) -> list[_Followed]
     return lost + followed
 
 
-def _matched(
-    followed: Sequence[_Followed], image: Detections, skeleton: Skeleton
-) -> list[tuple[_Followed, int]]:
+def _matched(followed: Sequence[_Followed], image: Detections, skeleton: Skeleton) -> list[tuple[_Followed, int]]:
     if not followed or not image.n_people:
         return []
     exchanged_px = image.points2d_px[:, skeleton.mirror]

@@ -48,7 +48,9 @@ class View:
         half_s = min(_HALF_STRIDE_S, float(np.ptp(self.time_s)) / _MIN_STRIDES)
         return np.nan_to_num(self.velocity_at(time_s) - self._mean_velocity(time_s, half_s))
 
-    def _mean_velocity(self, time_s: Float[np.ndarray, " sample"], half_s: float) -> Float[np.ndarray, "sample joint 2"]:
+    def _mean_velocity(
+        self, time_s: Float[np.ndarray, " sample"], half_s: float
+    ) -> Float[np.ndarray, "sample joint 2"]:
         """From as many whole images before as after: so they lie alike between their images, and what the detector gets
         wrong before and after is alike correlated with what it gets wrong at the time."""
         half_s = max(round(half_s / self._step_s), 1) * self._step_s

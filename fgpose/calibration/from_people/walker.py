@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -52,7 +53,7 @@ def _candidates(tracks: Sequence[Track]) -> list[Track]:
 
 def _any_at_once(tracks: Sequence[Track]) -> bool:
     ordered = sorted(tracks, key=lambda track: track.time_s[0])
-    return any(second.time_s[0] <= first.time_s[-1] for first, second in zip(ordered, ordered[1:], strict=False))
+    return any(second.time_s[0] <= first.time_s[-1] for first, second in pairwise(ordered))
 
 
 def _seen(track: Track) -> float:
