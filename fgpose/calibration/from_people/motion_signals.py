@@ -184,8 +184,10 @@ def _turning(
 
 
 def _unit(signal: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
-    """Each channel with unit root mean square and without what is far outside."""
+    """With unit root mean square over all channels, and without what is far outside in each: noise is alike in all
+    joints, so those that move more tell more."""
     known = np.isfinite(signal)
     square = np.where(known, signal, 0.0) ** 2
     rms = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    return np.clip(signal / np.maximum(rms, 1e-9), -_CLIP, _CLIP)
+    limited = np.clip(signal, -_CLIP * rms, _CLIP * rms)
+    return limited / max(np.sqrt(square.sum() / max(known.sum(), 1)), 1e-9)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.calibration.from_people.clocks import ClockShift, solve_clocks
-from fgpose.calibration.from_people.epipolar_shift import EpipolarShift, fit_epipolar_shift
+from fgpose.calibration.from_people.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
 from fgpose.calibration.from_people.joining import join_cameras
 from fgpose.calibration.from_people.motion_signals import motion_signals
 from fgpose.calibration.from_people.start_findings import about_clock, nobody, not_joined, same_camera
@@ -22,6 +22,8 @@ from fgpose.skeleton import Skeleton
 
 # A pair whose shift moves further away from that of the whole rig has fallen into another gait cycle.
 _MAX_MOVED_S = 0.2
+# 30 for 29.97 Hz is 0.001, and more than 0.02 off no moment is found.
+_WRONG_RATE = 0.02
 # Clocks of which nothing is known but that they are given.
 _GIVEN_RATE_SIGMA = 1e-4
 
@@ -141,15 +143,23 @@ def _as_shifts(names: tuple[str, ...], given: Mapping[str, GivenStart]) -> dict[
 
 def _pair_shifts(views: Sequence[View], offsets_s: Mapping[int, float]) -> dict[tuple[int, int], ClockShift]:
     """Of all pairs that have enough in common."""
-    fits: dict[tuple[int, int], EpipolarShift | None] = {
-        (one, other): fit_epipolar_shift(views[one], views[other], offsets_s[other] - offsets_s[one])
-        for one, other in combinations(sorted(offsets_s), 2)
-    }
-    return {
-        (one, other): fit.clock
-        for (one, other), fit in fits.items()
-        if fit is not None and abs(fit.clock.shift_s - (offsets_s[other] - offsets_s[one])) <= _MAX_MOVED_S
-    }
+    shifts = {}
+    for one, other in combinations(sorted(offsets_s), 2):
+        near_s = offsets_s[other] - offsets_s[one]
+        fit = _fit(views[one], views[other], near_s)
+        if fit is not None and abs(fit.clock.shift_s - near_s) <= _MAX_MOVED_S:
+            shifts[one, other] = fit.clock
+    return shifts
+
+
+def _fit(first: View, second: View, shift_s: float) -> EpipolarShift | None:
+    """With the drift of two quartz clocks; if it comes out too large, with any, in case a file states a wrong rate."""
+    fit = fit_epipolar_shift(first, second, shift_s)
+    if fit is None or abs(fit.clock.rate) < 2 * RATE_SIGMA:
+        return fit
+    free = fit_epipolar_shift(first, second, fit.clock.shift_s, fit.clock.rate, _WRONG_RATE)
+    is_wrong = free is not None and free.misfit < fit.misfit and abs(free.clock.rate) > 5 * free.clock.rate_sigma
+    return free if is_wrong else fit
 
 
 def _solved(
