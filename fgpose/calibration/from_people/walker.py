@@ -18,8 +18,8 @@ from fgpose.skeleton import Skeleton
 _MAX_CANDIDATES = 4
 # How much better than that of the next one a track has to fit.
 _DECISIVE = 1.3
-# Scores of tracks that have nothing in common are below this (1 in the robust standard deviation of chance).
-_MIN_SCORE = 5.0
+# Scores of tracks that have nothing in common are seldom above this (in robust standard deviations of chance).
+_MIN_SCORE = 4.0
 # Somebody who stands still tells a tenth of what a walker at one radius of the body per second does.
 _STILL = 0.1
 
