@@ -21,9 +21,9 @@ _SMOOTH_S, _SLOW_S = 0.06, 0.4
 # Effort and turning change from walk to stop and from turn to turn.
 _SLOW_ACTIVITY_S = 3.0
 _TURN_SMOOTH_S = 0.25
-# Chosen on walkers of the tuning clips before rings of cameras and cameras in corners: with the effort, the right moment
-# stands out from the next by a factor of 3, without by 2 (and is missed by 1 pair of 10). Activity and turning are one
-# signal each against one for every joint of a gait, which repeats itself.
+# Chosen on simulated walkers (tuning clips) before rings of cameras and cameras in corners: with the effort, the right
+# moment stands out from the next by a factor of 3, without by 2, and 1 pair of 10 misses it. Activity and turning are
+# one signal each against one for every joint of a gait, which repeats itself.
 _VERTICAL_WEIGHT, _EFFORT_WEIGHT, _ACTIVITY_WEIGHT, _TURN_WEIGHT = 1.0, 2.0, 2.0, 3.0
 _MAX_STEP_S = 0.2
 _CLIP = 3.0

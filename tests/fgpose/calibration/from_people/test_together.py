@@ -60,7 +60,7 @@ def test_detections_are_brought_to_the_clock_of_the_reference(skeleton: Skeleton
     expected_px = np.repeat(seen_px(skeleton, walk.time_s)[:, None], 3, axis=1)
     known = np.isfinite(walk.points2d_px).all(axis=-1)
     np.testing.assert_allclose(walk.points2d_px[known], expected_px[known], atol=1e-6)
-    assert (known.any(axis=2).sum(axis=1) >= 2).all()
+    assert (np.sum(known.any(axis=-1), axis=1) >= 2).all()
     assert np.array_equal(known, walk.confidence > 0)
     assert walk.points3d_m is not None
     np.testing.assert_allclose(walk.points3d_m[known][:, 0], expected_px[known][:, 0], atol=1e-6)
