@@ -11,10 +11,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.ndimage import uniform_filter1d
 
 from fgpose.calibration.from_people.clocks import ClockShift
-from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.views import HALF_STRIDE_S, View
 from fgpose.sampling import spread_evenly
 
 # 25 mm at a body of 0.5 m radius: what detectors miss a joint by, biases included.
@@ -26,6 +27,7 @@ _MAX_ROUNDS = 12
 _CONVERGED_S = 1e-4
 _MAX_STEP_S = 0.08  # further than this the joints do not move straight on
 _BLOCK_S = 1.0  # errors are correlated for 0.15 s, biases as long as somebody is seen from one side
+_MIN_STRIDE = 4  # samples, of which one is that itself
 _INDEPENDENT_S = 0.3  # twice the correlation time
 _EPSILON = 1e-6
 RATE_SIGMA = 1.5e-4
@@ -59,8 +61,21 @@ class _Points:
     spread: Float[np.ndarray, " point"]
     time_s: Float[np.ndarray, " point"]
     """By the clock of the second camera, since the middle."""
+    known: Bool[np.ndarray, "sample joint"]
+    """Which joints of which samples the points are, in this order."""
+    stride: int
+    """Samples of a stride."""
     independent: float
     """Share of the samples that there would be if there were one for each independent error."""
+
+    def without_slow_part(self, values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+        """Less the mean over a stride of the same joint."""
+        grid = np.zeros(self.known.shape)
+        grid[self.known] = values
+        sums, counts = (
+            uniform_filter1d(array, self.stride, axis=0, mode="constant") for array in (grid, self.known.astype(float))
+        )
+        return values - (sums / np.maximum(counts, 1e-9))[self.known]
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,13 +169,17 @@ def _points(
     xy, velocity, fast = (
         np.stack([ask(view, at_s) for view, at_s in both]) for ask in (View.at, View.velocity_at, View.fast_velocity_at)
     )
-    sample, joint = np.nonzero(np.isfinite(xy + velocity).all(axis=(0, -1)))
-    if len(sample) < _MIN_POINTS:
+    known = np.isfinite(xy + velocity).all(axis=(0, -1))
+    if known.sum() < _MIN_POINTS:
         return None
-    xy, velocity, fast = (array[:, sample, joint] for array in (xy, velocity, fast))
+    xy, velocity, fast = (array[:, known] for array in (xy, velocity, fast))
+    sample, _ = np.nonzero(known)
     radius = np.sqrt(np.mean([view.radius_at(at_s) ** 2 for view, at_s in both], axis=0))
-    independent = min(float(np.ptp(since_s)) / _INDEPENDENT_S / len(since_s), 1.0)
-    return _Points(xy, velocity, fast, _SPREAD * radius[sample], since_s[sample], max(independent, 1e-3))
+    # Of a recording that is short, a part; where samples are too far apart, nothing is slow.
+    stride = round(min(2 * HALF_STRIDE_S, float(np.ptp(since_s)) / 5) / float(np.median(np.diff(since_s))))
+    independent = max(min(float(np.ptp(since_s)) / _INDEPENDENT_S / len(since_s), 1.0), 1e-3)
+    spread = _SPREAD * radius[sample]
+    return _Points(xy, velocity, fast, spread, since_s[sample], known, stride, independent)
 
 
 def _robust_geometry(points: _Points) -> _Geometry | None:
@@ -193,6 +212,8 @@ class _Linearized:
 
     residual: Float[np.ndarray, " point"]
     """Relative to the spreads."""
+    swinging: Float[np.ndarray, " point"]
+    """The part of it that changes within a stride, to which the bias of the detector hardly adds."""
     jacobian: Float[np.ndarray, "point 9"]
     instruments: Float[np.ndarray, "point 9"]
     """What the residuals must not be correlated with: the Jacobian, but with the fast part of the velocities only. The
@@ -228,45 +249,50 @@ class _Linearized:
         for array, derivative in ((jacobian, of_first + of_second), (instruments, fast_first + fast_second)):
             array[:, 7] = derivative / 2
             array[:, 8] = array[:, 7] * points.time_s
-        signal = (of_first * fast_second + of_second * fast_first) / 2
         prior = rate_sigma**-2 / points.independent
-        return _Linearized(here, jacobian, instruments, signal, points.time_s, prior)
+        swinging = points.without_slow_part(here) if points.stride > _MIN_STRIDE else here
+        return _Linearized(here, swinging, jacobian, instruments, fast_first * fast_second, points.time_s, prior)
 
     @property
-    def _square(self) -> Float[np.ndarray, " point"]:
-        """Relative to the width of the kernel: 95 % efficient for the residuals as they are (Cauchy)."""
-        width = 2.385 * 1.4826 * float(np.median(np.abs(self.residual)))
-        return (self.residual / max(width, 1e-9)) ** 2
+    def _squares(self) -> Float[np.ndarray, "kind point"]:
+        """Of the residual and its swinging part, relative to the widths of the kernels: 95 % efficient for the errors as
+        they are (Cauchy)."""
+        both = np.stack([self.residual, self.swinging])
+        widths = 2.385 * 1.4826 * np.median(np.abs(both), axis=1, keepdims=True)
+        return (both / np.maximum(widths, 1e-9)) ** 2
 
-    @property
-    def weight(self) -> Float[np.ndarray, " point"]:
-        return 1 / (1 + self._square)
-
-    def information(self, weight: Float[np.ndarray, " point"]) -> Float[np.ndarray, "9 9"]:
+    def _information(self, weights: Float[np.ndarray, "kind point"]) -> Float[np.ndarray, "9 9"]:
         """Not symmetric: of instruments and Jacobian. The prior of the rate is in it."""
-        information = (self.instruments * weight[:, None]).T @ self.jacobian
-        signal = weight * self.signal
+        information = (self.instruments * np.repeat(weights, [7, 2], axis=0).T).T @ self.jacobian
+        signal = weights[1] * self.signal
         moments = [float(signal @ self.time_s**power) for power in range(3)]
         information[7:, 7:] = [[moments[0], moments[1]], [moments[1], moments[2]]]
         information[8, 8] += self.prior
         return information
 
+    @property
+    def _scores(self) -> Float[np.ndarray, "point 9"]:
+        """Of which the sums are to be zero: of the residual for the geometry, of its swinging part for the clocks."""
+        weighted = np.stack([self.residual, self.swinging]) / (1 + self._squares)
+        return self.instruments * np.repeat(weighted, [7, 2], axis=0).T
+
     def step(self, from_prior_rate: float) -> Float[np.ndarray, " 9"]:
         """To residuals that are not correlated with the instruments."""
-        gradient = self.instruments.T @ (self.weight * self.residual)
+        gradient = self._scores.sum(axis=0)
         gradient[8] += self.prior * from_prior_rate
-        return -_solved(self.information(self.weight), gradient)
+        return -_solved(self._information(1 / (1 + self._squares)), gradient)
 
     def covariance(self, rate_sigma: float) -> Float[np.ndarray, "2 2"]:
         """Of shift and rate: the sandwich estimator over blocks of a second (Liang and Zeger 1986), within which errors
         may be correlated in any way. The prior of the rate counts as an observation."""
         _, block = np.unique(np.floor(self.time_s / _BLOCK_S), return_inverse=True)
         scores = np.zeros((block.max() + 1, 9))
-        np.add.at(scores, block, self.instruments * (self.weight * self.residual)[:, None])
+        np.add.at(scores, block, self._scores)
         meat = scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
         meat[8, 8] += (self.prior * rate_sigma) ** 2
         # What the weighted residuals do when the residuals change, on average: outliers do not follow.
-        inverse = _solved(self.information((1 - self._square) * self.weight**2), np.eye(9))
+        squares = self._squares
+        inverse = _solved(self._information((1 - squares) / (1 + squares) ** 2), np.eye(9))
         return (inverse @ meat @ inverse.T)[7:, 7:]
 
 

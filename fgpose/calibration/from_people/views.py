@@ -16,7 +16,7 @@ from fgpose.sampling import usual_step_s
 # Half of the time over which a velocity is taken. Noise is less than that of one step, and a walker's swinging foot
 # keeps its velocity for longer.
 _HALF_S = 0.07
-_HALF_STRIDE_S, _MIN_STRIDES = 0.55, 10
+HALF_STRIDE_S, _MIN_STRIDES = 0.55, 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class View:
 
     def fast_velocity_at(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, "sample joint 2"]:
         """The velocity less its mean over a stride: of the swinging limbs, not of the walk. 0 where not known."""
-        half_s = min(_HALF_STRIDE_S, float(np.ptp(self.time_s)) / _MIN_STRIDES)
+        half_s = min(HALF_STRIDE_S, float(np.ptp(self.time_s)) / _MIN_STRIDES)
         return np.nan_to_num(self.velocity_at(time_s) - self._mean_velocity(time_s, half_s))
 
     def _mean_velocity(
