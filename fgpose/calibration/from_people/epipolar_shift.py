@@ -255,8 +255,8 @@ class _Linearized:
 
     @property
     def _squares(self) -> Float[np.ndarray, "kind point"]:
-        """Of the residual and its swinging part, relative to the widths of the kernels: 95 % efficient for the errors as
-        they are (Cauchy)."""
+        """Of the residual and its swinging part, relative to the widths of the kernels: 95 % efficient for the errors
+        as they are (Cauchy)."""
         both = np.stack([self.residual, self.swinging])
         widths = 2.385 * 1.4826 * np.median(np.abs(both), axis=1, keepdims=True)
         return (both / np.maximum(widths, 1e-9)) ** 2

@@ -24,6 +24,8 @@ from fgpose.skeleton import Skeleton
 _MAX_MOVED_S = 0.2
 # 30 for 29.97 Hz is 0.001, and more than 0.02 off no moment is found.
 _WRONG_RATE = 0.02
+# Half a minute of a walker gives 2 to 6 ms.
+_SURE_S = 0.01
 # Clocks of which nothing is known but that they are given.
 _GIVEN_RATE_SIGMA = 1e-4
 
@@ -153,9 +155,10 @@ def _pair_shifts(views: Sequence[View], offsets_s: Mapping[int, float]) -> dict[
 
 
 def _fit(first: View, second: View, shift_s: float) -> EpipolarShift | None:
-    """With the drift of two quartz clocks; if it comes out too large, with any, in case a file states a wrong rate."""
+    """With the drift of two quartz clocks; if that comes out large, or one part of the recording contradicts another,
+    with any, in case a file states a wrong rate."""
     fit = fit_epipolar_shift(first, second, shift_s)
-    if fit is None or abs(fit.clock.rate) < 2 * RATE_SIGMA:
+    if fit is None or (abs(fit.clock.rate) < 1.5 * RATE_SIGMA and fit.clock.sigma_s < _SURE_S):
         return fit
     free = fit_epipolar_shift(first, second, fit.clock.shift_s, fit.clock.rate, _WRONG_RATE)
     is_wrong = free is not None and free.misfit < fit.misfit and abs(free.clock.rate) > 5 * free.clock.rate_sigma
