@@ -108,7 +108,7 @@ class WalkScene:
     """As they are given to a calibration: true or guessed. All poses are the identity."""
     rig: CameraRig
     """True cameras in the world of the motion. time_offset_s turns the clock of each camera into that of the first, at
-    the middle of the first one's video."""
+    the middle of the time that all videos show."""
     motion: CrowdMotion
     """By true time."""
     start_s: Float[np.ndarray, " camera"]
@@ -168,8 +168,7 @@ def film(
         images += view.images(rng, time_s, people, in_3d=network.in_3d)
         intrinsics.append(given)
     order = sorted(range(len(images)), key=lambda n: (images[n][0].time_s, rig.names.index(images[n][0].camera)))
-    middle_s = (duration_s - start_s[0]) / 2
-    own_s = (start_s[0] + middle_s - start_s) / rate
+    own_s = ((start_s.max() + duration_s) / 2 - start_s) / rate
     true_rig = rig.with_time_offsets(own_s[0] - own_s)
     observations = PeopleObservations(motion.skeleton, rig.names, tuple(images[n][0] for n in order))
     who = tuple(images[n][1] for n in order)
