@@ -1,5 +1,5 @@
-"""What others begin with: Procrustes of per-view 3D poses, and the five-point algorithm. Both are told who is who and when
-each image was taken, and neither refines."""
+"""What others begin with: Procrustes of per-view 3D poses, and the five-point algorithm. Both are told who is who and
+when each image was taken, and neither refines."""
 
 from __future__ import annotations
 
@@ -59,7 +59,10 @@ def five_point(walk: Walk, intrinsics: CameraRig) -> CameraRig:
     common = known.astype(int) @ known.T.astype(int)
     np.fill_diagonal(common, -1)
     a, b = (int(number) for number in np.unravel_index(int(common.argmax()), common.shape))
-    poses = {a: np.eye(4), b: _second_pose(flat[a], flat[b], known[a] & known[b], float(intrinsics.focal_px[[a, b]].mean()))}
+    poses = {
+        a: np.eye(4),
+        b: _second_pose(flat[a], flat[b], known[a] & known[b], float(intrinsics.focal_px[[a, b]].mean())),
+    }
     projections = np.stack([np.linalg.inv(poses[number])[:3] for number in (a, b)])
     points_m = triangulate(flat[[a, b]].swapaxes(0, 1), np.ones((flat.shape[1], 2)), projections)
     for c in set(range(len(flat))) - {a, b}:

@@ -107,9 +107,7 @@ def score_calibration(
     return _with_sigmas(_with_metric(scored, recording, result), recording, result)
 
 
-def _refused(
-    recording: CalibrationRecording, result: CalibrationResult, method: CalibrationMethod
-) -> CalibrationScore:
+def _refused(recording: CalibrationRecording, result: CalibrationResult, method: CalibrationMethod) -> CalibrationScore:
     """Of a method that gives no rig."""
     nan = float("nan")
     named = (recording.variant, recording.clip, method.name, method.group)
@@ -153,9 +151,7 @@ def _with_sigmas(
     )
 
 
-def _in_sigmas(
-    errors: Float[np.ndarray, " camera"], sigma: Float[np.ndarray, " camera"]
-) -> tuple[float, ...]:
+def _in_sigmas(errors: Float[np.ndarray, " camera"], sigma: Float[np.ndarray, " camera"]) -> tuple[float, ...]:
     """Empty where there are no errors. An error without a standard deviation is infinitely many of them."""
     if not len(errors):
         return ()
