@@ -51,11 +51,9 @@ def five_point(walk: Walk, intrinsics: CameraRig) -> CameraRig:
     Raises:
         ValueError: a camera shares too few joints with them.
     """
-    import cv2
-
     slopes = _slopes(walk, intrinsics)
     flat = np.moveaxis(slopes, 1, 0).reshape(len(slopes[0]), -1, 2)
-    known = np.isfinite(flat).all(axis=-1)
+    known = np.asarray(np.isfinite(flat).all(axis=-1))
     common = known.astype(int) @ known.T.astype(int)
     np.fill_diagonal(common, -1)
     a, b = (int(number) for number in np.unravel_index(int(common.argmax()), common.shape))
@@ -69,11 +67,7 @@ def five_point(walk: Walk, intrinsics: CameraRig) -> CameraRig:
         seen = known[c] & np.isfinite(points_m).all(axis=-1)
         if seen.sum() < 6:
             raise ValueError(f"camera {intrinsics.names[c]} shares too few joints with two others")
-        limit = _INLIER_PX / float(intrinsics.focal_px[c])
-        _, turn, offset, _ = cv2.solvePnPRansac(
-            points_m[seen], flat[c][seen], np.eye(3), None, iterationsCount=500, reprojectionError=limit
-        )
-        poses[c] = np.linalg.inv(_matrix(cv2.Rodrigues(turn)[0], offset[:, 0]))
+        poses[c] = _pose_by_pnp(points_m[seen], flat[c][seen], float(intrinsics.focal_px[c]))
     to_first = np.linalg.inv(poses[0])
     return CameraRig(
         tuple(replace(camera, world_T_camera=to_first @ poses[c]) for c, camera in enumerate(intrinsics.cameras))
@@ -102,6 +96,19 @@ def _second_pose(
         raise ValueError("the five-point algorithm finds no essential matrix")
     _, R, offset, _ = cv2.recoverPose(E, *pair, np.eye(3), mask=inliers)
     return np.linalg.inv(_matrix(R, offset[:, 0]))
+
+
+def _pose_by_pnp(
+    points_m: Float[np.ndarray, "point 3"], slopes: Float[np.ndarray, "point 2"], focal_px: float
+) -> Float[np.ndarray, "4 4"]:
+    """Pose of a camera that sees known points."""
+    import cv2
+
+    limit = _INLIER_PX / focal_px
+    _, turn, offset, _ = cv2.solvePnPRansac(
+        points_m, slopes, np.eye(3), None, iterationsCount=500, reprojectionError=limit
+    )
+    return np.linalg.inv(_matrix(cv2.Rodrigues(turn)[0], offset[:, 0]))
 
 
 def _matrix(R: Float[np.ndarray, "3 3"], offset: Float[np.ndarray, 3]) -> Float[np.ndarray, "4 4"]:

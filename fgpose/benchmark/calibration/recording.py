@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -56,6 +56,27 @@ class CalibrationRecording:
     """Of the slowest camera: errors of starts are counted in its frames."""
     scene: WalkScene | None = None
     """None for real recordings."""
+
+    def of_cameras(self, names: tuple[str, ...]) -> CalibrationRecording:
+        """With some of the cameras. Raises ValueError for an unknown name."""
+        rig, walk = self.rig.subset(names), self.told
+        kept = [self.rig.names.index(name) for name in names]
+        told = replace(
+            walk,
+            camera_names=names,
+            points2d_px=walk.points2d_px[:, kept],
+            confidence=walk.confidence[:, kept],
+            points3d_m=None if walk.points3d_m is None else walk.points3d_m[:, kept],
+        )
+        return replace(
+            self,
+            people=self.people.subset(names),
+            intrinsics=self.intrinsics.subset(names),
+            rig=rig,
+            told=told,
+            image_s=self.image_s[:, kept],
+            on_time_s=self.on_time_s[:, kept],
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,8 @@ FAILED_DEG = 5.0
 """A rotation between cameras that is further off makes a calibration one that failed."""
 GOOD_DEG = 1.5
 """And one that is nowhere further off makes it a good one."""
+MOST_SIGMAS = 99.0
+"""What is larger is called so."""
 SMOOTHED_FRAMES = 300
 """Of the walk, to compare what the smoother makes of it: 10 s at 30 Hz."""
 _MOST_JOINT_FRAMES = 300  # for the induced error; more change it by less than a tenth of a millimetre
@@ -62,7 +64,7 @@ class CalibrationScore(Scored):
     start_frames: tuple[float, ...]
     """Of all cameras but the first; empty where the cameras were said to be synchronised."""
     right_peak: tuple[float, ...]
-    """1 where the start is within RIGHT_PEAK_S, else 0."""
+    """1 where the start is within RIGHT_PEAK_S, else 0, also for a camera that is left out."""
     position_sigmas: tuple[float, ...]
     """Errors in stated standard deviations; empty where there are none."""
     direction_sigmas: tuple[float, ...]
@@ -83,10 +85,16 @@ class CalibrationScore(Scored):
 def score_calibration(
     recording: CalibrationRecording, result: CalibrationResult, method: CalibrationMethod
 ) -> CalibrationScore:
-    """How good the rig of a result is."""
+    """How good the rig of a result is; cameras that it leaves out do not count.
+
+    Raises:
+        ValueError: the rig has a camera that the recording has not.
+    """
     refused = _refused(recording, result, method)
     if result.rig is None:
         return refused
+    if result.rig.names != recording.rig.names:
+        recording = recording.of_cameras(result.rig.names)
     rig, true_rig = result.rig, recording.rig
     joints_m = recording.joints_m[:: max(len(recording.joints_m) // _MOST_JOINT_FRAMES, 1)]
     starts_s = np.empty(0) if recording.given.synchronised else rigs.start_errors_s(rig, true_rig)[1:]
@@ -102,9 +110,15 @@ def score_calibration(
         metric_ratio=metric_ratio,
         focal_percent=_listed(100 * focal),
         start_frames=_listed(recording.fps * starts_s),
-        right_peak=_listed(np.abs(starts_s) <= RIGHT_PEAK_S),
+        right_peak=(*_listed(np.abs(starts_s) <= RIGHT_PEAK_S), *_left_out(refused, recording)),
     )
     return _with_sigmas(_with_metric(scored, recording, result), recording, result)
+
+
+def _left_out(refused: CalibrationScore, recording: CalibrationRecording) -> tuple[float, ...]:
+    """For each camera that is not in the rig because nobody knows when it started."""
+    n_left_out = refused.n_cameras - recording.rig.n_cameras
+    return () if recording.given.synchronised else (0.0,) * n_left_out
 
 
 def _refused(recording: CalibrationRecording, result: CalibrationResult, method: CalibrationMethod) -> CalibrationScore:
@@ -152,10 +166,11 @@ def _with_sigmas(
 
 
 def _in_sigmas(errors: Float[np.ndarray, " camera"], sigma: Float[np.ndarray, " camera"]) -> tuple[float, ...]:
-    """Empty where there are no errors. An error without a standard deviation is infinitely many of them."""
+    """Empty where there are no errors. At most MOST_SIGMAS, also where an error has no standard deviation."""
     if not len(errors):
         return ()
-    return _listed(np.divide(np.abs(errors), sigma, out=np.full(len(errors), np.inf), where=sigma > 0))
+    sigmas = np.divide(np.abs(errors), sigma, out=np.full(len(errors), MOST_SIGMAS), where=sigma > 0)
+    return _listed(np.minimum(sigmas, MOST_SIGMAS))
 
 
 def _listed(values: np.ndarray) -> tuple[float, ...]:

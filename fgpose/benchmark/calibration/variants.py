@@ -32,8 +32,8 @@ TEST_CLIPS = tuple(f"test_{n}" for n in range(1, 6))
 """Results are stated on these: people who walk, fight with a sword and wash a window."""
 DURATION_S = 30.0
 """That all videos show."""
-_MAX_GUESS = 0.4
-"""An unknown focal length is taken to be 0.6 to 1.4 times the true one."""
+_GUESSES = (0.2, 0.4)
+"""An unknown focal length is taken to be so much too short or too long, as a share of it."""
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,8 @@ def record(variant: CalibrationVariant, clip: str) -> CalibrationRecording:
     motion = walkers(studio.floor_m, duration_s, seed, variant.behaviour, variant.n_people, clips)
     guess = None
     if variant.focal != "known":
-        guess = float(np.random.default_rng(seed).uniform(1.0 - _MAX_GUESS, 1.0 + _MAX_GUESS))
+        rng = np.random.default_rng(seed)
+        guess = 1.0 + float(rng.choice([-1.0, 1.0]) * rng.uniform(*_GUESSES))
     scene = film(motion, studio.rig, seed, variant.network, variant.clocks, guess)
     return _recording(variant, clip, scene)
 
