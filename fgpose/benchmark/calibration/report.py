@@ -105,7 +105,7 @@ def sigmas(scores: Sequence[CalibrationScore]) -> str:
     rows = []
     for what, number in _SIGMAS.items():
         found = every(scores, number)
-        within = [tables.fixed(share(list(found <= most))) for most in (1.0, 2.0)]
+        within = [tables.fixed(share((found <= most).tolist())) for most in (1.0, 2.0)]
         rows.append([what, str(len(found)), *within])
     return tables.markdown(["error of", "number", "within 1 sigma, %", "within 2 sigma, %"], rows)
 

@@ -165,7 +165,7 @@ def _with_sigmas(
     )
 
 
-def _in_sigmas(errors: Float[np.ndarray, " camera"], sigma: Float[np.ndarray, " camera"]) -> tuple[float, ...]:
+def _in_sigmas(errors: Float[np.ndarray, " error"], sigma: Float[np.ndarray, " camera"]) -> tuple[float, ...]:
     """Empty where there are no errors. At most MOST_SIGMAS, also where an error has no standard deviation."""
     if not len(errors):
         return ()

@@ -46,7 +46,7 @@ def test_its_size_is_as_stated(bias: ViewBias):
 def test_it_changes_smoothly_with_the_direction(bias: ViewBias):
     found_m = biases_m(bias)
     step_m = np.linalg.norm(found_m - np.roll(found_m, 1, axis=0), axis=-1)
-    # Harmonics up to the second, turning axes and 5 degrees: at most (2 + 1) x 0.087 of a length of up to twice the RMS.
+    # Harmonics up to the second, and turning axes: at most (2 + 1) x 5 degrees of a length of up to twice the RMS.
     assert step_m.max() < 3 * np.deg2rad(5.0) * 0.08
 
 
