@@ -57,7 +57,18 @@ class CalibrationVariant:
 
 _FAR_APART = Clocks(max_start_s=60.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
 _MIXED_RATES = Clocks(fps=(30.0, 25.0, 50.0), max_start_s=20.0, min_drift_ppm=43.0, max_drift_ppm=145.0)
-_STUDIOS = ("ring_3", "ring_4", "ring_8", "equal_4", "mixed_5", "corners_3", "corners_4", "one_sided_4", "one_sided_6")
+_STUDIOS = (
+    "ring_3",
+    "ring_4",
+    "ring_8",
+    "equal_4",
+    "balance_4",
+    "mixed_5",
+    "corners_3",
+    "corners_4",
+    "one_sided_4",
+    "one_sided_6",
+)
 
 VARIANTS = (
     *(CalibrationVariant(f"walk_{studio}", "walk", studio) for studio in _STUDIOS),
