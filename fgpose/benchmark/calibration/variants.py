@@ -87,11 +87,20 @@ VARIANTS = (
         network=Network(real=("openpose", "blazepose_full", "blazepose_heavy")),
     ),
     CalibrationVariant(
+        "own_bias_ring_4",
+        "errors",
+        "ring_4",
+        "Besides the bias of the detector, one of 10 to 20 mm that each joint has in each camera, at all times",
+        network=Network(noise=DetectionNoise(joint_depth_scale=0.7, min_bias_m=0.01, max_bias_m=0.02)),
+    ),
+    CalibrationVariant(
         "coarse_corners_4",
         "errors",
         "corners_4",
         "Noise of 12 px at 1145 px focal length, correlated over 0.4 s",
-        network=Network(noise=DetectionNoise(sigma_px=0.0, correlated_px=12.0, correlation_s=0.4)),
+        network=Network(
+            noise=DetectionNoise(joint_depth_scale=0.7, sigma_px=0.0, correlated_px=12.0, correlation_s=0.4)
+        ),
     ),
     CalibrationVariant(
         "no_bias_ring_4", "errors", "ring_4", "No view-dependent bias", network=Network(min_bias_m=0.0, max_bias_m=0.0)
