@@ -9,8 +9,8 @@ Human3.6M-Occluded, but stay for a while and move with the person, as a table or
 In scenes of several people it is people and furniture that hide joints, each camera has its own times, and a detector
 also misses, doubles, invents, turns and mixes up people.
 
-Where the cameras are not calibrated (uncalibrated), each has a clock of its own, per-view 3D joints are in its frame, and
-the joints have a bias that depends on the side from which the body is seen.
+Where the cameras are not calibrated (uncalibrated), each has a clock of its own, per-view 3D joints are in its frame,
+and the joints have a bias that depends on the side from which the body is seen.
 """
 
 from fgpose.synthetic.bodies import Box as Box

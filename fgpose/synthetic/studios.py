@@ -97,6 +97,35 @@ _MIXED = (H36M[0], BALANCE[0], WEBCAM[0], BALANCE[1], WEBCAM[1].upright)
 _CORNERS_M = np.array([(2.8, 2.3, 2.4), (-2.8, 2.3, 2.4), (-2.8, -2.3, 2.4), (2.8, -2.3, 2.4)])
 
 
+# World to camera of balance_openpose: rotation vectors, and translations in metres; and where the man stands.
+_BALANCE_TURNS = (
+    (1.6883, 1.0483, -0.4196),
+    (1.3498, 1.5964, -1.1983),
+    (0.8110, -2.1972, 1.3760),
+    (1.4046, -1.3887, 0.4254),
+)
+_BALANCE_OFFSETS_M = (
+    (0.3211, 0.9563, 2.8907),
+    (-0.1115, 0.7766, 3.0676),
+    (-0.7935, 0.3228, 4.3535),
+    (0.5030, 0.0489, 4.4066),
+)
+_BALANCE_MAN_M = np.array([-0.96, 0.0, 0.0])
+
+
+def _balance_rig() -> CameraRig:
+    """The cameras of a real recording, around the man in it."""
+    from scipy.spatial.transform import Rotation
+
+    cameras = []
+    for number, (turn, offset_m) in enumerate(zip(_BALANCE_TURNS, _BALANCE_OFFSETS_M, strict=True)):
+        R = Rotation.from_rotvec(turn).as_matrix()
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = R.T, -R.T @ np.array(offset_m) - _BALANCE_MAN_M
+        cameras.append(BALANCE[number // 2].camera(f"cam_{number + 1}", pose))
+    return CameraRig(tuple(cameras))
+
+
 STUDIOS = (
     Studio(
         "ring_3",
@@ -121,6 +150,12 @@ STUDIOS = (
         "Four cameras with the same lens on two rings, 1.3 and 2.2 m high",
         _placed(_on_circle(4, (4.4, 5.0), (1.3, 2.2)), H36M[:1]),
         (4.2, 4.2),
+    ),
+    Studio(
+        "balance_4",
+        "The four portrait cameras of balance_openpose: a narrow view of a small floor",
+        _balance_rig(),
+        (2.6, 2.6),
     ),
     Studio(
         "mixed_5",

@@ -1,14 +1,14 @@
 """Recordings of people by cameras that are not calibrated, each with a clock of its own, and the truth about both.
 
-What the cameras deliver is what a calibration from people is given: 2D detections, and per-view 3D joints in the frame of
-each camera, as a monocular network gives them. Its errors are those of the other scenes, and two that matter to a
+What the cameras deliver is what a calibration from people is given: 2D detections, and per-view 3D joints in the frame
+of each camera, as a monocular network gives them. Its errors are those of the other scenes, and what matters to a
 calibration more than to anything else: a bias of the joints that depends on the side from which the body is seen, the
-same for all cameras, and a body of the wrong size.
+same for all cameras, and in per-view 3D a bias of the depths, a body that is tilted and one of the wrong size.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,7 +21,7 @@ from fgpose.synthetic.bodies import VISIBLE, Capsules, hidden_by
 from fgpose.synthetic.crowd import positions_at
 from fgpose.synthetic.crowd_errors import CrowdErrors, spells
 from fgpose.synthetic.crowd_motion import CrowdMotion
-from fgpose.synthetic.noise import MIN_CONFIDENCE, DetectionNoise
+from fgpose.synthetic.noise import MIN_CONFIDENCE, DetectionNoise, joint_depth_m
 from fgpose.synthetic.occlusion import NO_OCCLUSION, Occlusion, hallucination
 from fgpose.synthetic.real_errors import real_errors
 from fgpose.synthetic.scene import simulate
@@ -65,8 +65,9 @@ class Clocks:
 class Network:
     """What a network for human poses makes of the images."""
 
-    noise: DetectionNoise = DetectionNoise()
-    """Its pixel errors grow with the focal length, as the person in the image does."""
+    noise: DetectionNoise = field(default_factory=lambda: DetectionNoise(joint_depth_scale=0.7))
+    """Its pixel errors grow with the focal length, as the person in the image does. Half of the variance of each
+    joint's depth is noise, half is bias."""
     occlusion: Occlusion = NO_OCCLUSION
     """With n_views > 0, occluders are in every view at all times."""
     real: tuple[str, ...] = ()
@@ -74,9 +75,15 @@ class Network:
     min_bias_m: float = 0.02
     """View-dependent bias of each joint; see ViewBias."""
     max_bias_m: float = 0.04
+    depth_bias_scale: float = 0.7
+    """View-dependent bias of the depth of each joint in per-view 3D, relative to the measured SD of its depth."""
+    tilt_sigma_deg: float = 3.0
+    """Of the angle by which the per-view 3D of a camera is tilted about the horizontal of the image, the same at all
+    times. With this and the bias, poses of one person on one spot lie 5 to 15 degrees off each other, as those of
+    BlazePose do in balance_blazepose."""
     scale_sigma: float = 0.06
     """Of the size that the network takes each person for, as a share of the true size."""
-    mistakes: CrowdErrors = CrowdErrors()
+    mistakes: CrowdErrors = field(default_factory=CrowdErrors)
     """Of these, who is missed or flipped, and how few joints are a person. No doubles, no false people."""
     in_3d: bool = True
     """Whether there are per-view 3D joints."""
@@ -108,7 +115,7 @@ class WalkScene:
     """As they are given to a calibration: true or guessed. All poses are the identity."""
     rig: CameraRig
     """True cameras in the world of the motion. time_offset_s turns the clock of each camera into that of the first, at
-    the middle of the first one's video."""
+    the middle of the time that all videos show."""
     motion: CrowdMotion
     """By true time."""
     start_s: Float[np.ndarray, " camera"]
@@ -151,6 +158,7 @@ def film(
         network = replace(network, real=(network.real[int(person_rng.integers(len(network.real)))],))
     bias = ViewBias.drawn(bias_rng, motion.skeleton, network.min_bias_m, network.max_bias_m)
     size = 1.0 + network.scale_sigma * np.clip(person_rng.standard_normal(motion.n_people), -2.0, 2.0)
+    tilts = bias_rng.standard_normal(rig.n_cameras)
     duration_s = (motion.truth_m.shape[1] - 1) / motion.fps
     images: list[tuple[Detections, np.ndarray]] = []
     intrinsics = []
@@ -159,7 +167,7 @@ def film(
         time_s = np.arange(int((duration_s - start_s[c]) / rate[c] * fps + 1e-9) + 1) / fps
         seen_m = positions_at(motion, start_s[c] + rate[c] * time_s)
         given = _given(camera, focal_guess)
-        view = _View(camera, given, motion.skeleton, fps, seen_m)
+        view = _View(camera, given, motion.skeleton, fps, seen_m, float(tilts[c]))
         its_network = network.seen_by(camera)
         people = [
             view.detected(person_rng, person, its_network, bias, float(size[person]))
@@ -168,8 +176,7 @@ def film(
         images += view.images(rng, time_s, people, in_3d=network.in_3d)
         intrinsics.append(given)
     order = sorted(range(len(images)), key=lambda n: (images[n][0].time_s, rig.names.index(images[n][0].camera)))
-    middle_s = (duration_s - start_s[0]) / 2
-    own_s = (start_s[0] + middle_s - start_s) / rate
+    own_s = ((start_s.max() + duration_s) / 2 - start_s) / rate
     true_rig = rig.with_time_offsets(own_s[0] - own_s)
     observations = PeopleObservations(motion.skeleton, rig.names, tuple(images[n][0] for n in order))
     who = tuple(images[n][1] for n in order)
@@ -205,18 +212,24 @@ class _View:
     fps: float
     seen_m: Float[np.ndarray, "person image joint 3"]
     """World frame; NaN where a person is not there."""
+    tilt: float
+    """Of per-view 3D, in standard deviations."""
 
-    def detected(
-        self, rng: np.random.Generator, person: int, network: Network, bias: ViewBias, size: float
-    ) -> _Person:
+    def detected(self, rng: np.random.Generator, person: int, network: Network, bias: ViewBias, size: float) -> _Person:
         n_images, n_joints = self.seen_m.shape[1:3]
+        tilt = np.tan(np.deg2rad(network.tilt_sigma_deg) * self.tilt)
         points2d_px, points3d_m = np.full((n_images, n_joints, 2), np.nan), np.full((n_images, n_joints, 3), np.nan)
         confidence = np.zeros((n_images, n_joints))
         for start, end in stretches(np.isfinite(self.seen_m[person]).all(axis=(1, 2))):
             there = slice(start, end)
-            biased_m = bias.seen_m(self.seen_m[person, there], self.camera.position_m, self.skeleton)
+            seen_m, camera_m = self.seen_m[person, there], self.camera.position_m
+            biased_m = bias.seen_m(seen_m, camera_m, self.skeleton)
             points2d_px[there], confidence[there], in_camera_m = self._simulated(rng, biased_m, network)
-            points3d_m[there] = self._in_3d(points2d_px[there], in_camera_m, size)
+            farther_m = network.depth_bias_scale * joint_depth_m(self.skeleton)
+            farther_m = farther_m * bias.relative_depth(seen_m, camera_m, self.skeleton)
+            down_m = self.camera.to_camera_frame(seen_m)[..., 1]
+            farther_m += tilt * (down_m - down_m.mean(axis=1, keepdims=True))
+            points3d_m[there] = self._in_3d(points2d_px[there], in_camera_m, farther_m, size)
         return self._with_mistakes(rng, _Person(points2d_px, confidence, points3d_m), person, network)
 
     def _simulated(
@@ -228,9 +241,7 @@ class _View:
         if network.real:
             real = real_errors(rng, len(seen_m), 1, self.skeleton, self.fps, network.real)
         in_camera_m, seed = self.camera.to_camera_frame(seen_m), int(rng.integers(2**32))
-        scene = simulate(
-            in_camera_m, self.skeleton, alone, self.fps, network.noise, network.occlusion, seed, real=real
-        )
+        scene = simulate(in_camera_m, self.skeleton, alone, self.fps, network.noise, network.occlusion, seed, real=real)
         observed = scene.observations
         assert observed.points3d_m is not None
         return observed.points2d_px[:, 0], observed.confidence[:, 0], observed.points3d_m[:, 0]
@@ -239,6 +250,7 @@ class _View:
         self,
         points2d_px: Float[np.ndarray, "image joint 2"],
         in_camera_m: Float[np.ndarray, "image joint 3"],
+        farther_m: Float[np.ndarray, "image joint"],
         size: float,
     ) -> Float[np.ndarray, "image joint 3"]:
         """What a network makes of it that takes the body for another size and knows the intrinsics as given: distances
@@ -247,7 +259,7 @@ class _View:
         away_m = mean_known(depth_m[..., 0], axis=1)[:, None, None]
         beside_m = in_camera_m[..., :2] - _slope(self.camera, points2d_px) * depth_m
         closer = np.sqrt(np.prod(np.diag(self.given.K)[:2] / np.diag(self.camera.K)[:2]))
-        depth_m = size * (depth_m + (closer - 1.0) * away_m)
+        depth_m = size * (depth_m + (closer - 1.0) * away_m + farther_m[..., None])
         return np.concatenate([_slope(self.given, points2d_px) * depth_m + size * beside_m, depth_m], axis=-1)
 
     def _with_mistakes(self, rng: np.random.Generator, found: _Person, person: int, network: Network) -> _Person:

@@ -27,6 +27,8 @@ class ViewBias:
     """Of the bias along the horizontal (to the right as seen from the camera) and upwards, both across the ray."""
     fixed_m: Float[np.ndarray, "joint 3"]
     """What is subtracted, in the frame of the body: the point of the body that explains the most."""
+    depth: Float[np.ndarray, "joint 9"]
+    """Harmonics of the bias along the ray, which per-view 3D alone has; of unit mean square."""
 
     @staticmethod
     def drawn(rng: np.random.Generator, skeleton: Skeleton, low_m: float = 0.02, high_m: float = 0.04) -> ViewBias:
@@ -46,7 +48,10 @@ class ViewBias:
         values = np.einsum("jak,dk->daj", harmonics, _harmonics(seen_from)).reshape(-1, skeleton.n_joints)
         fixed = np.linalg.lstsq(across, values, rcond=None)[0]
         rms = np.sqrt(((values - across @ fixed) ** 2).sum(axis=0) / len(seen_from))
-        return ViewBias(harmonics * (length_m / rms)[:, None, None], (fixed * length_m / rms).T)
+        depth = rng.standard_normal((skeleton.n_joints, len(_MIRRORED)))
+        depth += depth[mirror] * _MIRRORED
+        depth /= np.sqrt(np.mean((_harmonics(seen_from) @ depth.T) ** 2, axis=0))[:, None]
+        return ViewBias(harmonics * (length_m / rms)[:, None, None], (fixed * length_m / rms).T, depth)
 
     def seen_m(
         self, positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, 3], skeleton: Skeleton
@@ -56,15 +61,27 @@ class ViewBias:
         Raises:
             ValueError: the skeleton has no hips or shoulders, which tell where the body faces.
         """
-        axes = body_axes(positions_m, skeleton)
-        to_camera_m = camera_m - positions_m[:, list(skeleton.root)].mean(axis=1)
-        in_body = np.einsum("tij,tj->ti", axes, to_camera_m)
-        seen_from = in_body / np.linalg.norm(in_body, axis=-1, keepdims=True)
+        axes, seen_from = body_axes(positions_m, skeleton), _seen_from(positions_m, camera_m, skeleton)
         right, up = _across(seen_from)
         bias_m = np.einsum("jak,tk->tja", self.harmonics_m, _harmonics(seen_from))
         bias_m = bias_m[..., :1] * right[:, None] + bias_m[..., 1:] * up[:, None]
         fixed_m = _without_part_along(self.fixed_m, seen_from)
         return positions_m + np.einsum("tij,tpi->tpj", axes, bias_m - fixed_m)
+
+    def relative_depth(
+        self, positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, 3], skeleton: Skeleton
+    ) -> Float[np.ndarray, "frame joint"]:
+        """How much too far along the ray per-view 3D has the joints, in standard deviations of each joint."""
+        return _harmonics(_seen_from(positions_m, camera_m, skeleton)) @ self.depth.T
+
+
+def _seen_from(
+    positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, 3], skeleton: Skeleton
+) -> Float[np.ndarray, "frame 3"]:
+    """Unit vectors to the camera in the frame of the body."""
+    to_camera_m = camera_m - positions_m[:, list(skeleton.root)].mean(axis=1)
+    in_body = np.einsum("tij,tj->ti", body_axes(positions_m, skeleton), to_camera_m)
+    return in_body / np.linalg.norm(in_body, axis=-1, keepdims=True)
 
 
 def body_axes(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "frame 3 3"]:
