@@ -6,3 +6,6 @@ from fgpose.io.keypoints.keypoint_files import load_observations as load_observa
 from fgpose.io.keypoints.keypoint_files import load_people as load_people
 from fgpose.io.keypoints.people_files import save_people_observations as save_people_observations
 from fgpose.io.keypoints.recording_files import save_observations as save_observations
+from fgpose.io.keypoints.uncalibrated import check_sizes as check_sizes
+from fgpose.io.keypoints.uncalibrated import likely_sizes_px as likely_sizes_px
+from fgpose.io.keypoints.uncalibrated import load_uncalibrated as load_uncalibrated
