@@ -1,14 +1,17 @@
-"""Synchronised videos or image folders of calibrated cameras, found and checked before any work is done."""
+"""Videos or image folders of calibrated cameras, found and checked before any work is done."""
 
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
+from fgpose.association.common_clock import is_far_off
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
-from fgpose.io.camera_names import match_cameras, natural_key
+from fgpose.io.camera_names import match_cameras, named_cameras, natural_key
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 
 # Cameras that are stopped one after the other end within a few frames.
@@ -29,11 +32,45 @@ class Sources:
         """Of the fastest camera."""
         return max(clip.fps for clip in self.clips)
 
+    def on_common_clock(self) -> Sources:
+        """The same by the clock of the rig, if a camera's time offset is more than half a frame: the clips begin then,
+        and the offsets of the rig are zero. See fgpose.association.common_clock."""
+        if not is_far_off(self.rig, 1 / self.fps):
+            return self
+        begins_s = self.rig.time_offsets_s.tolist()
+        clips = (
+            replace(clip, begin_s=clip.begin_s + late_s) for clip, late_s in zip(self.clips, begins_s, strict=True)
+        )
+        return Sources(self.rig.with_time_offsets(np.zeros(len(begins_s))), tuple(clips))
+
+
+def find_clips(path: str | Path, *, fps: float | None = None, cameras: tuple[str, ...] = ()) -> tuple[Clip, ...]:
+    """The videos of cameras that are not calibrated yet, by their own names, each probed.
+
+    Args:
+        path: as of open_sources.
+        fps: as there.
+        cameras: use only these, in this order.
+
+    Raises:
+        ValueError: as open_sources; a camera has no video.
+        OSError: a file cannot be opened.
+    """
+    path = Path(path)
+    found = _find(path)
+    try:
+        names = named_cameras(cameras or found, found)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return tuple(open_clip(name, found[own], fps) for name, own in names.items())
+
 
 def open_sources(
     path: str | Path, rig: CameraRig, *, fps: float | None = None, cameras: tuple[str, ...] = ()
 ) -> Sources:
     """Find the videos of a rig and probe each: size, number and rate of its images.
+
+    Videos that began at different moments are put together by the time offsets of the rig (Sources.on_common_clock).
 
     Args:
         path: a folder with one video per camera (``cam01.mp4``) or one folder per camera, which holds its images in
@@ -57,8 +94,9 @@ def open_sources(
     fitted = CameraRig(
         tuple(fitted_camera(camera, clip.size_px, clip.path) for camera, clip in zip(rig.cameras, clips, strict=True))
     )
-    _warn_of_early_ends(clips)
-    return Sources(fitted, clips)
+    sources = Sources(fitted, clips).on_common_clock()
+    _warn_of_early_ends(sources.clips)
+    return sources
 
 
 def _find(path: Path) -> dict[str, Path]:

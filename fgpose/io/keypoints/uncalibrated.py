@@ -104,8 +104,8 @@ def extents_px(people: PeopleObservations) -> Float[np.ndarray, "camera 2"]:
 
 
 def likely_sizes_px(people: PeopleObservations) -> tuple[tuple[int, int], ...]:
-    """The size of each camera's images, where no file says it: the smallest usual one in which all its joints are, or
-    those of any camera that is upright or lying as it is.
+    """The size of each camera's images, where no file says it: the smallest usual one in which the joints of all cameras
+    are; where some seem to be upright and some not, of those of each kind.
 
     Warns:
         UserWarning: always; it says what was assumed.
@@ -116,11 +116,12 @@ def likely_sizes_px(people: PeopleObservations) -> tuple[tuple[int, int], ...]:
     extents = extents_px(people)
     if not np.isfinite(extents).any():
         raise ValueError("the keypoints have no joint in any camera")
+    sizes = [_smallest_usual(np.nanmax(extents, axis=0))] * len(extents)
     upright = extents[:, 1] > extents[:, 0]
-    sizes = []
-    for own in upright:
-        alike = np.nanmax(np.where((upright == own)[:, None], extents, np.nan), axis=0, initial=0.0)
-        sizes.append(_smallest_usual(alike))
+    of_each = {each: _smallest_usual(np.nanmax(extents[upright == each], axis=0)) for each in np.unique(upright).tolist()}
+    # Some upright and some lying images together would only fit into a much larger one.
+    if _area_px(sizes[0]) > max(map(_area_px, of_each.values())):
+        sizes = [of_each[each] for each in upright.tolist()]
     assumed = ", ".join(f"{name} {w} x {h}" for name, (w, h) in zip(people.camera_names, sizes, strict=True))
     warnings.warn(
         f"the keypoints do not say how large the images are; from where the joints are taken to be {assumed}; "
@@ -140,7 +141,11 @@ def _smallest_usual(extent_px: Float[np.ndarray, 2]) -> tuple[int, int]:
     if not fitting:
         x, y = extent_px
         raise ValueError(f"joints reach to ({x:.0f}, {y:.0f}) px, further than in images of any usual size; give --size")
-    return min(fitting, key=lambda size: size[0] * size[1])
+    return min(fitting, key=_area_px)
+
+
+def _area_px(size_px: tuple[int, int]) -> int:
+    return size_px[0] * size_px[1]
 
 
 def check_sizes(people: PeopleObservations, rig: CameraRig) -> None:
