@@ -1,4 +1,4 @@
-"""A rig that was right, and of which somebody bumped a camera: what moved, by how much, and a rig that is right again."""
+"""A rig that was right until somebody bumped a camera: what moved, by how much, and a rig that is right again."""
 
 from __future__ import annotations
 

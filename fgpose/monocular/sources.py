@@ -44,6 +44,14 @@ class Sources:
         return Sources(self.rig.with_time_offsets(np.zeros(len(begins_s))), tuple(clips))
 
 
+def has_videos(path: str | Path) -> bool:
+    """Whether there are videos or folders of images of cameras; a single file by its extension. Raises OSError."""
+    path = Path(path)
+    if path.is_dir():
+        return any(_clip_in(entry) is not None for entry in path.iterdir())
+    return path.suffix.lower() in VIDEO_SUFFIXES
+
+
 def find_clips(path: str | Path, *, fps: float | None = None, cameras: tuple[str, ...] = ()) -> tuple[Clip, ...]:
     """The videos of cameras that are not calibrated yet, by their own names, each probed.
 

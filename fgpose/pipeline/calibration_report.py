@@ -86,7 +86,9 @@ def _texts(values: np.ndarray, digits: int) -> list[str]:
 
 
 def _texts_unless_given(values: np.ndarray, digits: int) -> list[str]:
-    return ["given" if value == 0 else text for value, text in zip(values.tolist(), _texts(values, digits), strict=True)]
+    return [
+        "given" if value == 0 else text for value, text in zip(values.tolist(), _texts(values, digits), strict=True)
+    ]
 
 
 def _median(residual_px: np.ndarray) -> float:

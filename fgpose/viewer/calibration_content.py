@@ -24,7 +24,7 @@ _MIN_WIDTH_M = 0.05
 
 
 def log_calibration_scene(stream: rr.RecordingStream, rig: CameraRig, scene: CalibrationScene, up: UpAxis) -> None:
-    """The static part: covariances of the cameras, the way of the hips, the floor under it, the vertical, the report."""
+    """Static: covariances of the cameras, the way of the hips, the floor under it, the vertical, the report."""
     _log_sigmas(stream, rig, scene.position_sigma_m)
     strips = _strips(scene.path_m)
     stream.log(paths.WALKED, rr.LineStrips3D(strips, radii=_LINE, colors=palette.PATH), static=True)
@@ -62,7 +62,7 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
 
 def _strips(path_m: Float[np.ndarray, "frame 3"]) -> list[np.ndarray]:
     """The parts of the way between frames in which it is not known."""
-    known = np.isfinite(path_m).all(axis=1)
+    known = np.asarray(np.isfinite(path_m).all(axis=1))
     parts = np.split(np.arange(len(path_m)), np.flatnonzero(np.diff(known)) + 1)
     return [path_m[part] for part in parts if len(part) > 1 and known[part[0]]]
 

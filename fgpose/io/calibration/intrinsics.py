@@ -60,7 +60,7 @@ def load_intrinsics(
     try:
         known = _lenses(path)
         if len(known) == 1:
-            of_camera = {name: known[0] for name in camera_names}
+            of_camera = dict.fromkeys(camera_names, known[0])
         else:
             by_name = {lens.name: lens for lens in known}
             of_camera = {name: by_name[own] for name, own in named_cameras(camera_names, by_name).items()}
@@ -99,7 +99,9 @@ def _lenses(path: Path) -> list[Lens]:
         return _of_file(path / "intri.yml")
     files = sorted((f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES), key=lambda f: natural_key(f.name))
     if not files:
-        raise ValueError(f"no intrinsics in this folder: it should have a file for each camera ({', '.join(_SUFFIXES)})")
+        raise ValueError(
+            f"no intrinsics in this folder: it should have a file for each camera ({', '.join(_SUFFIXES)})"
+        )
     return [_only_lens(file) for file in files]
 
 

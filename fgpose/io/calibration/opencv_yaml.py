@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import write_text
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers, rotation_matrix

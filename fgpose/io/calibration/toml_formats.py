@@ -15,8 +15,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, TypeGuard
 
-import numpy as np
-
 from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.atomic import write_text

@@ -104,8 +104,8 @@ def extents_px(people: PeopleObservations) -> Float[np.ndarray, "camera 2"]:
 
 
 def likely_sizes_px(people: PeopleObservations) -> tuple[tuple[int, int], ...]:
-    """The size of each camera's images, where no file says it: the smallest usual one in which the joints of all cameras
-    are; where some seem to be upright and some not, of those of each kind.
+    """The size of each camera's images, where no file says it: the smallest usual one in which the joints of all
+    cameras are; where some seem to be upright and some not, of those of each kind.
 
     Warns:
         UserWarning: always; it says what was assumed.
@@ -118,7 +118,9 @@ def likely_sizes_px(people: PeopleObservations) -> tuple[tuple[int, int], ...]:
         raise ValueError("the keypoints have no joint in any camera")
     sizes = [_smallest_usual(np.nanmax(extents, axis=0))] * len(extents)
     upright = extents[:, 1] > extents[:, 0]
-    of_each = {each: _smallest_usual(np.nanmax(extents[upright == each], axis=0)) for each in np.unique(upright).tolist()}
+    of_each = {
+        each: _smallest_usual(np.nanmax(extents[upright == each], axis=0)) for each in np.unique(upright).tolist()
+    }
     # Some upright and some lying images together would only fit into a much larger one.
     if _area_px(sizes[0]) > max(map(_area_px, of_each.values())):
         sizes = [of_each[each] for each in upright.tolist()]
@@ -140,7 +142,9 @@ def _smallest_usual(extent_px: Float[np.ndarray, 2]) -> tuple[int, int]:
     ]
     if not fitting:
         x, y = extent_px
-        raise ValueError(f"joints reach to ({x:.0f}, {y:.0f}) px, further than in images of any usual size; give --size")
+        raise ValueError(
+            f"joints reach to ({x:.0f}, {y:.0f}) px, further than in images of any usual size; give --size"
+        )
     return min(fitting, key=_area_px)
 
 
@@ -167,7 +171,7 @@ def check_sizes(people: PeopleObservations, rig: CameraRig) -> None:
     filled = extents / sizes
     if np.isfinite(filled).any() and np.nanmax(filled) < _FILLED:
         warnings.warn(
-            f"no camera saw a joint beyond {100 * np.nanmax(filled):.0f} % of its image's sides; if the keypoints are of "
-            "smaller images than the intrinsics, give their size (--size)",
+            f"no camera saw a joint beyond {100 * np.nanmax(filled):.0f} % of its image's sides; if the keypoints are "
+            "of smaller images than the intrinsics, give their size (--size)",
             stacklevel=2,
         )
