@@ -41,6 +41,8 @@ class CameraOptions(FromPeopleOptions):
         """Raise ValueError unless exactly one of the two is asked for, and what goes with it."""
         if (self.rig is None) != self.calibrate:
             raise ValueError("give either --rig FILE, or --calibrate if the cameras are not calibrated")
+        if not self.calibrate and (self.intrinsics or self.focal_px or self.height or self.distance):
+            raise ValueError("--intrinsics, --focal-px, --height and --distance go with --calibrate, not with --rig")
         self.check_options()
 
 
@@ -75,6 +77,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         from fgpose.pipeline import PeopleSource, run_smooth, show
 
         self.check_cameras()
+        if self.calibrate and self.world_up != "z":
+            raise ValueError("the world of --calibrate has z up: leave --world-up out")
         if self.image_width < 1:
             raise ValueError(f"--image-width must be at least 1, got {self.image_width}")
         outputs, console = replace(self.outputs(self.videos), image_width_px=self.image_width), new_console()
