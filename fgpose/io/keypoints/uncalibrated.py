@@ -18,24 +18,12 @@ from fgpose.io.keypoints.keypoint_files import Points3dUnit, keypoint_cameras, l
 from fgpose.people import PeopleObservations
 from fgpose.skeleton import Skeleton
 
-# Of videos, upright or not, by their area. Detectors put joints a little beyond the image.
-_USUAL_SIZES_PX = (
-    (640, 480),
-    (848, 480),
-    (960, 540),
-    (1280, 720),
-    (1440, 1080),
-    (1920, 1080),
-    (1920, 1440),
-    (2704, 1520),
-    (2560, 1440),
-    (3840, 2160),
-    (5312, 2988),
-)
+# Of videos, upright or not. Rarer ones between them would be taken where somebody stays near the middle.
+_USUAL_SIZES_PX = ((640, 480), (1280, 720), (1920, 1080), (2704, 1520), (3840, 2160), (5312, 2988))
 _OUTLIERS = 0.005
 """Share of the joints that may lie further out."""
 _BEYOND = 0.05
-"""By this share of the image's side joints that are out of sight may lie beyond it."""
+"""By this share of the image's side joints that are out of sight may lie beyond it, as detectors put them."""
 # Somebody who walks through a room is seen nearly everywhere in some camera.
 _FILLED = 0.55
 
