@@ -102,8 +102,11 @@ def open_sources(
     fitted = CameraRig(
         tuple(fitted_camera(camera, clip.size_px, clip.path) for camera, clip in zip(rig.cameras, clips, strict=True))
     )
-    sources = Sources(fitted, clips).on_common_clock()
-    _warn_of_early_ends(sources.clips)
+    given = Sources(fitted, clips)
+    sources = given.on_common_clock()
+    # Cameras that begin at different moments also end at different ones.
+    if sources is given:
+        _warn_of_early_ends(clips)
     return sources
 
 

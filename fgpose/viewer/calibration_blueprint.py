@@ -19,7 +19,7 @@ def calibration_blueprint(rig: CameraRig, up: UpAxis) -> rrb.Blueprint:
         up: the world axis that points up.
     """
     epipolar = [
-        rrb.TimeSeriesView(origin=paths.join(paths.EPIPOLAR_PX, camera), name=f"From the lines of the others {camera}")
+        rrb.TimeSeriesView(origin=paths.join(paths.EPIPOLAR_PX, camera), name=f"Epipolar [px] {camera}")
         for camera in rig.names
     ]
     plots = rrb.Horizontal(
@@ -27,4 +27,4 @@ def calibration_blueprint(rig: CameraRig, up: UpAxis) -> rrb.Blueprint:
         rrb.TimeSeriesView(origin=paths.join(paths.REPROJECTION_PX, WALK), name="Reprojection error [px]"),
         rrb.Tabs(*epipolar, name="Epipolar distance [px]", active_tab=0),
     )
-    return layout(rig, up, plots, following=False)
+    return layout(rig, up, plots, following=False, overview=True)

@@ -17,7 +17,7 @@ from fgpose.viewer.session import UpAxis
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
 _SIGMAS_90 = 2.5003
-_LINE = rr.Radius.ui_points(2.0)
+_LINE = rr.Radius.ui_points(1.2)
 _VERTICAL_M = 1.0
 # A convex hull needs three points that are not on a line; a step to the side makes them.
 _MIN_WIDTH_M = 0.05
@@ -53,7 +53,7 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
     balls = rr.Ellipsoids3D(
         centers=[rig.cameras[c].position_m for c in known],
         half_sizes=np.repeat(radii_m[:, None], 3, axis=1),
-        colors=[[*palette.camera_colour(c), 90] for c in known],
+        colors=[[*palette.camera_colour(c), 140] for c in known],
         labels=[f"{rig.names[c]} ± {1000 * position_sigma_m[c]:.0f} mm" for c in known],
         fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
     )

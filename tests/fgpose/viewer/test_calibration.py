@@ -143,12 +143,12 @@ def test_nothing_is_shown_without_a_file(result: CalibratedFromPeople) -> None:
 
 
 def test_a_scene_of_another_size_is_refused(tmp_path: Path) -> None:
-    scene = CalibrationScene(np.arange(2.0), np.zeros(3), np.zeros((2, 3)), np.zeros((2, 3, 3)), "")
+    of_two = CalibrationScene(np.arange(2.0), np.zeros(2), np.zeros((2, 3)), np.zeros((2, 2, 2)), "")
     with open_calibration_recording(tmp_path / "rig.rrd", RIG, SKELETON) as recording:
         with pytest.raises(ValueError, match=r"position_sigma_m must be \(3,\), got \(2,\)"):
-            recording.log_calibration(replace(scene, position_sigma_m=np.zeros(2)))
+            recording.log_calibration(of_two)
         with pytest.raises(ValueError, match=r"epipolar_px must be \(2, 3, 3\)"):
-            recording.log_calibration(replace(scene, epipolar_px=np.zeros((2, 3, 2))))
+            recording.log_calibration(replace(of_two, position_sigma_m=np.zeros(3), epipolar_px=np.zeros((2, 3, 2))))
 
 
 def test_the_outline_of_a_walk() -> None:
