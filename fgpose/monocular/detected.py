@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.network import People
+from fgpose.monocular.refocused import refocused
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
 from fgpose.people import NOBODY, Detections, PeopleObservations
@@ -52,6 +53,17 @@ class Detected:
     def frames(self) -> MatchedFrames:
         """Which images belong together. Raises ValueError if no image was looked at."""
         return self.people.frames
+
+    def recalibrated(self, rig: CameraRig) -> Detected:
+        """The same detections with these poses, clocks and intrinsics of the same cameras, see refocused.
+
+        Raises:
+            ValueError: the rig lacks a camera.
+        """
+        rig = rig.subset(self.rig.names)
+        triples = zip(self.views, self.rig.cameras, rig.cameras, strict=True)
+        views = tuple(replace(view, people=refocused(view.people, *pair)) for view, *pair in triples)
+        return Detected(Sources(rig, self.sources.clips).on_common_clock(), self.skeleton, views, self.n_new_images)
 
     def observations(self, person: int | PersonRegion = 0) -> Observations:
         """What the cameras saw of one person, see follow."""
