@@ -1,18 +1,45 @@
-"""The chain from what uncalibrated cameras saw of people to a calibrated rig."""
+"""The chain from what uncalibrated cameras saw of people to a calibrated rig.
+
+tracks and starts (one walker on one clock) -> scaffold (a first rig) -> adjustment (bundle adjustment, also of the two
+halves of the recording) -> metric (scale, vertical, floor) -> sigmas -> verdict.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Literal
 
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.from_people.adjustment import Adjusted, adjust, lens_groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.grounds import gather
+from fgpose.calibration.from_people.metric import Metric, to_metric
+from fgpose.calibration.from_people.projection import FOCAL, OFFSET, ROTATION, TRANSLATION
+from fgpose.calibration.from_people.scaffold import scaffold
+from fgpose.calibration.from_people.scale import MeasuredDistance
+from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
+from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.together import together
+from fgpose.calibration.from_people.tracks import find_tracks
+from fgpose.calibration.from_people.unknowns import Groups
+from fgpose.calibration.from_people.verdict import findings
+from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.people import PeopleObservations
 
 Focal = Literal["known", "shared", "each"]
 """Focal lengths are those of the intrinsics; are unknown, one for all cameras of a model; or one for each camera."""
 Progress = Callable[[int, int], None]
 """Called with the number of steps done and the number of steps in all."""
+
+_STEPS = 7
+_INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
+_LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
 
 def calibrate(
@@ -25,5 +52,141 @@ def calibrate(
     synchronised: bool = False,
     progress: Progress | None = None,
 ) -> CalibratedFromPeople:
-    """Calibrate cameras from nothing but people who walk through the scene."""
-    raise NotImplementedError("the chain is put together from its parts")
+    """Calibrate cameras from nothing but people who walk through the scene.
+
+    Args:
+        people: what the cameras saw, each by its own clock; per-view 3D, if there is any, in the frame of each camera.
+        intrinsics: K and lens of each camera; its poses are not used (fgpose.load_intrinsics, guessed_intrinsics).
+        focal: what is known of the focal lengths. Unknown ones are searched for within some tens of per cent.
+        stature_m: of the walker, without shoes.
+        distances: two cameras, and how far apart they are in metres.
+        synchronised: whether all cameras have one clock already.
+        progress: told after each step.
+
+    Returns:
+        The rig of the cameras whose starts are known, with sigmas and verdict. If that is failed (grade), it must not
+        be used.
+
+    Raises:
+        ValueError: there is one camera, fewer than two see the same person at the same time, the cameras cannot be
+            placed, or a stature or distance is impossible.
+    """
+    done = iter(range(1, _STEPS + 1))
+
+    def told() -> None:
+        if progress:
+            progress(next(done), _STEPS)
+
+    people.check_cameras(intrinsics.names)
+    tracks = main_tracks(find_tracks(people), people.skeleton)
+    told()
+    in_step = {name: GivenStart(0.0) for name in intrinsics.names} if synchronised else None
+    starts = find_starts(tracks, people.skeleton, intrinsics, in_step)
+    walk = together(tracks, starts, people.skeleton)
+    told()
+    placed = scaffold(walk, intrinsics.subset(walk.camera_names))
+    told()
+    unknown_lenses = _unknown_lenses(placed.rig, focal)
+    adjusted = adjust(walk, placed.rig, unknown_lenses=unknown_lenses, clocks=not synchronised)
+    told()
+    halves = _halves(walk, adjusted.rig, unknown_lenses, clocks=not synchronised)
+    told()
+    joints = _joints(walk, adjusted.rig)
+    measured = [MeasuredDistance(*distance) for distance in distances]
+    metric = to_metric(walk, adjusted.rig, joints, stature_m, measured, _of_positions(adjusted))
+    told()
+    result = _judged(walk, starts, adjusted, halves, metric, focal)
+    told()
+    return result
+
+
+def _unknown_lenses(rig: CameraRig, focal: Focal) -> Groups:
+    if focal == "known":
+        return ()
+    return lens_groups(rig) if focal == "shared" else tuple((c,) for c in range(rig.n_cameras))
+
+
+def _halves(walk: Walk, rig: CameraRig, unknown_lenses: Groups, *, clocks: bool) -> tuple[Adjusted, Adjusted] | None:
+    """The same from each half of the recording; None where one is too short, or shows too little."""
+    if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
+        return None
+    middle_s = 0.5 * (walk.time_s[0] + walk.time_s[-1])
+    parts = [np.flatnonzero(walk.time_s < middle_s), np.flatnonzero(walk.time_s >= middle_s)]
+    try:
+        first, second = (
+            adjust(frames_of(walk, part), rig, unknown_lenses=unknown_lenses, clocks=clocks) for part in parts
+        )
+    except ValueError:
+        return None
+    return first, second
+
+
+def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
+    """Of all frames of the walk, in the gauge of the rig."""
+    radius_px = float(np.nanmedian([body_radius_px(walk.points2d_px[:, c]) for c in range(rig.n_cameras)]))
+    undistorted_px = rig.undistort(walk.points2d_px)
+    return triangulate_robust(undistorted_px, walk.confidence, rig, _INLIER_SHARE * radius_px).positions_m
+
+
+def _of_positions(adjusted: Adjusted) -> Float[np.ndarray, "camera 3 camera 3"]:
+    """Covariance of the positions of the cameras, in the gauge of the rig."""
+    rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
+    own = adjusted.covariance[:, TRANSLATION, :, TRANSLATION]
+    return np.einsum("cij,cjdk,dlk->cidl", rotations, own, rotations)
+
+
+def _estimate(adjusted: Adjusted) -> RigEstimate:
+    def sigma(row: int) -> Float[np.ndarray, " camera"]:
+        return np.sqrt(np.maximum(np.einsum("cc->c", adjusted.covariance[:, row, :, row]), 0.0))
+
+    pose = slice(ROTATION.start, TRANSLATION.stop)
+    return RigEstimate(adjusted.rig, adjusted.covariance[:, pose, :, pose], sigma(FOCAL), sigma(OFFSET))
+
+
+def _judged(
+    walk: Walk,
+    starts: Starts,
+    adjusted: Adjusted,
+    halves: tuple[Adjusted, Adjusted] | None,
+    metric: Metric,
+    focal: Focal,
+) -> CalibratedFromPeople:
+    """With sigmas and verdict."""
+    of_halves = None if halves is None else (_estimate(halves[0]), _estimate(halves[1]))
+    whole = _estimate(adjusted).moved(metric.world_T_gauge)
+    sigmas = camera_sigmas(whole, of_halves, metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m)
+    doubtful = {finding.camera for finding in starts.findings}
+    grounds = gather(
+        walk,
+        metric,
+        sigmas,
+        None if halves is None else (halves[0].rig, halves[1].rig),
+        _unused(walk, adjusted),
+        np.full(metric.rig.n_cameras, focal != "known"),
+        np.array([name not in doubtful for name in metric.rig.names]),
+    )
+    undistorted_px = metric.rig.undistort(walk.points2d_px)
+    return CalibratedFromPeople(
+        rig=_with_starts(metric.rig, starts, walk),
+        sigmas=sigmas,
+        walk=walk,
+        joints_m=metric.joints_m,
+        residual_px=np.linalg.norm(metric.rig.project(metric.joints_m) - undistorted_px, axis=-1),
+        findings=(*starts.findings, *findings(grounds)),
+        scale_from=metric.scale.source,
+    )
+
+
+def _unused(walk: Walk, adjusted: Adjusted) -> Bool[np.ndarray, " frame"]:
+    """Frames that the adjustment did not use."""
+    return ~np.isin(walk.time_s, adjusted.walk.time_s)
+
+
+def _with_starts(rig: CameraRig, starts: Starts, walk: Walk) -> CameraRig:
+    """With what turns the clock of each camera into the common one: as it is in the middle of the walk."""
+    middle_s = 0.5 * (walk.time_s[0] + walk.time_s[-1])
+    offsets_s = [
+        middle_s - float(starts.own_s(camera.name, np.array([middle_s]))[0]) + camera.time_offset_s
+        for camera in rig.cameras
+    ]
+    return rig.with_time_offsets(np.array(offsets_s))
