@@ -191,7 +191,7 @@ class _Task:
         covariance = solved.problem.camera_covariance(solved.state)
         walk = frames_of(self.walk, self.evidence.frames)
         joints_m, residual_px = _triangulated_walk(walk, rig, _INLIER_SHARE * self._radius_px)
-        known = (solved.evidence.weights > 0).any(axis=1)
+        known = np.asarray((solved.evidence.weights > 0).any(axis=1))
         ours = self.evidence.joints
         joints_m[:, ours] = np.where(known[..., None], solved.state.joints_m, np.nan)
         residual_px[:, :, ours] = solved.problem.residual_px(solved.state)
@@ -254,7 +254,7 @@ class _Task:
         """Which of our joints can be triangulated, and where they are."""
         measured_px, weights = self.evidence.measured_px, self.evidence.weights
         found = triangulate_robust(measured_px, weights, rig, _INLIER_SHARE * self._radius_px)
-        return np.isfinite(found.positions_m).all(axis=-1), found.positions_m
+        return np.asarray(np.isfinite(found.positions_m).all(axis=-1)), found.positions_m
 
     def _unit(self, joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
         """What the scene is to be multiplied by: a focal length that was wrong has changed its size."""

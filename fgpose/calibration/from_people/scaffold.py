@@ -188,7 +188,7 @@ class _Views:
         )
         if not found or inliers is None or len(inliers) < _LEAST_POINTS:
             return None
-        inner = inliers[:, 0]
+        inner = inliers[:, 0].astype(int)
         rotation, t = cv2.solvePnPRefineLM(points[inner], image[inner], K, None, rotation, t)
         camera = Camera.from_world_to_camera("", (1, 1), np.eye(3), cv2.Rodrigues(rotation)[0], t[:, 0])
         return camera.world_T_camera
