@@ -117,7 +117,7 @@ def frames_of(walk: Walk, frames: Int[np.ndarray, " used"]) -> Walk:
 def body_radius_px(points_px: Float[np.ndarray, "frame joint 2"]) -> float:
     """How large the walker is in an image: root mean square distance of the joints from their centre, median over
     frames; NaN where fewer than two joints are seen."""
-    known = np.isfinite(points_px).all(axis=-1)
+    known = np.asarray(np.isfinite(points_px).all(axis=-1))
     count = known.sum(axis=1)
     points_px = np.where(known[..., None], points_px, 0.0)
     centre_px = points_px.sum(axis=1) / np.maximum(count, 1)[:, None]

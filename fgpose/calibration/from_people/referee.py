@@ -29,7 +29,7 @@ def procrustes_pose(
     Returns:
         None where both see too little at the same time.
     """
-    known = np.isfinite(first_m).all(axis=-1) & np.isfinite(second_m).all(axis=-1)
+    known = np.asarray(np.isfinite(first_m).all(axis=-1) & np.isfinite(second_m).all(axis=-1))
     enough = known.sum(axis=1) >= _LEAST_JOINTS
     if enough.sum() < _LEAST_FRAMES:
         return None
@@ -37,7 +37,7 @@ def procrustes_pose(
     first_m, first_mean_m = _centred(first_m[enough], known)
     second_m, second_mean_m = _centred(second_m[enough], known)
     products = np.einsum("tja,tjb->tab", first_m, second_m)
-    weights = np.ones(len(products))
+    R, weights = np.eye(3), np.ones(len(products))
     for _ in range(_ITERATIONS):
         R = nearest_rotation(np.einsum("t,tab->ab", weights, products))
         squared_m2 = np.sum((first_m - second_m @ R.T) ** 2, axis=(1, 2)) / known.sum(axis=1)

@@ -61,7 +61,7 @@ def relative_poses(
     Returns:
         An empty list where both cameras see too little at the same time.
     """
-    known = np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1)
+    known = np.asarray(np.isfinite(first).all(axis=-1) & np.isfinite(second).all(axis=-1))
     if known.sum() < _LEAST_POINTS:
         return []
     judged = _some(known, rng)

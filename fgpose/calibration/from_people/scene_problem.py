@@ -97,7 +97,7 @@ class SceneProblem:
         self._far_m = float(from_first_m[self._far])
         self._prior = _prior_information(unknowns, noise)
         self._stiffness = 1 / (noise.bone_m**2 * evidence.counted_as_one)
-        known = (evidence.weights > 0).any(axis=1)
+        known = np.asarray((evidence.weights > 0).any(axis=1))
         self._present = known[:, evidence.bones[:, 0]] & known[:, evidence.bones[:, 1]]
         self._n_sectors, self._in_common = len(start.bias_m), start.bias_m.shape[1] == 1
         self._start, self._n_biases, self._n_coordinates = start, start.bias_m.size, start.joints_m.size
@@ -134,8 +134,9 @@ class SceneProblem:
             of_biases = of_biases.sum(axis=1, keepdims=True)
         excess_m, direction = self._bones(state)
         tension = excess_m * self._stiffness
-        np.subtract.at(of_joints, (slice(None), evidence.bones[:, 0]), tension[..., None] * direction)
-        np.add.at(of_joints, (slice(None), evidence.bones[:, 1]), tension[..., None] * direction)
+        for bone, (start, end) in enumerate(evidence.bones.tolist()):
+            of_joints[:, start] -= tension[:, bone, None] * direction[:, bone]
+            of_joints[:, end] += tension[:, bone, None] * direction[:, bone]
         of_lengths = -np.bincount(evidence.length_of_bone, tension.sum(axis=0), minlength=evidence.n_lengths)
         shared = self._unknowns.columns.T @ np.append(of_cameras, of_lengths)
         of_biases += state.bias_m / self._noise.bias_m**2

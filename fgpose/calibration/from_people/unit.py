@@ -29,7 +29,7 @@ def unit_of(
         joints: which; with the shoulders and hips where the skeleton has limbs.
     """
     if views_m is not None:
-        known = np.isfinite(scene).all(axis=-1)[:, None] & np.isfinite(views_m).all(axis=-1)
+        known = np.asarray(np.isfinite(scene).all(axis=-1))[:, None] & np.isfinite(views_m).all(axis=-1)
         known &= known.sum(axis=-1, keepdims=True) >= 2
         sizes = [_sizes(np.broadcast_to(points, views_m.shape), known) for points in (views_m, scene[:, None])]
         ratios = sizes[0][known.any(axis=-1)] / sizes[1][known.any(axis=-1)]
@@ -57,7 +57,7 @@ def _sizes(points: Float[np.ndarray, "frame camera joint 3"], known: np.ndarray)
 def _torso(scene: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton, joints: Int[np.ndarray, " joint"]) -> float:
     """Median over frames; of a skeleton without limbs, the median size of the body."""
     if not skeleton.limb_pairs:
-        known = np.isfinite(scene).all(axis=-1)[:, None]
+        known = np.asarray(np.isfinite(scene).all(axis=-1))[:, None]
         return float(np.median(_sizes(scene[:, None], known)[known.sum(axis=-1) >= 2]))
     place = {int(joint): number for number, joint in enumerate(joints)}
     sides = zip(skeleton.limb_pairs[0], skeleton.limb_pairs[2], strict=True)
