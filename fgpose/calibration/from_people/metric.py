@@ -85,10 +85,8 @@ def to_metric(
     if stature_m is not None:
         heads = _heads(joints_m, walk.time_s, vertical, floor, anatomy)
         cues += stature_cues(stature_m, joints_m, heads, anatomy)
-    # It hardly counts beside another cue, but tells a stature that is wrong.
-    by_network = None if walk.points3d_m is None else network_cue(walk.points3d_m, joints_m, anatomy)
-    cues += [] if by_network is None else [by_network]
-    scale = fuse(cues or [adult_cue(joints_m, anatomy)])
+    network = None if walk.points3d_m is None else network_cue(walk.points3d_m, joints_m, anatomy)
+    scale = fuse(cues, network) if cues else fuse([network or adult_cue(joints_m, anatomy)])
     similarity = _world_T_gauge(rig.cameras[0], vertical.up, floor.height, scale.factor)
     return Metric(similarity.rig(rig), similarity.of(joints_m), similarity, scale, vertical, floor)
 

@@ -7,7 +7,7 @@ are fused by their information; what contradicts the others is found out and sai
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -174,22 +174,35 @@ def adult_cue(joints_m: Float[np.ndarray, "frame joint 3"], anatomy: Anatomy) ->
     return ScaleCue("an adult's mean stature", _ADULT_M / anatomy.stature_m(joints_m), _ADULT_SIGMA, remedy)
 
 
-def fuse(cues: Sequence[ScaleCue]) -> Scale:
+def fuse(cues: Sequence[ScaleCue], check: ScaleCue | None = None) -> Scale:
     """The scale that all cues together give; one that contradicts the others by more than 3 sigma is a finding.
+
+    Args:
+        cues: independent of each other.
+        check: one that does not count, but is compared with the others: a network's 3D makes everybody an adult.
 
     Raises:
         ValueError: there is no cue.
     """
     if not cues:
         raise ValueError("there is no cue for the scale")
+    scale = _fused(cues)
+    if check is None or scale.findings:
+        return scale
+    checked = _fused([*cues, check])
+    sigma = checked.sigma if checked.findings else scale.sigma
+    return replace(scale, sigma=max(sigma, scale.sigma), findings=checked.findings)
+
+
+def _fused(cues: Sequence[ScaleCue]) -> Scale:
     log, information = np.log([cue.factor for cue in cues]), np.array([cue.sigma for cue in cues]) ** -2
     mean = float(information @ log / information.sum())
-    sigma, findings = float(information.sum() ** -0.5), ()
+    sigma, worst = float(information.sum() ** -0.5), None
     if len(cues) > 1:
         chi2 = float(information @ (log - mean) ** 2) / (len(cues) - 1)
         worst = _worst(cues, log, information)
-        if worst is not None:
-            sigma, findings = sigma * max(1.0, float(np.sqrt(chi2))), (worst,)
+        sigma *= 1.0 if worst is None else max(1.0, float(np.sqrt(chi2)))
+    findings = () if worst is None else (worst,)
     return Scale(float(np.exp(mean)), sigma, _named(cues, information), findings)
 
 

@@ -33,6 +33,26 @@ def test_a_third_view_sees_what_the_others_say() -> None:
     assert mrad.argmax() == 2
 
 
+def test_a_third_view_sees_a_roll() -> None:
+    # It turns the body in the image, and hardly moves it.
+    truth_m, _ = walker(5.0, 0)
+    px = RIG.project(truth_m)
+    rolled = np.zeros((4, 6))
+    rolled[2, 2] = np.deg2rad(10.0)
+    mrad = third_view_mrad(px, np.ones(px.shape[:-1]), moved(RIG, rolled))
+    assert mrad.argmax() == 2
+    # A body of 0.45 m (RMS) at 4.5 m is 100 mrad from its middle; it need not be in the middle of the image.
+    assert 17.0 < mrad[2] < 60.0
+
+
+def test_detectors_that_differ_by_joint_do_not_look_like_a_wrong_camera() -> None:
+    truth_m, skeleton = walker(5.0, 0)
+    px = RIG.project(truth_m)
+    # 30 mm of each joint in each view, at 4.5 m: 7 mrad, of which a mean over 17 joints leaves a quarter.
+    px = px + 1145.0 * 0.03 / 4.5 / np.sqrt(2) * np.random.default_rng(0).standard_normal((1, 4, skeleton.n_joints, 2))
+    assert third_view_mrad(px, np.ones(px.shape[:-1]), RIG).max() < 5.0
+
+
 def test_two_cameras_have_the_epipolar_plane() -> None:
     truth_m, _ = walker(5.0, 0)
     pair = RIG.subset(RIG.names[:2])

@@ -171,14 +171,15 @@ def test_the_floor_tells_a_lean_from_a_tilt() -> None:
     assert angle_deg(up, np.array([0.0, 0.0, 1.0])) < 2 * sigma_deg
 
 
-def test_half_of_the_frames_may_lie() -> None:
+def test_almost_half_of_the_frames_may_lie() -> None:
     truth_m, skeleton = walker(30.0, 2)
     lying = truth_m.copy()
-    lying[::3] = lying[::3] @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
+    lies = np.arange(len(lying)) % 20 < 9
+    lying[lies] = lying[lies] @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
     anatomy, time_s = Anatomy(skeleton), np.arange(len(lying)) / FPS
     found = find_vertical(lying, time_s, anatomy, Steps.of(truth_m, time_s, anatomy))
     assert angle_deg(found.up, np.array([0.0, 0.0, 1.0])) < 0.7
-    assert found.upright < 0.7
+    assert 0.5 < found.upright < 0.6
 
 
 def test_steps_are_where_feet_stand() -> None:

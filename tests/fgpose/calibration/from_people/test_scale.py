@@ -51,6 +51,16 @@ def test_cues_that_differ_by_chance_are_no_finding() -> None:
     assert not fuse([ScaleCue("a", 1.0, 0.01), ScaleCue("b", 1.035, 0.01)]).findings
 
 
+def test_a_network_checks_and_does_not_count() -> None:
+    stature, network = ScaleCue("stature 1.20 m", 0.7, 0.02, "check the stature"), ScaleCue("network", 1.0, 0.06)
+    alone, checked = fuse([stature]), fuse([stature], network)
+    assert checked.factor == alone.factor  # children are small
+    assert checked.sigma > 3 * alone.sigma
+    assert "network" in checked.findings[0].reason
+    near = fuse([stature], ScaleCue("network", 0.75, 0.06))
+    assert (near.sigma, near.findings) == (alone.sigma, ())
+
+
 def test_a_scale_needs_a_cue() -> None:
     with pytest.raises(ValueError, match="no cue"):
         fuse([])

@@ -118,3 +118,12 @@ def test_the_unknowns_of_an_adjustment() -> None:
     assert found.covariance.shape == (4, 6, 4, 6)
     assert found.focal_sigma == pytest.approx(6.0)
     assert found.offset_sigma_s == pytest.approx(8.0)
+
+
+def test_another_unit_changes_translations_alone() -> None:
+    half = RigEstimate(RIG, covariance_of(), NONE, NONE).moved(Similarity(0.5, np.eye(3), np.zeros(3)))
+    of_camera = covariance_of()[0, :, 0]
+    assert half.covariance[0, :3, 0, :3] == pytest.approx(of_camera[:3, :3])
+    assert half.covariance[0, :3, 0, 3:] == pytest.approx(of_camera[:3, 3:] / 2)
+    assert half.covariance[0, 3:, 0, 3:] == pytest.approx(of_camera[3:, 3:] / 4)
+    assert half.rig.cameras[1].position_m == pytest.approx(RIG.cameras[1].position_m / 2)
