@@ -169,7 +169,7 @@ def _points(
     xy, velocity, fast = (
         np.stack([ask(view, at_s) for view, at_s in both]) for ask in (View.at, View.velocity_at, View.fast_velocity_at)
     )
-    known = np.isfinite(xy + velocity).all(axis=(0, -1))
+    known = np.asarray(np.isfinite(xy + velocity).all(axis=(0, -1)))
     if known.sum() < _MIN_POINTS:
         return None
     xy, velocity, fast = (array[:, known] for array in (xy, velocity, fast))

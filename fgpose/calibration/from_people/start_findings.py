@@ -80,7 +80,10 @@ def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[
     """What is wrong with a start that was found; of grade failed if it is not to be trusted."""
     step_s = usual_step_s(track.time_s) if len(track.time_s) > 1 else 0.04
     sigma_s, apart_s = float(clocks.sigma_s[number]), float(clocks.disagreement_s[number])
-    rate, rate_sigma = float(clocks.rates[number]), float(clocks.rate_sigma[number])
+    # Relative to most of the cameras, for it may be the reference whose clock is wrong.
+    usual = np.sort(clocks.rates[np.isfinite(clocks.rates)])
+    rate = float(clocks.rates[number] - usual[(len(usual) - 1) // 2]) if len(usual) else 0.0
+    rate_sigma = max(float(clocks.rate_sigma[number]), float(np.nanmedian(clocks.rate_sigma)))
     if not np.isfinite(sigma_s):
         reason = "it has too little in common with the other cameras to find when the video begins"
         return [Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")]

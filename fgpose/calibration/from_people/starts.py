@@ -172,12 +172,16 @@ def _solved(
     tracks: Sequence[Track],
     findings: Sequence[Finding],
 ) -> Starts:
+    """The clocks of those cameras; again without those that turn out not to be known."""
     reference = trusted[0] if trusted else 0
     kept = _connected({pair: shift for pair, shift in shifts.items() if set(pair) <= set(trusted)}, reference)
     clocks = solve_clocks(kept, len(names), reference)
     doubts = [finding for c in trusted for finding in about_clock(names[c], c, clocks, tracks[c])]
-    lost = {finding.camera for finding in doubts if finding.grade is Grade.FAILED}
-    is_trusted = np.array([c in trusted and names[c] not in lost for c in range(len(names))])
+    fatal = [finding for finding in doubts if finding.grade is Grade.FAILED]
+    if fatal:
+        lost = {finding.camera for finding in fatal}
+        return _solved(names, [c for c in trusted if names[c] not in lost], shifts, tracks, [*findings, *fatal])
+    is_trusted = np.isin(np.arange(len(names)), trusted)
     offsets_s, rates, sigma_s = (
         np.where(is_trusted, array, np.nan) for array in (clocks.offsets_s, clocks.rates, clocks.sigma_s)
     )

@@ -13,7 +13,7 @@ from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals
 from fgpose.calibration.from_people.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose.synthetic import NO_CROWD_ERRORS, NO_NOISE
-from fgpose.synthetic.uncalibrated import Clocks, Network, film
+from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 
 
 def noise_signals(first: int, values: np.ndarray) -> MotionSignals:
@@ -76,7 +76,7 @@ def test_without_noise_the_shift_and_the_rate_are_exact() -> None:
     assert fit.misfit < 0.01
 
 
-def _view(scene, camera: int) -> View:
+def _view(scene: WalkScene, camera: int) -> View:
     images = scene.observations.by_camera[scene.observations.camera_names[camera]]
     points2d_px = np.array([image.points2d_px[0] for image in images])
     time_s = np.array([image.time_s for image in images])

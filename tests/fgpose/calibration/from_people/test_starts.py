@@ -91,10 +91,12 @@ def test_another_cue_is_refined(bodies: Skeleton) -> None:
 
 def test_a_camera_that_sees_nobody_or_another_time_is_not_trusted(bodies: Skeleton) -> None:
     tracks, intrinsics = walk_tracks(), walk_scene().intrinsics
-    nobody = find_starts((tracks[0], no_track("ring_1", bodies), tracks[2]), bodies, intrinsics)
-    assert nobody.trusted.tolist() == [True, False, True]
-    assert np.isnan(nobody.offsets_s[1])
-    assert [(f.camera, f.grade) for f in nobody.findings] == [("ring_1", Grade.FAILED)]
+    nobody = find_starts((no_track("ring_0", bodies), *tracks[1:]), bodies, intrinsics)
+    assert nobody.trusted.tolist() == [False, True, True]
+    assert nobody.reference == "ring_1"
+    assert np.isnan(nobody.offsets_s[0])
+    assert nobody.offsets_s[1] == 0
+    assert [(f.camera, f.grade) for f in nobody.findings] == [("ring_0", Grade.FAILED)]
     assert nobody.findings[0].reason == "nobody is seen"
     # The first half of one video, and what another one shows a good while later.
     early, late = _part(tracks[0], 0.0, 12.0), _part(tracks[2], 25.0, 40.0)
@@ -175,3 +177,16 @@ def test_synchronised_cameras_of_a_real_recording() -> None:
     starts = find_starts(tracks, observations.skeleton, rig, given)
     # Images are 17 ms apart.
     assert np.nanmax(np.abs(starts.offsets_s)) < 0.025
+
+
+def test_a_clock_that_jumps_is_blamed_and_does_not_spoil_the_others(bodies: Skeleton) -> None:
+    # The clock of the first camera is put forward by 0.15 s in the middle of the recording.
+    tracks = walk_tracks()
+    jumps = replace(tracks[0], time_s=tracks[0].time_s + np.where(tracks[0].time_s > 15.0, 0.15, 0.0))
+    starts = find_starts((jumps, *tracks[1:]), bodies, walk_scene().intrinsics)
+    assert {finding.camera for finding in starts.findings} == {"ring_0"}
+    assert starts.trusted[1:].all()
+    in_both_s = starts.own_s("ring_1", starts.common_s("ring_2", np.array([15.0])))[0]
+    true_s = 15.0 + true_offset_s(walk_scene(), 2, 15.0) - true_offset_s(walk_scene(), 1, 15.0)
+    # Half an image of the fastest camera.
+    assert in_both_s == pytest.approx(true_s, abs=0.01)

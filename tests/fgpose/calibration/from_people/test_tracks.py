@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from filmed_walk import bodies_px, track_of, walk_scene
 
 from fgpose.calibration.from_people.sides import exchanged_images, with_steady_sides
@@ -9,7 +10,7 @@ from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import ring_rig
-from fgpose.synthetic.uncalibrated import Clocks, Network, film
+from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 from fgpose.synthetic.walkers import walkers
 
 FPS = 25.0
@@ -68,6 +69,7 @@ def test_sides_that_coincide_for_a_moment_do_not_turn_a_body_for_good(skeleton: 
     assert not exchanged_images(track_of(middle_px + share * (points_px - middle_px)), skeleton).any()
 
 
+@pytest.mark.slow
 def test_main_tracks_of_several_people_are_of_one_person() -> None:
     motion = walkers((4.0, 4.0), 20.0, 5, n_people=2)
     scene = film(motion, ring_rig(3, 4.8, 2.2), 5, Network(), Clocks((25.0,), 3.0))
@@ -78,7 +80,7 @@ def test_main_tracks_of_several_people_are_of_one_person() -> None:
     assert len(set(who)) == 1
 
 
-def _who(scene, camera: str, time_s: np.ndarray, points2d_px: np.ndarray) -> int:
+def _who(scene: WalkScene, camera: str, time_s: np.ndarray, points2d_px: np.ndarray) -> int:
     """Whose detections a track has, in most images."""
     at = {time: t for t, time in enumerate(time_s.tolist())}
     votes = []
