@@ -129,8 +129,9 @@ VARIANTS = (
     CalibrationVariant(
         "rates_one_sided_4", "starts", "one_sided_4", "Up to 20 s apart, at 30, 25 and 50 Hz", clocks=_MIXED_RATES
     ),
-    CalibrationVariant("people_ring_4", "people", "ring_4", "Three people", n_people=3),
-    CalibrationVariant("people_corners_4", "people", "corners_4", "Two people", n_people=2),
+    # A stature would be one of them, and which one a calibration takes is its own choice.
+    CalibrationVariant("people_ring_4", "people", "ring_4", "Three people", n_people=3, scale="distance"),
+    CalibrationVariant("people_corners_4", "people", "corners_4", "Two people", n_people=2, scale="distance"),
     CalibrationVariant("pair", "hard", "pair", "No third view"),
     CalibrationVariant("line_ring_4", "hard", "ring_4", "To and fro on one line", behaviour="line"),
     CalibrationVariant("spot_ring_4", "hard", "ring_4", "On one spot", behaviour="spot"),

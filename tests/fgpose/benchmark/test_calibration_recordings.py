@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,8 @@ from fgpose.benchmark.calibration.baselines import five_point, procrustes
 from fgpose.benchmark.calibration.real import REAL, WEBCAM, record_real
 from fgpose.benchmark.calibration.recording import CalibrationRecording
 from fgpose.benchmark.calibration.variants import TEST_CLIPS, VARIANTS, find_variant, record, recordings
+from fgpose.calibration.from_people.walk import Walk
+from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import NO_CROWD_ERRORS, NO_NOISE, STUDIOS, Clocks, Network
 
 EXACT = Network(
@@ -63,10 +66,12 @@ def test_times_of_a_camera_are_by_its_own_clock(apart: CalibrationRecording):
 
 @pytest.mark.parametrize(("solve", "position_m", "rotation_deg"), [(procrustes, 1e-4, 1e-3), (five_point, 1e-3, 1e-2)])
 def test_baselines_find_the_rig_of_an_exact_recording(
-    solve: object, position_m: float, rotation_deg: float, exact: CalibrationRecording
+    solve: Callable[[Walk, CameraRig], CameraRig],
+    position_m: float,
+    rotation_deg: float,
+    exact: CalibrationRecording,
 ):
     # Procrustes is exact but for the undistortion; RANSAC ends at the best of its samples, not at an optimum.
-    assert callable(solve)
     rig = solve(exact.told, exact.intrinsics)
     assert rigs.position_errors_m(rig, exact.rig).max() < position_m
     assert rigs.rotation_errors_deg(rig, exact.rig).max() < rotation_deg
