@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -82,7 +83,7 @@ def test_how_sure_the_cameras_are(file: Path) -> None:
     assert static_list(file, "/world/camera_sigmas", "Ellipsoids3D:labels")[1] == "ring_1 ± 30 mm"
 
 
-def static_list(path: Path, entity: str, component: str) -> list[object]:
+def static_list(path: Path, entity: str, component: str) -> list[Any]:
     from rerun.chunk import RrdReader
 
     for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():
