@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from calibrated_walks import FPS, N_FRAMES, calibrated, named, seen_px, true_rig, write_openpose
 from rrd_contents import entities, rows
 from turned_cameras import turned
-from walks import FPS, N_FRAMES, calibrated, named, seen_px, true_rig, write_openpose
 
 import fgpose
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade

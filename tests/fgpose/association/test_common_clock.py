@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from walks import FPS, SKELETON, joints_m, true_rig
+from calibrated_walks import FPS, SKELETON, joints_m, true_rig
 
 import fgpose
 from fgpose.association.common_clock import on_common_clock

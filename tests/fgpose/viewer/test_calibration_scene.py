@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from calibrated_walks import FPS, N_FRAMES, SKELETON, calibrated, joints_m, seen_px, true_rig
 from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, entities, rows, static_value, values, view_origins
-from walks import FPS, N_FRAMES, SKELETON, calibrated, joints_m, seen_px, true_rig
 
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.geometry.epipolar_distance import epipolar_distances_px, pairs_px
