@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -13,12 +14,14 @@ from tyro.conf import Positional, arg
 from fgpose.cli.detect import NetworkOptions, quieten_decoder
 from fgpose.cli.from_people import FromPeopleOptions, nothing_written, parse_size, print_calibrated
 from fgpose.cli.options import new_console
+from fgpose.cli.pictures import show_walk_images
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.calibration.bumped import BumpedRig
     from fgpose.geometry.camera import CameraRig
+    from fgpose.monocular.detected import Detected
     from fgpose.people import PeopleObservations
 
 FAILED = 1
@@ -58,6 +61,8 @@ class RecordingToCalibrate(FromPeopleOptions):
     )
     rrd: bool = True
     """Write the scene for the viewer."""
+    images: bool = True
+    """Show the images of videos in it, shrunk to at most 640 px."""
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: of the videos)")] = None
     """Frames per second; needed for keypoints without times and for images."""
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
@@ -116,27 +121,30 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         from fgpose.pipeline import write_calibration
 
         console = new_console()
-        people, intrinsics = self._seen(console)
+        display = None
+        if self._has_videos():
+            detected = self._detected(console)
+            people, intrinsics = detected.people, detected.rig
+            display = partial(show_walk_images, detected) if self.images else None
+        else:
+            people, intrinsics = self._keypoints()
         result = self.calibrated(people, intrinsics, console)
         scene = self.output.with_suffix(".rrd") if self.rrd else None
-        written = write_calibration(result, self.output, self.format, scene)
+        written = write_calibration(result, self.output, self.format, scene, display)
         print_calibrated(console, result, written)
         if result.grade is not Grade.FAILED:
             return 0
         nothing_written(self.output)
         return FAILED
 
-    def _seen(self, console: Console) -> tuple[PeopleObservations, CameraRig]:
-        """What the cameras saw of people, and their intrinsics."""
+    def _detected(self, console: Console) -> Detected:
+        """What cameras without poses saw of people."""
         from fgpose.monocular.sources import Sources, find_clips
 
-        if not self._has_videos():
-            return self._keypoints()
         quieten_decoder()
         clips = find_clips(self.recording, fps=self.fps, cameras=self.cameras)
         intrinsics = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
-        detected = self.detect_in(Sources(intrinsics, clips), self.frames, console)
-        return detected.people, intrinsics
+        return self.detect_in(Sources(intrinsics, clips), self.frames, console)
 
     def _has_videos(self) -> bool:
         """Or keypoints. Raises ValueError if it has neither."""

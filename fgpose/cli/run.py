@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from jaxtyping import Float
 from tyro.conf import FlagCreatePairsOff, arg
 
 from fgpose.cli.calibrate import FAILED
@@ -16,7 +14,7 @@ from fgpose.cli.calibration import calibrated
 from fgpose.cli.detect import VideoOptions
 from fgpose.cli.from_people import FromPeopleOptions, nothing_written, print_calibrated
 from fgpose.cli.options import ParameterOptions, new_console, progress_bar
-from fgpose.frame_matching import NO_IMAGE
+from fgpose.cli.pictures import show_images, show_walk_images
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -117,7 +115,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
         result = self.calibrated(detected.people, detected.rig, console)
         scene = outputs.calibration.with_suffix(".rrd") if "rrd" in outputs.formats else None
-        print_calibrated(console, result, write_calibration(result, outputs.calibration, rrd=scene))
+        display = partial(show_walk_images, detected) if self.images else None
+        print_calibrated(console, result, write_calibration(result, outputs.calibration, rrd=scene, display=display))
         if result.grade is Grade.FAILED:
             nothing_written(outputs.calibration)
             return None
@@ -133,21 +132,3 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
                 show_images(detected, source.people.frames.frame_time_s, recording)
 
         estimate_people(source, self.parameters, outputs, run_smooth_people, "smoothing", show_all)
-
-
-def show_images(
-    detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Recording | PeopleRecording
-) -> None:
-    """Show the images of every camera, each in its frame; the videos are decoded again."""
-    image = detected.frames.image[: len(time_s)]
-    if not any(recording.wants_image(name, 0) for name in detected.rig.names):
-        return
-    with progress_bar("adding images", "images") as progress:
-        for c, (name, clip) in enumerate(zip(detected.rig.names, detected.sources.clips, strict=True)):
-            frame_of = {number: frame for frame, number in enumerate(image[:, c].tolist()) if number != NO_IMAGE}
-            for picture in islice(clip.pictures(), max(frame_of, default=-1) + 1):
-                frame = frame_of.get(picture.number)
-                if frame is not None and recording.wants_image(name, frame):
-                    recording.log_image(name, frame, float(time_s[frame]), picture.image)
-                progress(c * len(image) + (frame or 0), image.size)
-        progress(image.size, image.size)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from rrd_contents import entities
+from calibrated_walks import FPS, N_FRAMES, calibrated, named, seen_px, true_rig, write_openpose
+from rrd_contents import entities, rows
 from turned_cameras import turned
-from walks import FPS, N_FRAMES, calibrated, named, seen_px, true_rig, write_openpose
 
 import fgpose
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
@@ -254,6 +254,9 @@ def test_videos_are_detected_with_the_intrinsics(
     arguments = ["calibrate", str(tmp_path / "walk"), "--focal-px", "300", "--frames", "4"]
     assert main([*arguments, "-o", str(tmp_path / "rig.toml")]) == 0
     assert len(network.seen) == 12
+    # The images that were looked at, in the frames of the walk that are nearest to them.
+    pictures = rows(tmp_path / "rig.rrd", "/world/camera/ring_1/image/picture", "EncodedImage:blob")
+    assert sorted(pictures) == [0, 1, 2, 3]
     assert chain.people is not None
     assert chain.people.camera_names == squares.rig.names
     # In the frame of each camera: the network sees them 4 m away.
@@ -363,3 +366,24 @@ def test_a_result_never_replaces_its_input(source: list[str], tmp_path: Path, ca
 def test_the_scene_beside_the_rig(source: list[str], chain: Chain, tmp_path: Path) -> None:
     assert main([*source, "--focal-px", "1145", "--size", "1920x1080", "-o", str(tmp_path / "rig.toml")]) == 0
     assert "/world/walk/joints" in entities(tmp_path / "rig.rrd")
+
+
+def test_the_demonstration_throws_the_calibration_away(
+    squares: SquaresScene,
+    network: SquaresNetwork,
+    chain: Chain,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    squares.write_all(tmp_path / "demo" / "videos", 4)
+    save_rig(squares.rig, tmp_path / "demo" / "calibration" / "Calib.toml")
+    (tmp_path / "demo" / "calibration" / "Calib.toml").rename(tmp_path / "demo" / "calibration" / "Calib.qca.txt")
+    monkeypatch.setattr("fgpose.monocular.demo_videos.fetch_demo_videos", lambda **options: tmp_path / "demo")
+    chain.result = squares_result(squares)
+    assert main(["demo", "--calibrate", "--output", str(tmp_path / "out")]) == 0
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["demo_calibrated.rrd", "demo_calibrated.toml"]
+    assert chain.intrinsics is not None
+    np.testing.assert_array_equal(chain.intrinsics.cameras[0].world_T_camera, np.eye(4))
+    np.testing.assert_allclose(chain.intrinsics.cameras[0].K, squares.rig.cameras[0].K)
+    assert re.search(r"demo_calibrated\.rrd +the cameras and the verdict: ", capsys.readouterr().out)

@@ -85,5 +85,5 @@ def _numbers(value: Any, name: str) -> Any:
         return [_numbers(each, name) for each in value]
     try:
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"camera {name}: {reprlib.repr(value)} is not a number") from None

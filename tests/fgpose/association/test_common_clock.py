@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from walks import FPS, SKELETON, joints_m, true_rig
+from calibrated_walks import FPS, SKELETON, joints_m, true_rig
 
 import fgpose
 from fgpose.association.common_clock import on_common_clock
@@ -40,7 +40,7 @@ def test_images_of_one_moment_come_together() -> None:
     for name, late in zip(rig.names, LATE, strict=True):
         np.testing.assert_allclose(together.times_s(name), people.times_s(name) + late / FPS, atol=1e-12)
     seen = together.of_person(together.only())
-    complete = seen.seen.all(axis=(1, 2))
+    complete = np.asarray(seen.seen.all(axis=(1, 2)))
     assert complete.sum() >= 25
     # An image is at most half a frame from its frame: 1.2 m/s / 40 Hz are 30 mm, 7 px at 5 m. Sorted by their own
     # stamps, the images are 17 frames apart: 1 m.

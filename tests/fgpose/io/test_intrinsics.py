@@ -167,6 +167,7 @@ def test_a_file_that_does_not_say_for_which_images_it_is(tmp_path: Path) -> None
         ("a.json", "{" + '"a":{' * 100_000, "not JSON"),
         ("a.json", '{"K": [[1, 0], [0, 1]], "D": []}', "camera a: the camera matrix must have 3 x 3 numbers"),
         ("a.json", '{"K": "x", "size": [1, 2]}', "camera a: 'x' is not a number"),
+        ("a.json", '{"K": [[1%s,0,0],[0,1,0],[0,0,1]]}' % ("0" * 400), "camera a: 1000+.* is not a number"),
         ("a.json", '{"K": [[1,0,0],[0,NaN,0],[0,0,1]]}', "camera a: the camera matrix contains a number that is not"),
         ("a.json", '{"K": [[1,0,0],[0,1,0],[0,0,1]], "size": 3}', "camera a: the image size must have 2 numbers"),
         ("a.toml", "x = 1\n", "no intrinsics in it"),

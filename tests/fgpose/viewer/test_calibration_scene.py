@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from calibrated_walks import FPS, N_FRAMES, SKELETON, calibrated, joints_m, seen_px, true_rig
 from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, entities, rows, static_value, values, view_origins
-from walks import FPS, N_FRAMES, SKELETON, calibrated, joints_m, seen_px, true_rig
 
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.geometry.epipolar_distance import epipolar_distances_px, pairs_px
@@ -82,7 +83,7 @@ def test_how_sure_the_cameras_are(file: Path) -> None:
     assert static_list(file, "/world/camera_sigmas", "Ellipsoids3D:labels")[1] == "ring_1 ± 30 mm"
 
 
-def static_list(path: Path, entity: str, component: str) -> list[object]:
+def static_list(path: Path, entity: str, component: str) -> list[Any]:
     from rerun.chunk import RrdReader
 
     for chunk in RrdReader(path).stream().filter(content=entity).to_chunks():

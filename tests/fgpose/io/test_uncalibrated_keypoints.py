@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from walks import FPS, SKELETON, seen_px, true_rig, write_openpose
+from calibrated_walks import FPS, SKELETON, seen_px, true_rig, write_openpose
 
 import fgpose
 from fgpose.geometry.intrinsics import guessed_intrinsics
