@@ -172,7 +172,7 @@ def test_what_holds_for_all_cameras_is_said_once() -> None:
 
 
 def test_a_focal_length_that_the_images_contradict() -> None:
-    change, sigma = each(0.2, 0.05, 0.2), each(0.01, 0.01, 0.1)
+    change, sigma = each(0.4, -0.25, 0.4), each(0.02, 0.02, 0.2)
     graded = {finding.camera: finding.grade for finding in focal_wrong(NAMES, change, sigma)}
     assert graded == {"a": Grade.FAILED, "b": Grade.COARSE}
     assert not focal_wrong(NAMES, None, None)
