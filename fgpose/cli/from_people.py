@@ -47,7 +47,7 @@ class FromPeopleOptions:
     """Focal length of all cameras, pixels, where there is no file; the lenses are taken to have no distortion."""
     focal: Annotated[Literal["auto", "known", "shared", "each"], arg(help=_FOCAL)] = "auto"
     height: Annotated[float | None, arg(metavar="M", help_behavior_hint="(default: unknown)")] = None
-    """Stature of the person who is seen most, metres, with shoes. Gives the scale."""
+    """Stature of the person who is seen most, metres, without shoes. Gives the scale."""
     distance: Annotated[
         UseAppendAction[tuple[tuple[str, str, float], ...]],
         arg(metavar="CAMERA CAMERA M", help=_DISTANCE, help_behavior_hint="(default: none)"),

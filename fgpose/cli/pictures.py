@@ -62,4 +62,4 @@ def show_walk_images(detected: Detected, result: CalibratedFromPeople, recording
         number = nearest(time_s, taken_s)
         is_near = np.abs(taken_s[number] - time_s) <= _REACH * float(np.median(np.diff(taken_s)))
         image[is_near, c] = number[is_near]
-    show_matched_images(detected.sources, image, time_s, recording)
+    show_matched_images(detected.recalibrated(result.rig).sources, image, time_s, recording)

@@ -55,15 +55,18 @@ class Detected:
         return self.people.frames
 
     def recalibrated(self, rig: CameraRig) -> Detected:
-        """The same detections with these poses, clocks and intrinsics of the same cameras, see refocused.
+        """The same detections with these poses, clocks and intrinsics of the same cameras, see refocused; without those
+        cameras that the rig lacks.
 
         Raises:
-            ValueError: the rig lacks a camera.
+            ValueError: the rig has a camera that is not among them.
         """
-        rig = rig.subset(self.rig.names)
-        triples = zip(self.views, self.rig.cameras, rig.cameras, strict=True)
+        known = self.rig.subset(rig.names)
+        kept = [self.rig.names.index(name) for name in rig.names]
+        triples = zip((self.views[c] for c in kept), known.cameras, rig.cameras, strict=True)
         views = tuple(replace(view, people=refocused(view.people, *pair)) for view, *pair in triples)
-        return Detected(Sources(rig, self.sources.clips).on_common_clock(), self.skeleton, views, self.n_new_images)
+        sources = Sources(rig, tuple(self.sources.clips[c] for c in kept)).on_common_clock()
+        return Detected(sources, self.skeleton, views, self.n_new_images)
 
     def observations(self, person: int | PersonRegion = 0) -> Observations:
         """What the cameras saw of one person, see follow."""

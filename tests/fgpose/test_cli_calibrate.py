@@ -387,3 +387,19 @@ def test_the_demonstration_throws_the_calibration_away(
     np.testing.assert_array_equal(chain.intrinsics.cameras[0].world_T_camera, np.eye(4))
     np.testing.assert_allclose(chain.intrinsics.cameras[0].K, squares.rig.cameras[0].K)
     assert re.search(r"demo_calibrated\.rrd +the cameras and the verdict: ", capsys.readouterr().out)
+
+
+def test_a_camera_that_could_not_be_calibrated_is_left_out(
+    squares: SquaresScene, network: SquaresNetwork, chain: Chain, tmp_path: Path
+) -> None:
+    squares.write_all(tmp_path / "walk", 12)
+    kept = ["ring_0", "ring_2"]
+    chain.result = lambda people, intrinsics: calibrated(people, squares.rig.subset(kept))
+    arguments = ["run", str(tmp_path / "walk"), "--calibrate", "--formats", "npz", "rrd", "-o", str(tmp_path / "out")]
+    assert main(arguments) == 0
+    assert load_rig(tmp_path / "out" / "walk_calibration.toml").names == tuple(kept)
+    trajectory = load_trajectory(tmp_path / "out" / "walk.npz")
+    assert trajectory.camera_names == tuple(kept)
+    # Two cameras at 120 degrees; a pixel is 13 mm.
+    truth_m = np.stack([squares.positions_m(t)[0] for t in trajectory.time_s])
+    np.testing.assert_allclose(trajectory.positions_m, truth_m, atol=0.04)
