@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from fgpose.benchmark.calibration.baselines import five_point, procrustes
 from fgpose.benchmark.calibration.recording import CalibrationMethod, CalibrationRecording, CalibrationResult
 from fgpose.benchmark.recording import Method
+from fgpose.calibration.from_people.calibrate import Parts, calibrate
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
@@ -20,34 +21,27 @@ OURS = "fgpose"
 class Chain:
     """fgpose.calibrate; a calibration that it refuses is one that failed."""
 
-    switches: Mapping[str, object] = field(default_factory=dict)
-    """Keywords that turn a part off."""
-    calibrate: Callable[..., CalibratedFromPeople] | None = None
-    """In its place; None: the library's own."""
+    parts: Parts = field(default_factory=Parts)
+    """Which are not left out."""
+    calibrate: Callable[..., CalibratedFromPeople] = calibrate
 
     def __call__(self, recording: CalibrationRecording) -> CalibrationResult:
         given, start_s = recording.given, time.perf_counter()
         try:
-            found = (self.calibrate or _chain())(
+            found = self.calibrate(
                 recording.people,
                 recording.intrinsics,
                 focal=given.focal,
                 stature_m=given.stature_m,
                 distances=given.distances,
                 synchronised=given.synchronised,
-                **self.switches,
+                parts=self.parts,
             )
         except ValueError as error:
             return CalibrationResult(None, "failed", (str(error),), None, True, time.perf_counter() - start_s)
         reasons = tuple(f"{finding.camera or 'rig'}: {finding.reason}" for finding in found.findings)
         took_s = time.perf_counter() - start_s
         return CalibrationResult(found.rig, found.grade.value, reasons, found.sigmas, True, took_s)
-
-
-def _chain() -> Callable[..., CalibratedFromPeople]:
-    from importlib import import_module
-
-    return import_module("fgpose.calibration.from_people.calibrate").calibrate
 
 
 @dataclass(frozen=True)
@@ -77,10 +71,10 @@ METHODS: tuple[CalibrationMethod, ...] = (
 
 ABLATIONS: tuple[CalibrationMethod, ...] = (
     Method("as it is", "ours", Chain()),
-    Method("no referee", "ours", Chain({"referee": False})),
-    Method("first pair as scaffold", "ours", Chain({"choose_scaffold": False})),
-    Method("focal length held", "ours", Chain({"joint_focal": False})),
-    Method("no bones", "ours", Chain({"bones": False})),
-    Method("no bias model", "ours", Chain({"bias": False})),
+    Method("no referee", "ours", Chain(Parts(referee=False))),
+    Method("first pair as scaffold", "ours", Chain(Parts(choose_scaffold=False))),
+    Method("focal length held", "ours", Chain(Parts(joint_focal=False))),
+    Method("no bones", "ours", Chain(Parts(bones=False))),
+    Method("no bias model", "ours", Chain(Parts(bias=False))),
 )
-"""The chain without a change, then with one part turned off at a time, by keywords of calibrate."""
+"""The chain without a change, then with one part left out at a time."""

@@ -7,18 +7,19 @@ halves of the recording) -> metric (scale, vertical, floor) -> sigmas -> verdict
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.adjustment import Adjusted, adjust, lens_groups
+from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
 from fgpose.calibration.from_people.grounds import gather
 from fgpose.calibration.from_people.metric import Metric, to_metric
 from fgpose.calibration.from_people.projection import FOCAL, OFFSET, ROTATION, TRANSLATION
-from fgpose.calibration.from_people.scaffold import scaffold
+from fgpose.calibration.from_people.scaffold import scaffolds
 from fgpose.calibration.from_people.scale import MeasuredDistance
 from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
 from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
@@ -37,7 +38,26 @@ Focal = Literal["known", "shared", "each"]
 Progress = Callable[[int, int], None]
 """Called with the number of steps done and the number of steps in all."""
 
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of the chain that can be left out, to measure what they are worth."""
+
+    referee: bool = True
+    """The monocular 3D of the views rules out twisted relative poses."""
+    choose_scaffold: bool = True
+    """Every pair of cameras is tried as the first; else only the first two."""
+    joint_focal: bool = True
+    """Unknown focal lengths are estimated; else their guesses are held."""
+    bones: bool = True
+    """Bones keep their lengths."""
+    bias: bool = True
+    """The detections of a view are off by the same in all frames of one direction of the body."""
+
+
+_ALL = Parts()
 _STEPS = 7
+_HELD_M, _FREE_M = 1e-6, 1e3  # standard deviations
 _INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
 _LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
@@ -51,6 +71,7 @@ def calibrate(
     distances: Sequence[tuple[str, str, float]] = (),
     synchronised: bool = False,
     progress: Progress | None = None,
+    parts: Parts = _ALL,
 ) -> CalibratedFromPeople:
     """Calibrate cameras from nothing but people who walk through the scene.
 
@@ -62,6 +83,7 @@ def calibrate(
         distances: two cameras, and how far apart they are in metres.
         synchronised: whether all cameras have one clock already.
         progress: told after each step.
+        parts: what is not left out.
 
     Returns:
         The rig of the cameras whose starts are known, with sigmas and verdict. If that is failed (grade), it must not
@@ -84,12 +106,19 @@ def calibrate(
     starts = find_starts(tracks, people.skeleton, intrinsics, in_step)
     walk = together(tracks, starts, people.skeleton)
     told()
-    placed = scaffold(walk, intrinsics.subset(walk.camera_names))
+    placed = _placed(walk, intrinsics.subset(walk.camera_names), parts)
     told()
-    unknown_lenses = _unknown_lenses(placed.rig, focal)
-    adjusted = adjust(walk, placed.rig, unknown_lenses=unknown_lenses, clocks=not synchronised)
+    adjusting = _Adjusting(
+        _unknown_lenses(placed, focal) if parts.joint_focal else (),
+        not synchronised,
+        AdjustmentConfig(
+            bias_m=AdjustmentConfig.bias_m if parts.bias else _HELD_M,
+            bone_m=AdjustmentConfig.bone_m if parts.bones else _FREE_M,
+        ),
+    )
+    adjusted = adjusting.of(walk, placed)
     told()
-    halves = _halves(walk, adjusted.rig, unknown_lenses, clocks=not synchronised)
+    halves = adjusting.halves(walk, adjusted.rig)
     told()
     joints = _joints(walk, adjusted.rig)
     measured = [MeasuredDistance(*distance) for distance in distances]
@@ -100,25 +129,43 @@ def calibrate(
     return result
 
 
+def _placed(walk: Walk, intrinsics: CameraRig, parts: Parts) -> CameraRig:
+    """A first rig."""
+    found = scaffolds(walk if parts.referee else replace(walk, points3d_m=None), intrinsics)
+    if parts.choose_scaffold:
+        return found[0].rig
+    return next((first.rig for first in found if first.pair == intrinsics.names[:2]), found[-1].rig)
+
+
 def _unknown_lenses(rig: CameraRig, focal: Focal) -> Groups:
     if focal == "known":
         return ()
     return lens_groups(rig) if focal == "shared" else tuple((c,) for c in range(rig.n_cameras))
 
 
-def _halves(walk: Walk, rig: CameraRig, unknown_lenses: Groups, *, clocks: bool) -> tuple[Adjusted, Adjusted] | None:
-    """The same from each half of the recording; None where one is too short, or shows too little."""
-    if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
-        return None
-    middle_s = 0.5 * (walk.time_s[0] + walk.time_s[-1])
-    parts = [np.flatnonzero(walk.time_s < middle_s), np.flatnonzero(walk.time_s >= middle_s)]
-    try:
-        first, second = (
-            adjust(frames_of(walk, part), rig, unknown_lenses=unknown_lenses, clocks=clocks) for part in parts
-        )
-    except ValueError:
-        return None
-    return first, second
+@dataclass(frozen=True)
+class _Adjusting:
+    """How a walk is adjusted, the whole and its halves alike."""
+
+    unknown_lenses: Groups
+    clocks: bool
+    config: AdjustmentConfig
+
+    def of(self, walk: Walk, rig: CameraRig) -> Adjusted:
+        return adjust(walk, rig, unknown_lenses=self.unknown_lenses, clocks=self.clocks, config=self.config)
+
+    def halves(self, walk: Walk, rig: CameraRig) -> tuple[Adjusted, Adjusted] | None:
+        """Of each half of the recording; None where one is too short, or shows too little."""
+        if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
+            return None
+        is_first = walk.time_s < 0.5 * (walk.time_s[0] + walk.time_s[-1])
+        try:
+            return (
+                self.of(frames_of(walk, np.flatnonzero(is_first)), rig),
+                self.of(frames_of(walk, np.flatnonzero(~is_first)), rig),
+            )
+        except ValueError:
+            return None
 
 
 def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:

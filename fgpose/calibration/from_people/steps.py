@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,6 +16,8 @@ _HALF_WINDOW_S = 0.1
 _MIN_STANCE_S = 0.1
 # One stance of a foot lasts 0.6 s in a slow walk. Of somebody who stays the next part counts as another one.
 _MAX_STANCE_S = 1.0
+# Parts of long recordings are left out: nobody knows what the foot did meanwhile.
+_GAP_S = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,12 +70,16 @@ def _speed(points_m: Float[np.ndarray, "frame 3"], time_s: Float[np.ndarray, " f
 
 
 def _stances(stands: np.ndarray, time_s: Float[np.ndarray, " frame"]) -> list[tuple[int, int]]:
-    """First frame and that after the last of each stance; longer ones in parts."""
+    """First frame and that after the last of each stance, in which no frames are missing; longer ones in parts."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int)))
+    gaps = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
     stances = []
-    for start, end in edges.reshape(-1, 2).tolist():
-        lasts_s = time_s[end - 1] - time_s[start]
-        if lasts_s >= _MIN_STANCE_S:
+    for first, last in edges.reshape(-1, 2).tolist():
+        ends = [first, *gaps[(gaps > first) & (gaps < last)].tolist(), last]
+        for start, end in pairwise(ends):
+            lasts_s = time_s[end - 1] - time_s[start]
+            if lasts_s < _MIN_STANCE_S:
+                continue
             parts = np.linspace(start, end, int(np.ceil(lasts_s / _MAX_STANCE_S)) + 1).astype(int)
             stances += list(zip(parts[:-1].tolist(), parts[1:].tolist(), strict=True))
     return stances
