@@ -11,6 +11,8 @@ from fgpose.assessment.evaluation import Evaluation, evaluate
 from fgpose.assessment.people import PeopleEvaluation, evaluate_people
 from fgpose.association.common_clock import on_common_clock
 from fgpose.calibration.bumped import BumpedRig, refine_bumped
+from fgpose.calibration.from_people.calibrate import calibrate
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
 from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
@@ -42,6 +44,7 @@ __version__ = _version("fgpose")
 
 __all__ = [
     "BumpedRig",
+    "CalibratedFromPeople",
     "Camera",
     "CameraRig",
     "Config",
@@ -64,6 +67,7 @@ __all__ = [
     "Tracker",
     "Trajectory",
     "builtin_skeletons",
+    "calibrate",
     "estimate_time_offsets",
     "evaluate",
     "evaluate_people",

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.fft import next_fast_len
-from scipy.signal import find_peaks
 
 from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals
 
@@ -51,6 +49,8 @@ def correlate(first: MotionSignals, second: MotionSignals) -> Correlation:
 
     The mean of the signals is zero, so none is subtracted.
     """
+    from scipy.fft import next_fast_len
+
     n_first, n_second = first.known.shape[1], second.known.shape[1]
     if not n_first or not n_second:
         return Correlation(0, np.zeros(1), np.zeros(1))
@@ -80,6 +80,8 @@ def min_overlap_s(first: MotionSignals, second: MotionSignals) -> float:
 
 def peaks(score: Float[np.ndarray, " shift"], at_most: int, width_s: float = PEAK_WIDTH_S) -> Int[np.ndarray, " peak"]:
     """Indices of the highest positive local maxima, the highest first."""
+    from scipy.signal import find_peaks
+
     padded = np.concatenate([[-np.inf], score, [-np.inf]])
     found = find_peaks(padded, height=1e-9, distance=max(round(width_s * RATE_HZ), 1))[0] - 1
     return found[np.argsort(-score[found], kind="stable")][:at_most]

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +63,8 @@ class Eliminated:
     """
 
     def __init__(self, equations: NormalEquations) -> None:
+        from scipy.linalg import LinAlgError, cho_factor
+
         self._equations = equations
         self._of_joints = np.linalg.inv(equations.joints)
         self._by_shared = equations.shared_joints @ self._of_joints
@@ -77,6 +78,8 @@ class Eliminated:
 
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
         """Of everything: shared unknowns, biases, joints, one after the other."""
+        from scipy.linalg import cho_solve
+
         equations, n_shared = self._equations, self._equations.n_shared
         n_outer = len(self._factor[0])
         outer, of_joints = right_hand_side[:n_outer].copy(), right_hand_side[n_outer:]
@@ -92,6 +95,8 @@ class Eliminated:
 
     def shared_covariance(self) -> Float[np.ndarray, "shared shared"]:
         """Marginal: biases and joints are unknown too."""
+        from scipy.linalg import cho_solve
+
         n_shared = self._equations.n_shared
         unit = np.eye(len(self._factor[0]), n_shared)
         return cho_solve(self._factor, unit, check_finite=False)[:n_shared]

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import uniform_filter1d
 
 from fgpose.calibration.from_people.clocks import ClockShift
 from fgpose.calibration.from_people.views import HALF_STRIDE_S, View
@@ -70,6 +68,8 @@ class _Points:
 
     def without_slow_part(self, values: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
         """Less the mean over a stride of the same joint."""
+        from scipy.ndimage import uniform_filter1d
+
         grid = np.zeros(self.known.shape)
         grid[self.known] = values
         sums, counts = (
@@ -100,6 +100,8 @@ class _Geometry:
 
     def moved(self, step: Float[np.ndarray, " 7"]) -> _Geometry:
         """By turning the two epipoles, and changing A across itself."""
+        import cv2
+
         U, V = (M @ cv2.Rodrigues(np.array([*w, 0.0]))[0] for M, w in ((self.U, step[:2]), (self.V, step[2:4])))
         across = np.linalg.svd(self.A.reshape(1, 4))[2][1:]
         A = self.A + (step[4:] @ across).reshape(2, 2)
@@ -184,6 +186,8 @@ def _points(
 
 def _robust_geometry(points: _Points) -> _Geometry | None:
     """Fundamental matrix of some of the points by MAGSAC."""
+    import cv2
+
     some = spread_evenly(len(points.spread), _MAX_ROBUST_POINTS)
     # OpenCV is made for pixels; thresholds are absolute.
     unit = float(np.median(points.spread))

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.ndimage import gaussian_filter1d
 
 from fgpose.calibration.from_people.body_size import mean_joint, steady_radius
 from fgpose.calibration.from_people.walk import Track
@@ -112,6 +111,8 @@ class _Clock:
         self, time_s: Float[np.ndarray, " time"], values: Float[np.ndarray, "time channel"], sigma_s: float
     ) -> Float[np.ndarray, "sample channel"]:
         """Weighted means around each sample (normalised convolution); NaN where little is known nearby."""
+        from scipy.ndimage import gaussian_filter1d
+
         sample = np.clip(np.round(time_s * RATE_HZ).astype(int) - self.first, 0, self.n_samples - 1)
         known = np.isfinite(values)
         sums, counts = np.zeros((2, self.n_samples, values.shape[1]))

@@ -10,11 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import cv2
 import gtsam
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import least_squares
 
 from fgpose.calibration.from_people.referee import angle_deg
 
@@ -85,6 +83,8 @@ def _proposals(
     rng: np.random.Generator,
 ) -> Iterator[Float[np.ndarray, "4 4"]]:
     """first_T_second of each run."""
+    import cv2
+
     if referee is not None and np.linalg.norm(referee[:3, 3]) > 0:
         yield referee
     n_frames = len(known)
@@ -109,6 +109,8 @@ def _polished(
     referee: Float[np.ndarray, "4 4"] | None,
 ) -> RelativePose:
     """The minimum of the robust Sampson errors that is nearest."""
+    from scipy.optimize import least_squares
+
     R, t = first_T_second[:3, :3], first_T_second[:3, 3] / np.linalg.norm(first_T_second[:3, 3])
     across = np.linalg.svd(t[None])[2][1:]
 

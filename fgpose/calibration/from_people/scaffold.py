@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
-import cv2
 import numpy as np
 from jaxtyping import Float
 
@@ -172,6 +171,8 @@ class _Views:
 
     def _placed(self, c: int, joints: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "4 4"] | None:
         """world_T_camera of a camera that sees joints whose place is known."""
+        import cv2
+
         points_px = self.evidence.measured_px[:, c]
         known = np.isfinite(joints).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
         if known.sum() < _LEAST_POINTS:

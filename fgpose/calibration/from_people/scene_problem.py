@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import LinAlgError
 
 from fgpose.calibration.from_people.elimination import Eliminated, NormalEquations
 from fgpose.calibration.from_people.evidence import Evidence
@@ -143,6 +142,8 @@ class SceneProblem:
         return np.concatenate([shared, of_biases.ravel(), of_joints.ravel()])
 
     def factorized(self, state: SceneState, damping: float) -> Eliminated | None:
+        from scipy.linalg import LinAlgError
+
         try:
             return Eliminated(self._equations(state, damping))
         except LinAlgError:

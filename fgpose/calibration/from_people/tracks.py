@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import linear_sum_assignment
 
 from fgpose.calibration.from_people.body_size import body_radius
 from fgpose.calibration.from_people.sides import with_steady_sides
@@ -128,6 +127,8 @@ def _follow(images: Sequence[Detections], skeleton: Skeleton) -> list[_Followed]
 
 
 def _matched(followed: Sequence[_Followed], image: Detections, skeleton: Skeleton) -> list[tuple[_Followed, int]]:
+    from scipy.optimize import linear_sum_assignment
+
     if not followed or not image.n_people:
         return []
     exchanged_px = image.points2d_px[:, skeleton.mirror]
