@@ -154,3 +154,13 @@ def test_nobody_covers_nothing() -> None:
     assert covered.area_m2 == 0
     assert np.isnan(covered.near_m).all()
     assert (covered.seen_s == 0).all()
+
+
+def test_where_one_camera_alone_sees_the_person_is_not_covered() -> None:
+    truth_m, _ = walker(5.0, 0)
+    walk = walk_of(truth_m, RIG)
+    alone = replace(walk, confidence=walk.confidence * np.array([1.0, 0.0, 0.0, 0.0])[:, None])
+    covered = coverage(alone, RIG, truth_m)
+    assert covered.area_m2 == 0
+    assert np.isfinite(covered.near_m[0])
+    assert np.isnan(covered.box_m).all()

@@ -144,6 +144,9 @@ def test_every_skeleton_has_legs_and_something_on_top(name: str) -> None:
     assert anatomy.top_m(standing_m)[0, 2] > 1.3
     assert np.allclose(anatomy.left(standing_m), [0.0, 1.0, 0.0])
     assert anatomy.feet_m(standing_m).shape[:2] == (1, 2)
+    assert anatomy.foot_height[0] == pytest.approx(
+        0.010 if "left_heel" in skeleton.joints else 0.051
+    )  # ankle in a shoe
     assert (anatomy.head is None) == (name == "smpl_24")
     assert anatomy.stature_m(standing_m) == pytest.approx(1.7, rel=0.03)
 
