@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +20,16 @@ class Similarity:
 
     def of(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 3"]:
         return self.scale * points_m @ self.R.T + self.offset_m
+
+    def rig(self, rig: CameraRig) -> CameraRig:
+        """The cameras moved; their images of moved points stay what they are."""
+        return CameraRig(tuple(self._camera(camera) for camera in rig.cameras))
+
+    def _camera(self, camera: Camera) -> Camera:
+        world_T_camera = np.eye(4)
+        world_T_camera[:3, :3] = self.R @ camera.world_T_camera[:3, :3]
+        world_T_camera[:3, 3] = self.of(camera.position_m)
+        return replace(camera, world_T_camera=world_T_camera)
 
 
 def fitted(

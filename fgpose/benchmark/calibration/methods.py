@@ -22,7 +22,7 @@ class Chain:
     """fgpose.calibrate; a calibration that it refuses is one that failed."""
 
     parts: Parts = field(default_factory=Parts)
-    """Which are not left out."""
+    """Which are turned on."""
     calibrate: Callable[..., CalibratedFromPeople] = calibrate
 
     def __call__(self, recording: CalibrationRecording) -> CalibrationResult:
@@ -74,7 +74,7 @@ ABLATIONS: tuple[CalibrationMethod, ...] = (
     Method("no referee", "ours", Chain(Parts(referee=False))),
     Method("first pair as scaffold", "ours", Chain(Parts(choose_scaffold=False))),
     Method("focal length held", "ours", Chain(Parts(joint_focal=False))),
-    Method("no bones", "ours", Chain(Parts(bones=False))),
+    Method("with bones", "ours", Chain(Parts(bones=True))),
     Method("no bias model", "ours", Chain(Parts(bias=False))),
 )
-"""The chain without a change, then with one part left out at a time."""
+"""The chain without a change, then with one part turned on or off at a time."""

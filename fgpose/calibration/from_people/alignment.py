@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.similarity import Similarity
+from fgpose.assessment.rig_alignment import Similarity
 from fgpose.geometry.camera import CameraRig
 
 _ROUNDS = 5  # Gauss-Newton from a closed form: errors of 10 degrees are aligned to 1e-6 in three

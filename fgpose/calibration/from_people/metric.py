@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.floor import Floor, find_floor
 from fgpose.calibration.from_people.scale import (
@@ -19,7 +20,6 @@ from fgpose.calibration.from_people.scale import (
     network_cue,
     stature_cues,
 )
-from fgpose.calibration.from_people.similarity import Similarity
 from fgpose.calibration.from_people.steps import Steps
 from fgpose.calibration.from_people.vertical import Vertical, find_vertical, is_upright
 from fgpose.calibration.from_people.walk import Walk

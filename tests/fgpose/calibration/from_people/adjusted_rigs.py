@@ -8,7 +8,7 @@ from functools import cache
 import gtsam
 import numpy as np
 
-from fgpose.calibration.from_people.similarity import Similarity
+from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust

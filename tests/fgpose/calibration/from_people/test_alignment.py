@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from adjusted_rigs import moved
 
+from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.alignment import about_centroid, aligned
-from fgpose.calibration.from_people.similarity import Similarity
 from fgpose.synthetic import ring_rig
 
 RIG = ring_rig(4)

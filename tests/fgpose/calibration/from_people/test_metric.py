@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from adjusted_rigs import FPS, Adjusted, adjusted, angle_deg, walker
 
+from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.metric import Metric, to_metric
 from fgpose.calibration.from_people.scale import MeasuredDistance
-from fgpose.calibration.from_people.similarity import Similarity
 from fgpose.calibration.from_people.steps import Steps
 from fgpose.calibration.from_people.vertical import find_vertical
 from fgpose.calibration.from_people.walk import Walk

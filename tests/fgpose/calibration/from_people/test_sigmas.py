@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from adjusted_rigs import moved
 
+from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.alignment import aligned
 from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas, disagreement
-from fgpose.calibration.from_people.similarity import Similarity
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.synthetic import ring_rig
 
