@@ -10,7 +10,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-live test check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-quick soak live-soak format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live test check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-quick soak live-soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -22,6 +22,10 @@ demo-video: $(STAMP)
 # Two people. The first run fetches weights and videos, as demo-video.
 demo-people: $(STAMP)
 	$(BIN)/fgpose demo --people --output out
+
+# The cameras of these videos, found again from the man in them. The first run fetches weights and videos, as demo-video.
+demo-calibrate: $(STAMP)
+	$(BIN)/fgpose demo --calibrate --output out
 
 # The live system, for half a minute, on these videos in place of cameras.
 demo-live: $(STAMP)
@@ -76,6 +80,10 @@ benchmark-accuracy: $(STAMP) $(PEER)
 # Who is who among several people, and their poses.
 benchmark-people: $(STAMP)
 	$(BIN)/fgpose benchmark people --output out/benchmark-people
+
+# Rigs found from people who walk through simulated studios, beside the true ones.
+benchmark-calibrate: $(STAMP)
+	$(BIN)/fgpose benchmark calibrate --output out/benchmark-calibrate
 
 # A part of the benchmark of accuracy, whose errors must be those that are stored. After a change that is meant to change them:
 # .venv/bin/fgpose benchmark --quick --output out/benchmark-quick --store tests/data/benchmark_quick.json

@@ -9,6 +9,10 @@ from importlib.metadata import version as _version
 
 from fgpose.assessment.evaluation import Evaluation, evaluate
 from fgpose.assessment.people import PeopleEvaluation, evaluate_people
+from fgpose.association.common_clock import on_common_clock
+from fgpose.calibration.bumped import BumpedRig, refine_bumped
+from fgpose.calibration.from_people.calibrate import calibrate
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
 from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
@@ -18,8 +22,15 @@ from fgpose.estimation.fusion import Fusion, fuse
 from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.calibration import load_rig, save_rig
-from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
+from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
+from fgpose.io.keypoints import (
+    load_observations,
+    load_people,
+    load_uncalibrated,
+    save_observations,
+    save_people_observations,
+)
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
@@ -32,6 +43,8 @@ from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
 __version__ = _version("fgpose")
 
 __all__ = [
+    "BumpedRig",
+    "CalibratedFromPeople",
     "Camera",
     "CameraRig",
     "Config",
@@ -54,11 +67,14 @@ __all__ = [
     "Tracker",
     "Trajectory",
     "builtin_skeletons",
+    "calibrate",
     "estimate_time_offsets",
     "evaluate",
     "evaluate_people",
     "fuse",
+    "guessed_intrinsics",
     "load_config",
+    "load_intrinsics",
     "load_observations",
     "load_people",
     "load_people_trajectories",
@@ -66,8 +82,11 @@ __all__ = [
     "load_rig",
     "load_skeleton",
     "load_trajectory",
+    "load_uncalibrated",
+    "on_common_clock",
     "recordings",
     "refine",
+    "refine_bumped",
     "refine_rig",
     "save_observations",
     "save_people",

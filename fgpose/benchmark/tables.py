@@ -83,7 +83,7 @@ def comparison(summaries: Summaries, method: str) -> str:
                 ]
             )
     header = ["variant", "best other", "ours", "ours / best other", "at 95 %", "ours / oracle", "acceleration / linear"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def of_family(summaries: Summaries, variants: Sequence[str]) -> str:
@@ -102,7 +102,7 @@ def of_family(summaries: Summaries, variants: Sequence[str]) -> str:
             ]
         )
     header = ["variant", "best per frame", "online, lag 0.2 s", "batch", "oracle", "batch / oracle", "online / batch"]
-    return _markdown(header, rows)
+    return markdown(header, rows)
 
 
 def _mean_and_tail(entry: Summary | None) -> str:
@@ -131,7 +131,7 @@ def calibration(summaries: Summaries, number: str) -> str | None:
         for method in methods
     ]
     rows.append(["*largest deviation*", *(f"*{fixed(float(points))}*" for points in worst)])
-    return _markdown(["variant", *methods], rows) if methods else None
+    return markdown(["variant", *methods], rows) if methods else None
 
 
 def time_offsets(summaries: Summaries) -> str | None:
@@ -146,7 +146,7 @@ def time_offsets(summaries: Summaries) -> str | None:
         for variant in variants_of(summaries)
         if any(variant == key[0] for key in known)
     ]
-    return _markdown(["variant", *methods], rows) if methods else None
+    return markdown(["variant", *methods], rows) if methods else None
 
 
 def entries_of(summaries: Summaries, variant: str) -> dict[str, Summary]:
@@ -242,10 +242,10 @@ def _by_method(groups: Mapping[str, str], columns: Mapping[str, Cells]) -> str:
             rows.append([f"*{group}*", *("" for _ in columns)])
         previous = group
         rows.append([method, *(cells.get(method, NONE) for cells in columns.values())])
-    return _markdown(["method", *columns], rows)
+    return markdown(["method", *columns], rows)
 
 
-def _markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table whose first column stands left and whose others stand right."""
     rule = ["---", *("---:" for _ in header[1:])]
     return "\n".join(f"| {' | '.join(_escaped(cell) for cell in row)} |" for row in (header, rule, *rows))

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from fgpose.association.recording import Association
 from fgpose.calibration.everybody import each_person
-from fgpose.calibration.rig_refinement import moves
+from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS, has_moved, moves
 from fgpose.calibration.search import Found, search
 from fgpose.calibration.sightings import seen_by_two
 from fgpose.config import Config
@@ -24,8 +24,6 @@ _MAX_DURATION_S = 20.0
 _MAX_FRAMES = 300
 _RATE_HZ = 25.0
 _MAX_ITERATIONS = 15
-# By chance a camera is that far off in one of 400 recordings.
-_SIGNIFICANT_SIGMAS = 3.0
 # At 50 Hz and walking speed 6 mm: half of the usual error of the estimate.
 _NOTICEABLE_FRAMES = 0.2
 
@@ -91,10 +89,8 @@ def _faults(found: Found, rig: CameraRig, config: Config, step_s: float) -> tupl
     late_s = found.rig.time_offsets_s - rig.time_offsets_s
     offsets_s, sigma_s = _relative_to_nearest(late_s, found.sigmas[:, 6])
     rotation_deg, translation_m = moves(rig, found.rig)
-    late = np.abs(offsets_s) > np.maximum(_SIGNIFICANT_SIGMAS * sigma_s, _NOTICEABLE_FRAMES * step_s)
-    moved = (rotation_deg > _SIGNIFICANT_SIGMAS * config.calibration.rotation_sigma_deg) | (
-        translation_m > _SIGNIFICANT_SIGMAS * config.calibration.translation_sigma_m
-    )
+    late = np.abs(offsets_s) > np.maximum(SIGNIFICANT_SIGMAS * sigma_s, _NOTICEABLE_FRAMES * step_s)
+    moved = has_moved(rotation_deg, translation_m, config)
     numbers = offsets_s, sigma_s, offsets_s / step_s, rotation_deg, translation_m, late, moved
     return tuple(CameraFault(name, *row) for name, *row in zip(rig.names, *(n.tolist() for n in numbers), strict=True))
 

@@ -8,7 +8,7 @@ from typing import Generic
 
 import gtsam
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig
 from fgpose.calibration.everybody import on_everybody
@@ -28,6 +28,9 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
+
+# By chance a camera is that far off in one of 400 recordings.
+SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,15 @@ def moves(before: CameraRig, after: CameraRig) -> tuple[Float[np.ndarray, " came
     ]
     rotation_deg = np.array([np.rad2deg(np.linalg.norm(gtsam.Rot3.Logmap(move.rotation()))) for move in moves])
     return rotation_deg, np.array([np.linalg.norm(move.translation()) for move in moves])
+
+
+def has_moved(
+    rotation_deg: Float[np.ndarray, " camera"], translation_m: Float[np.ndarray, " camera"], config: Config
+) -> Bool[np.ndarray, " camera"]:
+    """Whether cameras that had to be turned and moved by this were touched: more than the calibration can be wrong."""
+    prior = config.calibration
+    turned = rotation_deg > SIGNIFICANT_SIGMAS * prior.rotation_sigma_deg
+    return turned | (translation_m > SIGNIFICANT_SIGMAS * prior.translation_sigma_m)
 
 
 def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> Adjusted:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, TextIO, Union
 
 from fgpose.cli.benchmark import Benchmark, with_action
+from fgpose.cli.calibrate import Calibrate
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
 from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
@@ -24,7 +25,7 @@ from fgpose.cli.run import Run
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 
-_DESCRIPTION = """3D human pose over time from several calibrated cameras.
+_DESCRIPTION = """3D human pose over time from several cameras, and their calibration from the people in their videos.
 
 Try it on a real recording that comes with fgpose: fgpose demo
 
@@ -39,6 +40,7 @@ INTERRUPTED = 130
 _BROKEN_PIPE = 141
 _COMMANDS = {
     "demo": Demo,
+    "calibrate": Calibrate,
     "run": Run,
     "detect": Detect,
     "smooth": Smooth,
@@ -51,7 +53,7 @@ _COMMANDS = {
     "models": Models,
     "benchmark": Benchmark,
 }
-Command = Demo | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
+Command = Demo | Calibrate | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 
@@ -59,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name (sys.argv by default).
 
     Returns:
-        The exit code: 0, 2 after an error, 130 after Ctrl-C.
+        The exit code: 0, 1 if a calibration has failed, 2 after an error, 130 after Ctrl-C.
 
     Raises:
         SystemExit: the arguments are wrong (2) or ask for help (0).
@@ -72,8 +74,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     try:
         with _plain_warnings():
-            _parse(arguments).run()
-        return 0
+            code: int | None = _parse(arguments).run()
+        return code or 0
     except KeyboardInterrupt:
         sys.stderr.write("fgpose: interrupted\n")
         return INTERRUPTED

@@ -33,7 +33,8 @@ class Demo:
     from the package registries), detects, and writes demo_video.*; that takes some minutes. With --people it starts
     from the videos of two people, and writes demo_people.*. With --live such videos are played in real time in place of
     cameras, over RTSP where GStreamer's server is installed, to the live system; it serves a status page meanwhile, and
-    writes demo_live.rrd and demo_live.fgpose.
+    writes demo_live.rrd and demo_live.fgpose. With --calibrate the calibration of these videos but for the lenses is
+    thrown away and found again from the man in them; writes demo_calibrated.toml and demo_calibrated.rrd.
 
     Example: fgpose demo --output out
     """
@@ -54,10 +55,19 @@ class Demo:
     live: Annotated[bool, FlagCreatePairsOff] = False
     """Play the videos in place of cameras."""
 
+    calibrate: Annotated[bool, FlagCreatePairsOff] = False
+    """Calibrate the cameras from the man in the videos."""
+
     duration_s: Annotated[float, arg(metavar="S")] = 25.0
     """How long --live runs."""
 
-    def run(self) -> None:
+    def run(self) -> int:
+        if self.calibrate:
+            return self._run_calibrate()
+        self._run()
+        return 0
+
+    def _run(self) -> None:
         if self.live:
             self._run_live()
         elif self.people:
@@ -83,6 +93,31 @@ class Demo:
                 ("", f"smooth it: {fgpose} smooth {session} --rig {session} --skeleton blazepose_33 -o {self.output}"),
             ],
         )
+
+    def _run_calibrate(self) -> int:
+        from fgpose.cli.calibrate import Calibrate
+        from fgpose.monocular.demo_videos import fetch_demo_videos
+
+        console, rig = new_console(), self.output / "demo_calibrated.toml"
+        with new_console(stderr=True).status("looking for the videos") as status:
+            folder = fetch_demo_videos(recording="Demo_SinglePerson", progress=status.update)
+        console.print(f"videos of {_ONE}: {folder}", soft_wrap=True)
+        code = Calibrate(
+            recording=folder / "videos",
+            intrinsics=folder / "calibration" / "Calib.qca.txt",
+            output=rig,
+            frames=self.frames,
+        ).run()
+        scene = rig.with_suffix(".rrd")
+        lines = [
+            (str(scene), f"the cameras and the verdict: {_program('rerun')} {scene}"),
+            ("", f"without a display: {_program('fgpose')} view {scene} --web"),
+        ]
+        if code == 0:
+            motion = f"the motion with it: {_program('fgpose')} run {folder / 'videos'} --rig {rig} -o {self.output}"
+            lines.append((str(rig), motion))
+        _print_lines(console, lines)
+        return code
 
     def _run_from_videos(self, name: str, recording: DemoVideos, what: str) -> None:
         from fgpose.cli.run import Run

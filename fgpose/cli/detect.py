@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _VIDEOS = (
     "Folder with one video per camera (cam01.mp4), or one folder per camera with its images. They begin at the same "
-    "time. Names are those of the calibration; case, underscores, hyphens and blanks do not count."
+    "time, or as the calibration says (time_offset_s). Names are those of the calibration; case, underscores, hyphens "
+    "and blanks do not count."
 )
 _FPS = (
     "Frames per second, of images: number n in a file's name is at n / fps. For videos it overrides what they say; "
@@ -41,19 +42,9 @@ _MODEL = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class VideoOptions:
-    """Where videos are, and what is to be found in them."""
+class NetworkOptions:
+    """Which network looks at images, and where what it finds is kept."""
 
-    videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
-    rig: Annotated[Path, arg(metavar="FILE")]
-    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
-    unit: Literal["auto", "m", "mm"] = "auto"
-    """Unit of the lengths in the calibration file; auto takes what its format prescribes."""
-    fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
-    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Use these cameras only."""
-    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
-    """Use only this many frames, from the beginning."""
     model: Annotated[str, arg(metavar="NAME|FILE", help=_MODEL)] = "blazepose-full"
     network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
     """Kind of network of the ONNX file given as --model."""
@@ -61,10 +52,6 @@ class VideoOptions:
     """ONNX file that finds the people: YOLOX, needed for every network but blazepose."""
     skeleton: Annotated[str | None, arg(metavar="NAME|FILE", help_behavior_hint="(default: of the network)")] = None
     """Skeleton of the joints of a metrabs file."""
-    people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
-    person_region: Annotated[
-        str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
-    ] = None
     max_people: Annotated[int, arg(metavar="N")] = 8
     """How many people to find in each image at most. More take longer; fewer than there are, and some are not
     estimated, or the one who is chosen is somebody else in some images."""
@@ -77,18 +64,13 @@ class VideoOptions:
     no_cache: Annotated[bool, FlagCreatePairsOff] = False
     """Neither keep detections nor use those that were kept."""
 
-    def detect(self, console: Console) -> Detected:
-        """All people in all images, with a progress bar. Everything is checked before the work begins."""
+    def detect_in(self, sources: Sources, frames: int | None, console: Console) -> Detected:
+        """All people in all images, with a progress bar."""
         from fgpose.monocular.detection import detect
 
-        _quieten_decoder()
-        region = wanted_region(self.people, self.person_region)
-        sources, cache = self._open(), self._cache_folder()
-        if region is not None:
-            sources.rig.subset([region.camera])
-        network = self.open_network()
+        cache, network = self._cache_folder(), self.open_network()
         with progress_bar("detecting", "images") as progress:
-            detected = detect(sources, network, cache=cache, jobs=self.jobs, frames=self.frames, progress=progress)
+            detected = detect(sources, network, cache=cache, jobs=self.jobs, frames=frames, progress=progress)
         print_detected(console, detected, cache)
         return detected
 
@@ -106,6 +88,57 @@ class VideoOptions:
                 progress=status.update,
             )
 
+    def _cache_folder(self) -> Path | None:
+        from fgpose.monocular.cache import cache_folder
+
+        return None if self.no_cache else self.cache or cache_folder() / "detections"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigOption:
+    """The calibration that a command needs."""
+
+    rig: Annotated[Path, arg(metavar="FILE")]
+    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoOptions(NetworkOptions):
+    """Where videos are, and what is to be found in them."""
+
+    videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
+    unit: Literal["auto", "m", "mm"] = "auto"
+    """Unit of the lengths in the calibration file; auto takes what its format prescribes."""
+    fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
+    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Use these cameras only."""
+    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
+    """Use only this many frames, from the beginning."""
+    people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
+    person_region: Annotated[
+        str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
+    ] = None
+
+    def sources(self) -> Sources:
+        """The videos and their cameras."""
+        raise NotImplementedError
+
+    def with_rig(self, rig: Path) -> Sources:
+        """The videos and the cameras of a calibration."""
+        from fgpose.io.calibration import load_rig
+        from fgpose.monocular.sources import open_sources
+
+        return open_sources(self.videos, load_rig(rig, self.unit), fps=self.fps, cameras=self.cameras)
+
+    def detect(self, console: Console) -> Detected:
+        """All people in all images, with a progress bar. Everything is checked before the work begins."""
+        quieten_decoder()
+        region = wanted_region(self.people, self.person_region)
+        sources = self.sources()
+        if region is not None:
+            sources.rig.subset([region.camera])
+        return self.detect_in(sources, self.frames, console)
+
     def wanted(self, detected: Detected, console: Console) -> Source | PeopleSource:
         """Everybody, or the wanted person as each camera saw them, with left and right corrected; prints what was
         found."""
@@ -122,20 +155,9 @@ class VideoOptions:
         print_views(console, corrected, followed.problems[: observations.n_frames])
         return Source(detected.rig, corrected.observations)
 
-    def _open(self) -> Sources:
-        from fgpose.io.calibration import load_rig
-        from fgpose.monocular.sources import open_sources
-
-        return open_sources(self.videos, load_rig(self.rig, self.unit), fps=self.fps, cameras=self.cameras)
-
-    def _cache_folder(self) -> Path | None:
-        from fgpose.monocular.cache import cache_folder
-
-        return None if self.no_cache else self.cache or cache_folder() / "detections"
-
 
 @dataclass(frozen=True, kw_only=True)
-class Detect(VideoOptions):
+class Detect(VideoOptions, RigOption):
     """Detect the joints of people in videos, without estimating anything from them.
 
     Writes NAME.parquet: for each image, person and joint the pixels, the confidence, the absolute 3D joint that the
@@ -152,6 +174,9 @@ class Detect(VideoOptions):
     """Name of the result files, without extension."""
     formats: tuple[Literal["parquet", "npz"], ...] = ("parquet",)
     """parquet is a table that any data tool reads, npz is for NumPy."""
+
+    def sources(self) -> Sources:
+        return self.with_rig(self.rig)
 
     def run(self) -> None:
         from fgpose.io.calibration import load_rig
@@ -211,7 +236,7 @@ def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np
     console.print(table)
 
 
-def _quieten_decoder() -> None:
+def quieten_decoder() -> None:
     """Silence FFmpeg and OpenCV on stderr: fgpose reports the same errors in one line. Their own variables override
     this."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")

@@ -3,33 +3,57 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from jaxtyping import Float
-from tyro.conf import arg
+from tyro.conf import FlagCreatePairsOff, arg
 
+from fgpose.cli.calibrate import FAILED
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.detect import VideoOptions
+from fgpose.cli.from_people import FromPeopleOptions, nothing_written, print_calibrated
 from fgpose.cli.options import ParameterOptions, new_console, progress_bar
-from fgpose.frame_matching import NO_IMAGE
+from fgpose.cli.pictures import show_images, show_walk_images
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from fgpose.monocular.detected import Detected
+    from fgpose.monocular.sources import Sources
     from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Result
     from fgpose.viewer import PeopleRecording, Recording
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run(ParameterOptions, VideoOptions):
-    """From the videos of calibrated cameras to the smoothed 3D motion of people: detect, fuse, smooth, save.
+class CameraOptions(FromPeopleOptions):
+    """Cameras that are calibrated, or that are calibrated from the videos themselves."""
+
+    rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(this or --calibrate)")] = None
+    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
+    calibrate: Annotated[bool, FlagCreatePairsOff] = False
+    """There is no calibration: first calibrate the cameras from the people in the videos, which need not begin at the
+    same time (fgpose calibrate). Writes NAME_calibration.toml, and NAME_calibration.rrd with the verdict."""
+
+    def check_cameras(self) -> None:
+        """Raise ValueError unless exactly one of the two is asked for, and what goes with it."""
+        if (self.rig is None) != self.calibrate:
+            raise ValueError("give either --rig FILE, or --calibrate if the cameras are not calibrated")
+        if not self.calibrate and (self.intrinsics or self.focal_px or self.height or self.distance):
+            raise ValueError("--intrinsics, --focal-px, --height and --distance go with --calibrate, not with --rig")
+        self.check_options()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(ParameterOptions, VideoOptions, CameraOptions):
+    """From the videos of several cameras to the smoothed 3D motion of people: detect, fuse, smooth, save.
 
     Writes NAME.parquet, NAME.trc and NAME.rrd, which shows the images, into the output folder. Detections are cached: a
     run with other parameters, or after Ctrl-C, does not repeat them. The first run fetches the weights
     (fgpose models pull).
 
-    Example: fgpose run videos/ --rig Calib.qca.txt -o out
+    Example: fgpose run videos/ --rig Calib.qca.txt -o out; or, without a calibration, fgpose run videos/ --calibrate
+    --height 1.78 -o out
     """
 
     images: bool = True
@@ -37,22 +61,39 @@ class Run(ParameterOptions, VideoOptions):
     image_width: Annotated[int, arg(metavar="PX")] = 640
     """Largest width of the images in the .rrd file, pixels; larger ones are shrunk."""
 
-    def run(self) -> None:
+    def sources(self) -> Sources:
+        if self.rig is not None:
+            return self.with_rig(self.rig)
+        from fgpose.monocular.sources import Sources, find_clips
+
+        clips = find_clips(self.videos, fps=self.fps, cameras=self.cameras)
+        return Sources(self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips]), clips)
+
+    def run(self) -> int:
         from fgpose.cli.delivery import deliver
         from fgpose.cli.live import live_viewer, opener
         from fgpose.pipeline import PeopleSource, run_smooth, show
 
+        self.check_cameras()
+        if self.calibrate and self.world_up != "z":
+            raise ValueError("the world of --calibrate has z up: leave --world-up out")
         if self.image_width < 1:
             raise ValueError(f"--image-width must be at least 1, got {self.image_width}")
         outputs, console = replace(self.outputs(self.videos), image_width_px=self.image_width), new_console()
         wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
-        outputs.check(("smoothed",), (self.rig,), calibration=any(wanted.values()))
+        inputs = tuple(path for path in (self.rig, self.intrinsics) if path is not None)
+        outputs.check(("smoothed",), inputs, calibration=self.calibrate or any(wanted.values()))
         detected = self.detect(console)
+        if self.calibrate:
+            recalibrated = self._calibrated(detected, outputs, console)
+            if recalibrated is None:
+                return FAILED
+            detected = recalibrated
         source = self.wanted(detected, console)
         if isinstance(source, PeopleSource):
             source = calibrated(source, self.parameters, outputs, console, **wanted)
             self._of_everybody(source, detected, outputs)
-            return
+            return 0
         source = calibrated(source, self.parameters, outputs, console, **wanted)
 
         def show_all(result: Result, recording: Recording) -> None:
@@ -65,6 +106,21 @@ class Run(ParameterOptions, VideoOptions):
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
             deliver(result, outputs, viewer, show_all)
+        return 0
+
+    def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> Detected | None:
+        """The same detections with calibrated cameras, on one clock; None if the calibration has failed."""
+        from fgpose.calibration.from_people.calibrated import Grade
+        from fgpose.pipeline import write_calibration
+
+        result = self.calibrated(detected.people, detected.rig, console)
+        scene = outputs.calibration.with_suffix(".rrd") if "rrd" in outputs.formats else None
+        display = partial(show_walk_images, detected) if self.images else None
+        print_calibrated(console, result, write_calibration(result, outputs.calibration, rrd=scene, display=display))
+        if result.grade is Grade.FAILED:
+            nothing_written(outputs.calibration)
+            return None
+        return detected.recalibrated(result.rig)
 
     def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> None:
         from fgpose.cli.people import estimate_people
@@ -76,21 +132,3 @@ class Run(ParameterOptions, VideoOptions):
                 show_images(detected, source.people.frames.frame_time_s, recording)
 
         estimate_people(source, self.parameters, outputs, run_smooth_people, "smoothing", show_all)
-
-
-def show_images(
-    detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Recording | PeopleRecording
-) -> None:
-    """Show the images of every camera, each in its frame; the videos are decoded again."""
-    image = detected.frames.image[: len(time_s)]
-    if not any(recording.wants_image(name, 0) for name in detected.rig.names):
-        return
-    with progress_bar("adding images", "images") as progress:
-        for c, (name, clip) in enumerate(zip(detected.rig.names, detected.sources.clips, strict=True)):
-            frame_of = {number: frame for frame, number in enumerate(image[:, c].tolist()) if number != NO_IMAGE}
-            for picture in islice(clip.pictures(), max(frame_of, default=-1) + 1):
-                frame = frame_of.get(picture.number)
-                if frame is not None and recording.wants_image(name, frame):
-                    recording.log_image(name, frame, float(time_s[frame]), picture.image)
-                progress(c * len(image) + (frame or 0), image.size)
-        progress(image.size, image.size)

@@ -14,7 +14,8 @@ def natural_key(name: str) -> list[tuple[int, str]]:
 def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, str]:
     """For each camera of the rig, the name by which the keypoints call it.
 
-    Case, underscores, hyphens, dots, blanks and a final ``_json`` do not count: cam01_json is cam_01.
+    Case, underscores, hyphens, dots, blanks and a final ``_json`` do not count: cam01_json is cam_01. Neither does what
+    Pose2Sim puts around the name in its intrinsics: int_cam01_img is cam_01 too.
 
     Raises:
         ValueError: a camera is in one of the two only, or two names of one side are the same; the message names them.
@@ -43,7 +44,22 @@ def seen_cameras(found: Iterable[str], rig_names: Iterable[str]) -> tuple[str, .
     return tuple(name for name in rig_names if _plain(name) in known)
 
 
+def named_cameras(wanted: Iterable[str], known: Iterable[str]) -> dict[str, str]:
+    """For each camera that is wanted, what it is called among those that are known; compared as match_cameras does.
+
+    Raises:
+        ValueError: one is not among them, or two names of one side are the same; the message names them.
+    """
+    by_plain_name = _by_plain_name(known, "file")
+    names = {name: by_plain_name.get(plain) for plain, name in _by_plain_name(wanted, "recording").items()}
+    lacking = [name for name, found in names.items() if found is None]
+    if lacking:
+        raise ValueError(f"it has no camera {', '.join(lacking)}, only {', '.join(by_plain_name.values())}")
+    return {name: found for name, found in names.items() if found is not None}
+
+
 def _plain(name: str) -> str:
+    name = re.sub(r"^(?:int|ext)_(.+)_img$", r"\1", name, flags=re.IGNORECASE)
     return re.sub(r"[_\-.\s]", "", re.sub(r"_json$", "", name, flags=re.IGNORECASE).casefold())
 
 

@@ -9,6 +9,7 @@ from functools import partial
 
 from fgpose.config import OnlineConfig
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.live.camera import CameraEvent, LiveCamera
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraStatus
@@ -18,7 +19,6 @@ from fgpose.live.reader import HANGS, CameraReader
 from fgpose.live.rig_file import LiveRig
 from fgpose.live.sources import Source, SourceError, open_source
 from fgpose.live.sources.playback import Playback
-from fgpose.monocular.sources import fitted_camera
 
 _LOOKS_S = 0.2
 

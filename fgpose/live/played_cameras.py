@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.live.sources.there_and_back import write_there_and_back
-from fgpose.monocular.sources import fitted_camera
 
 RTSP_PACKAGES = "gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good gstreamer1.0-plugins-bad python3-gi"
 """Of Debian and Ubuntu, that the server needs."""

@@ -57,6 +57,8 @@ class Clip:
     """Given by the user; overrides what the file says."""
     files: tuple[Path, ...] = ()
     """Of a folder of images, in natural order; empty for a video."""
+    begin_s: float = 0.0
+    """Added to all times: when it begins by the clock of the rig, where cameras began at different moments."""
 
     @property
     def end_s(self) -> float:
@@ -87,8 +89,11 @@ class Clip:
 
         An image of a video has the time of its stamp. If the user gave fps, or if the stamps do not increase, image n
         has the time n / fps. For image files n is the number in the name; if these numbers do not increase, it is the
-        position of the file in the order.
+        position of the file in the order. All are moved by begin_s.
         """
+        return self.begin_s + self._own_times_s(stamps_s)
+
+    def _own_times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
         index = np.arange(len(stamps_s))
         if self.files:
             assert self.given_fps is not None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.network import People
+from fgpose.monocular.refocused import refocused
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
 from fgpose.people import NOBODY, Detections, PeopleObservations
@@ -52,6 +53,20 @@ class Detected:
     def frames(self) -> MatchedFrames:
         """Which images belong together. Raises ValueError if no image was looked at."""
         return self.people.frames
+
+    def recalibrated(self, rig: CameraRig) -> Detected:
+        """The same detections with these poses, clocks and intrinsics of the same cameras, see refocused; without those
+        cameras that the rig lacks.
+
+        Raises:
+            ValueError: the rig has a camera that is not among them.
+        """
+        known = self.rig.subset(rig.names)
+        kept = [self.rig.names.index(name) for name in rig.names]
+        triples = zip((self.views[c] for c in kept), known.cameras, rig.cameras, strict=True)
+        views = tuple(replace(view, people=refocused(view.people, *pair)) for view, *pair in triples)
+        sources = Sources(rig, tuple(self.sources.clips[c] for c in kept)).on_common_clock()
+        return Detected(sources, self.skeleton, views, self.n_new_images)
 
     def observations(self, person: int | PersonRegion = 0) -> Observations:
         """What the cameras saw of one person, see follow."""

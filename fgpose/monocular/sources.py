@@ -1,4 +1,4 @@
-"""Synchronised videos or image folders of calibrated cameras, found and checked before any work is done."""
+"""Videos or image folders of calibrated cameras, found and checked before any work is done."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.camera_names import match_cameras, natural_key
+from fgpose.association.common_clock import is_far_off
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.fitted_camera import fitted_camera
+from fgpose.io.camera_names import match_cameras, named_cameras, natural_key
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 
-# Video encoders work on blocks of 16 x 16 px: they pad an image on the right and at the bottom, or drop what is left.
-_BLOCK_PX = 16
-# Rounding of a resized image to whole pixels changes its aspect ratio by less; cropping usually by more.
-_ASPECT_TOLERANCE = 0.01
 # Cameras that are stopped one after the other end within a few frames.
 _EARLY_S = 0.1
 
@@ -34,11 +32,53 @@ class Sources:
         """Of the fastest camera."""
         return max(clip.fps for clip in self.clips)
 
+    def on_common_clock(self) -> Sources:
+        """The same by the clock of the rig, if a camera's time offset is more than half a frame: the clips begin then,
+        and the offsets of the rig are zero. See fgpose.association.common_clock."""
+        if not is_far_off(self.rig, 1 / self.fps):
+            return self
+        begins_s = self.rig.time_offsets_s.tolist()
+        clips = (
+            replace(clip, begin_s=clip.begin_s + late_s) for clip, late_s in zip(self.clips, begins_s, strict=True)
+        )
+        return Sources(self.rig.with_time_offsets(np.zeros(len(begins_s))), tuple(clips))
+
+
+def has_videos(path: str | Path) -> bool:
+    """Whether there are videos or folders of images of cameras; a single file by its extension. Raises OSError."""
+    path = Path(path)
+    if path.is_dir():
+        return any(_clip_in(entry) is not None for entry in path.iterdir())
+    return path.suffix.lower() in VIDEO_SUFFIXES
+
+
+def find_clips(path: str | Path, *, fps: float | None = None, cameras: tuple[str, ...] = ()) -> tuple[Clip, ...]:
+    """The videos of cameras that are not calibrated yet, by their own names, each probed.
+
+    Args:
+        path: as of open_sources.
+        fps: as there.
+        cameras: use only these, in this order.
+
+    Raises:
+        ValueError: as open_sources; a camera has no video.
+        OSError: a file cannot be opened.
+    """
+    path = Path(path)
+    found = _find(path)
+    try:
+        names = named_cameras(cameras or found, found)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return tuple(open_clip(name, found[own], fps) for name, own in names.items())
+
 
 def open_sources(
     path: str | Path, rig: CameraRig, *, fps: float | None = None, cameras: tuple[str, ...] = ()
 ) -> Sources:
     """Find the videos of a rig and probe each: size, number and rate of its images.
+
+    Videos that began at different moments are put together by the time offsets of the rig (Sources.on_common_clock).
 
     Args:
         path: a folder with one video per camera (``cam01.mp4``) or one folder per camera, which holds its images in
@@ -62,8 +102,12 @@ def open_sources(
     fitted = CameraRig(
         tuple(fitted_camera(camera, clip.size_px, clip.path) for camera, clip in zip(rig.cameras, clips, strict=True))
     )
-    _warn_of_early_ends(clips)
-    return Sources(fitted, clips)
+    given = Sources(fitted, clips)
+    sources = given.on_common_clock()
+    # Cameras that begin at different moments also end at different ones.
+    if sources is given:
+        _warn_of_early_ends(clips)
+    return sources
 
 
 def _find(path: Path) -> dict[str, Path]:
@@ -111,54 +155,6 @@ def _matched(
         f"{path}: its videos ({', '.join(found)}) and the cameras of the calibration ({', '.join(wanted.names)}) "
         "do not have the same names, each once; name the cameras to be used (cameras, --cameras) or rename the videos"
     )
-
-
-def fitted_camera(camera: Camera, size_px: tuple[int, int], where: str | Path) -> Camera:
-    """The camera of images whose size differs from that of its calibration.
-
-    - At most 16 px wider, narrower, higher or lower: the encoder cut or padded the image on the right and at the
-      bottom, as they do to fill blocks of 16 x 16. The intrinsics are unchanged. (Two cameras of Pose2Sim's
-      demonstration have 1080 px and were calibrated with 1088. This assumption gives the lowest reprojection errors of
-      BlazePose, with a mean of 12.8 px; 13.4 if the image were resized, 13.6 if cut on both sides, 14.5 on the left.)
-    - Otherwise the same aspect ratio within 1 %: the image was resized, so the intrinsics are scaled.
-    - Otherwise it is not known which part of the image is left.
-
-    Args:
-        camera: as calibrated.
-        size_px: width and height of the images.
-        where: the file, for messages.
-
-    Warns:
-        UserWarning: the size differs; it says what was assumed.
-
-    Raises:
-        ValueError: the size cannot be explained.
-    """
-    if size_px == camera.size_px:
-        return camera
-    ratio = np.divide(size_px, camera.size_px)
-    sizes = f"the images are {size_px[0]} x {size_px[1]}, the calibration is for {camera.size_px[0]} x " + str(
-        camera.size_px[1]
-    )
-    if np.abs(np.subtract(size_px, camera.size_px)).max() <= _BLOCK_PX:
-        warnings.warn(
-            f"{where}, camera {camera.name}: {sizes}; taken to be cut or padded on the right and at the bottom",
-            stacklevel=2,
-        )
-        return replace(camera, size_px=size_px)
-    if abs(ratio[0] / ratio[1] - 1) > _ASPECT_TOLERANCE:
-        raise ValueError(
-            f"{where}, camera {camera.name}: {sizes}; neither a resized image nor one without its border: "
-            "calibrate the camera with images of this size"
-        )
-    warnings.warn(
-        f"{where}, camera {camera.name}: {sizes}; taken to be resized by {ratio[0]:.4g} x {ratio[1]:.4g}", stacklevel=2
-    )
-    K = camera.K.copy()
-    K[:2] *= ratio[:, None]
-    # The middle of the first pixel is at 0, its corner at -0.5: corners are what is scaled.
-    K[:2, 2] += (ratio - 1) / 2
-    return replace(camera, size_px=size_px, K=K)
 
 
 def _warn_of_early_ends(clips: tuple[Clip, ...]) -> None:

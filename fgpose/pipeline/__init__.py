@@ -1,5 +1,7 @@
 """From a recording on disk to results on disk and in the viewer. Prints nothing."""
 
+from fgpose.pipeline.calibration import show_calibrated as show_calibrated
+from fgpose.pipeline.calibration import write_calibration as write_calibration
 from fgpose.pipeline.people import OnTracked as OnTracked
 from fgpose.pipeline.people import PeopleResult as PeopleResult
 from fgpose.pipeline.people import PeopleSource as PeopleSource

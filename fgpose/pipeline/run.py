@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from fgpose.association.common_clock import on_common_clock
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
 from fgpose.estimation.evidence import Evidence
@@ -18,7 +19,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import load_rig
 from fgpose.io.camera_names import seen_cameras
-from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people
+from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people, person_of
 from fgpose.observations import Observations
 from fgpose.pipeline.people import PeopleSource
 from fgpose.pipeline.results import Result
@@ -45,7 +46,8 @@ def load_source(
     points3d_unit: Literal["mm", "m"] = "mm",
     person: Person = "consistent",
 ) -> Source:
-    """Read a recording: load_rig and load_observations, which say what is read and what each argument means.
+    """Read a recording: load_rig and load_observations, which say what is read and what each argument means. Where the
+    cameras began at different moments (on_common_clock), its times are those of the rig.
 
     Args:
         keypoints: folder or file of the detected joints.
@@ -59,16 +61,13 @@ def load_source(
         OSError: a file cannot be read.
     """
     rig = _rig(keypoints, calibration, unit, cameras)
-    observations = load_observations(
-        keypoints,
-        rig,
-        skeleton,
-        fps=fps,
-        person=person,
-        points3d_frame=points3d_frame,
-        points3d_unit=points3d_unit,
-    )
-    return Source(rig, observations).subset(cameras)
+    reading: dict[str, Any] = {"fps": fps, "points3d_frame": points3d_frame, "points3d_unit": points3d_unit}
+    if rig.time_offsets_s.any():
+        people = load_people(keypoints, rig, skeleton, **reading)
+        together, on_clock = on_common_clock(people, rig)
+        if together is not people:
+            return Source(on_clock, person_of(keypoints, together, on_clock, person)).subset(cameras)
+    return Source(rig, load_observations(keypoints, rig, skeleton, person=person, **reading)).subset(cameras)
 
 
 def load_people_source(
@@ -85,6 +84,7 @@ def load_people_source(
     """Everybody in a recording, see load_source."""
     rig = _rig(keypoints, calibration, unit, cameras)
     people = load_people(keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit)
+    people, rig = on_common_clock(people, rig)
     return PeopleSource(rig, people).subset(cameras)
 
 

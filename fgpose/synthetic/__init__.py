@@ -8,6 +8,9 @@ Human3.6M-Occluded, but stay for a while and move with the person, as a table or
 
 In scenes of several people it is people and furniture that hide joints, each camera has its own times, and a detector
 also misses, doubles, invents, turns and mixes up people.
+
+Where the cameras are not calibrated (uncalibrated), each has a clock of its own, per-view 3D joints are in its frame,
+and the joints have a bias that depends on the side from which the body is seen.
 """
 
 from fgpose.synthetic.bodies import Box as Box
@@ -33,3 +36,12 @@ from fgpose.synthetic.routes import CrowdPlan as CrowdPlan
 from fgpose.synthetic.scene import Scene as Scene
 from fgpose.synthetic.scene import simulate as simulate
 from fgpose.synthetic.sitting import Seat as Seat
+from fgpose.synthetic.studios import STUDIOS as STUDIOS
+from fgpose.synthetic.studios import Studio as Studio
+from fgpose.synthetic.studios import find_studio as find_studio
+from fgpose.synthetic.uncalibrated import Clocks as Clocks
+from fgpose.synthetic.uncalibrated import Network as Network
+from fgpose.synthetic.uncalibrated import WalkScene as WalkScene
+from fgpose.synthetic.uncalibrated import film as film
+from fgpose.synthetic.walkers import stature_m as stature_m
+from fgpose.synthetic.walkers import walkers as walkers

@@ -141,6 +141,19 @@ def crowd_motion(
     return CrowdMotion(skeleton, truth_m, fps, tuple(events), (*furniture, *(seat.box for seat in seats)))
 
 
+def motion_on(route: Route, fps: float, gait: Motion, work: Motion, seed: int) -> CrowdMotion:
+    """One person (skeleton h36m_17) of a size of his own on a way that is given; clips as of crowd_motion.
+
+    Raises:
+        ValueError: the walk is too short.
+    """
+    skeleton, rng = load_skeleton("h36m_17"), np.random.default_rng(seed)
+    subject_m = skeleton.bone_lengths(np.asarray(gait[0], dtype=float)[:1])[0]
+    cycle, clip = gait_of(gait, skeleton), work_of(work, skeleton)
+    performer = _Performer.drawn(rng, skeleton, subject_m, cycle, clip, fps)
+    return CrowdMotion(skeleton, performer.walks(route, rng)[None], fps)
+
+
 @dataclass(frozen=True, eq=False)
 class _Performer:
     skeleton: Skeleton

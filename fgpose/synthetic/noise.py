@@ -73,7 +73,7 @@ class DetectionNoise:
 
     def depth_sigma_m(self, skeleton: Skeleton) -> Float[np.ndarray, " joint"]:
         """SD of each joint's depth in one view, as an honest estimator states it; what hides the joint not counted."""
-        of_joint_m = self.joint_depth_scale * _joint_depth_m(skeleton)
+        of_joint_m = self.joint_depth_scale * joint_depth_m(skeleton)
         return np.sqrt(self.camera_bias_m**2 + self.body_depth_m**2 + of_joint_m**2)
 
 
@@ -115,7 +115,7 @@ def detection_error(
     pixel_px += np.where(outlier[..., None], noise.outlier_px * rng.standard_normal((*shape, 2)), 0.0)
     depth_m = noise.camera_bias_m * rng.standard_normal((1, cameras, 1))
     depth_m = depth_m + noise.body_depth_m * correlated((frames, cameras, 1))
-    depth_m = depth_m + noise.joint_depth_scale * _joint_depth_m(skeleton) * correlated(shape)
+    depth_m = depth_m + noise.joint_depth_scale * joint_depth_m(skeleton) * correlated(shape)
     return DetectionError(pixel_px, depth_m, noise.lateral_m * correlated((*shape, 2)), correlated(shape))
 
 
@@ -145,7 +145,9 @@ def stated_confidence(
     return np.clip(confidence, MIN_CONFIDENCE, 1.0)
 
 
-def _joint_depth_m(skeleton: Skeleton) -> Float[np.ndarray, " joint"]:
+def joint_depth_m(skeleton: Skeleton) -> Float[np.ndarray, " joint"]:
+    """Measured SD of the depth of each joint around that of the whole body, metres."""
+
     def of(joint: str) -> float:
         return next((depth_m for part, depth_m in _JOINT_DEPTH_M.items() if part in joint), _TRUNK_DEPTH_M)
 

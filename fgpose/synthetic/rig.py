@@ -29,11 +29,11 @@ def ring_rig(
     cameras = []
     for number, azimuth in enumerate(azimuths):
         position_m = np.array([*(target[:2] + radius_m * np.array([np.cos(azimuth), np.sin(azimuth)])), height_m])
-        cameras.append(Camera(f"ring_{number}", size_px, K, _look_at(position_m, target), np.zeros(0)))
+        cameras.append(Camera(f"ring_{number}", size_px, K, look_at(position_m, target), np.zeros(0)))
     return CameraRig(tuple(cameras))
 
 
-def _look_at(position_m: Float[np.ndarray, 3], target_m: Float[np.ndarray, 3]) -> Float[np.ndarray, "4 4"]:
+def look_at(position_m: Float[np.ndarray, 3], target_m: Float[np.ndarray, 3]) -> Float[np.ndarray, "4 4"]:
     forward = (target_m - position_m) / np.linalg.norm(target_m - position_m)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

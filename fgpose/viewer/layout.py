@@ -20,6 +20,9 @@ from fgpose.viewer.session import UpAxis
 _EYE_ELEVATION_RAD = math.radians(22)
 # The eye is as far away as the cameras: those on the other side are then in view, with their pictures.
 _EYE_DISTANCE_SHARE = 1.0
+# To look at the cameras themselves: far and high enough for all to be in view.
+_OVERVIEW_ELEVATION_RAD = math.radians(35)
+_OVERVIEW_DISTANCE_SHARE = 2.1
 # A third of that in the pictures (scene.py), see _small.
 _FRUSTUM_DETECTION_RADIUS = rr.Radius.ui_points(1.2)
 
@@ -35,6 +38,7 @@ def layout(
     following: bool,
     hidden: Sequence[str] = (),
     timeline: str = "frame",
+    overview: bool = False,
 ) -> rrb.Blueprint:
     """3D scene and cameras above, time series below.
 
@@ -45,11 +49,12 @@ def layout(
         following: always show the newest frame (live); otherwise begin at the first one.
         hidden: paths of what the images do not show, unless it is asked for.
         timeline: along which time passes.
+        overview: look at all cameras, not at the person among them.
     """
     overrides: _Overrides = {path: [rrb.EntityBehavior(visible=False)] for path in hidden}
     images = [_image_view(name, overrides) for name in rig.names]
     grid = rrb.Grid(contents=images, grid_columns=_image_columns(rig))
-    top = rrb.Horizontal(_scene_view(rig, up, overrides), grid, column_shares=[1, 1])
+    top = rrb.Horizontal(_scene_view(rig, up, overrides, overview), grid, column_shares=[1, 1])
     return rrb.Blueprint(
         rrb.Vertical(top, plots, row_shares=[2, 1]),
         rrb.TimePanel(state="collapsed", timeline=timeline, play_state="following" if following else "paused"),
@@ -60,8 +65,8 @@ def layout(
     )
 
 
-def _scene_view(rig: CameraRig, up: UpAxis, overrides: _Overrides) -> rrb.Spatial3DView:
-    position_m, target_m = _eye(rig, up)
+def _scene_view(rig: CameraRig, up: UpAxis, overrides: _Overrides, overview: bool) -> rrb.Spatial3DView:
+    position_m, target_m = _eye(rig, up, overview)
     return rrb.Spatial3DView(
         origin=paths.WORLD,
         name="Scene",
@@ -89,7 +94,7 @@ def _image_columns(rig: CameraRig) -> int:
     return min(rig.n_cameras, 4) if upright else math.ceil(math.sqrt(rig.n_cameras))
 
 
-def _eye(rig: CameraRig, up: UpAxis) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
+def _eye(rig: CameraRig, up: UpAxis, overview: bool) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
     """Position and target of the eye: in the widest gap between two cameras, so that none of them hides the person."""
     vertical = up_vector(up)
     target_m = viewing_target_m(rig)
@@ -100,6 +105,7 @@ def _eye(rig: CameraRig, up: UpAxis) -> tuple[Float[np.ndarray, 3], Float[np.nda
     gaps = np.diff(np.append(azimuth, azimuth[0] + 2 * np.pi))
     # With one camera the gap is the whole circle, and its middle is behind the person: stand beside the camera instead.
     middle = azimuth[np.argmax(gaps)] + (gaps.max() / 2 if len(azimuth) > 1 else 0.5)
-    outward = np.cos(_EYE_ELEVATION_RAD) * (np.cos(middle) * first + np.sin(middle) * second)
-    outward = outward + np.sin(_EYE_ELEVATION_RAD) * vertical
-    return target_m + _EYE_DISTANCE_SHARE * viewing_distance_m(rig) * outward, target_m
+    elevation = _OVERVIEW_ELEVATION_RAD if overview else _EYE_ELEVATION_RAD
+    share = _OVERVIEW_DISTANCE_SHARE if overview else _EYE_DISTANCE_SHARE
+    outward = np.cos(elevation) * (np.cos(middle) * first + np.sin(middle) * second) + np.sin(elevation) * vertical
+    return target_m + share * viewing_distance_m(rig) * outward, target_m

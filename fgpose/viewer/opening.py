@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
+from fgpose.viewer.calibration_recording import CalibrationRecording, NullCalibrationRecording
 from fgpose.viewer.people_recording import PeopleRecording
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import NullRecording, Recording
@@ -105,6 +106,39 @@ def open_people_recording(
         from fgpose.viewer.rerun_session import Target
     target = Target(None if path is None else Path(path), port if live else None, endless)
     return RerunPeopleRecording(target, rig, skeleton, up, pictures)
+
+
+def open_calibration_recording(
+    path: str | Path | None,
+    rig: CameraRig,
+    skeleton: Skeleton,
+    *,
+    up: UpAxis = "+z",
+    image_width_px: int | None = 640,
+    jpeg_quality: int = 80,
+    image_limit_mb: float | None = 1000.0,
+    n_frames: int | None = None,
+) -> CalibrationRecording:
+    """Open a recording of a calibration from people; close it, or use it in a ``with`` block.
+
+    Args:
+        path: as are the others, as in open_recording.
+
+    Returns:
+        A recording; one that shows nothing when there is no path.
+
+    Raises:
+        ValueError: an option is out of its range.
+        ImportError: Rerun is not installed; the message says how to.
+        OSError: the file cannot be written.
+    """
+    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
+    if path is None:
+        return NullCalibrationRecording()
+    with _rerun_needed():
+        from fgpose.viewer.rerun_calibration_recording import RerunCalibrationRecording
+        from fgpose.viewer.rerun_session import Target
+    return RerunCalibrationRecording(Target(Path(path), None, endless=False), rig, skeleton, up, pictures)
 
 
 def open_system_recording(

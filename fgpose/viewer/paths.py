@@ -22,6 +22,12 @@ CAMERA_EVENTS = "events/cameras"
 CAMERA_STATES = "cameras"
 DELAY_MS = "plots/delay_ms"
 OBSERVED = "plots/observed"
+EPIPOLAR_PX = "plots/epipolar_px"
+WALKED = "world/walked"
+FLOOR = "world/floor"
+VERTICAL = "world/vertical"
+CAMERA_SIGMAS = "world/camera_sigmas"
+REPORT = "report"
 
 
 def join(*parts: str) -> str:

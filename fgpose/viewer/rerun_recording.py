@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
@@ -33,11 +34,12 @@ class RerunRecording(RerunSession, Recording):
         scene: tuple[CameraRig, Skeleton, tuple[str, ...]],
         up: UpAxis,
         pictures: PictureOptions,
+        layout: rrb.Blueprint | None = None,
     ) -> None:
         rig, skeleton, self._trajectories = scene
         self._last_status: dict[str, np.ndarray] = {}
         self._factors: tuple[str, ...] = ()
-        layout = blueprint(rig, skeleton, self._trajectories, up, following=target.port is not None)
+        layout = layout or blueprint(rig, skeleton, self._trajectories, up, following=target.port is not None)
         super().__init__(target, rig, skeleton, layout, pictures)
         log_scene(self._open_stream, rig, skeleton, self._trajectories, up)
 

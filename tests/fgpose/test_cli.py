@@ -22,7 +22,20 @@ from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.synthetic import Scene
 
-COMMANDS = ("demo", "run", "detect", "smooth", "track", "refine", "info", "evaluate", "view", "models", "benchmark")
+COMMANDS = (
+    "demo",
+    "calibrate",
+    "run",
+    "detect",
+    "smooth",
+    "track",
+    "refine",
+    "info",
+    "evaluate",
+    "view",
+    "models",
+    "benchmark",
+)
 
 
 @pytest.fixture(scope="module")

@@ -45,6 +45,18 @@ class CalibratedView:
         return replace(camera, time_offset_s=self.time_offset_s)
 
 
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics of one camera of a file, whatever its pose is."""
+
+    name: str
+    K: Float[np.ndarray, "3 3"]
+    distortion: Float[np.ndarray, " coefficients"]
+    size_px: tuple[int, int] | None
+    """None: the file does not say for which images it is."""
+    lens: LensModel = "pinhole"
+
+
 def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: Unit, unit: Unit) -> CameraRig:
     """The rig of a file's cameras, in metres.
 

@@ -8,18 +8,24 @@ Read by a YAML library, not by OpenCV, whose reader kills the process on lists t
 
 from __future__ import annotations
 
+import re
 import reprlib
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from fgpose.io.calibration.calibrated_view import CalibratedView, numbers, rotation_matrix
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.atomic import write_text
+from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers, rotation_matrix
 from fgpose.io.content import read_content
 
 # A hundred cameras take 100 kB; the library reads about as much in a second.
 _MAX_BYTES = 1_000_000
+_KEY = re.compile(r"[A-Za-z0-9_-]+")
+"""What OpenCV takes in the key of a node, after K_ or T_."""
 
 
 def read(folder: Path) -> list[CalibratedView]:
@@ -40,6 +46,59 @@ def read(folder: Path) -> list[CalibratedView]:
     return [_view(name, intrinsics, extrinsics) for name in names]
 
 
+def check(rig: CameraRig) -> None:
+    """Raise ValueError if a rig cannot be written: a fisheye lens, which the format does not know, or a name that is no
+    key of OpenCV."""
+    for camera in rig.cameras:
+        if camera.lens == "fisheye":
+            raise ValueError(f"camera {camera.name}: EasyMocap's format has no fisheye lens")
+        if not _KEY.fullmatch(camera.name):
+            raise ValueError(
+                f"camera {camera.name}: in EasyMocap's format a name has letters, digits, hyphens and underscores only"
+            )
+
+
+def write(rig: CameraRig, folder: Path) -> None:
+    """Write a rig as EasyMocap reads it, metres: intri.yml and extri.yml; a distortion has at least five numbers.
+
+    Warns:
+        UserWarning: a camera has a time offset, which the format cannot keep.
+
+    Raises:
+        ValueError: as check.
+        OSError: a file cannot be written.
+    """
+    from scipy.spatial.transform import Rotation
+
+    check(rig)
+    late = [f"{camera.name} {camera.time_offset_s:.4f} s" for camera in rig.cameras if camera.time_offset_s]
+    if late:
+        warnings.warn(f"{folder}: EasyMocap's format has no time offsets; left out: {', '.join(late)}", stacklevel=3)
+    intrinsics, extrinsics = {}, {}
+    for camera in rig.cameras:
+        name, camera_T_world = camera.name, camera.camera_T_world
+        zeros = np.zeros(max(5 - camera.distortion.size, 0))
+        intrinsics |= {f"K_{name}": camera.K, f"dist_{name}": np.append(camera.distortion, zeros)[None]}
+        intrinsics |= {f"{key}_{name}": size for key, size in zip("WH", camera.size_px, strict=True)}
+        rotation_vector = Rotation.from_matrix(camera_T_world[:3, :3]).as_rotvec()
+        extrinsics |= {f"R_{name}": rotation_vector[:, None], f"Rot_{name}": camera_T_world[:3, :3]}
+        extrinsics |= {f"T_{name}": camera_T_world[:3, 3:]}
+    texts = {file: _text(rig.names, values) for file, values in (("intri", intrinsics), ("extri", extrinsics))}
+    for file, text in texts.items():
+        write_text(folder / f"{file}.yml", text)
+
+
+def _text(names: tuple[str, ...], values: dict[str, Any]) -> str:
+    """As OpenCV writes it: matrices in double precision, other numbers as they are."""
+    import cv2
+
+    storage = cv2.FileStorage("", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML)
+    storage.write("names", list(names))
+    for key, value in values.items():
+        storage.write(key, np.ascontiguousarray(value) if isinstance(value, np.ndarray) else value)
+    return storage.releaseAndGetString()
+
+
 class _Loader(yaml.BaseLoader):
     """Lists, tables and texts, whatever their tags (!!opencv-matrix); OpenCV writes no aliases."""
 
@@ -53,6 +112,17 @@ def _document(folder: Path, name: str) -> dict[str, Any]:
     path = folder / name
     if not path.is_file():
         raise ValueError(f"{name} is missing in {folder}; intri.yml and extri.yml belong together")
+    return yaml_document(path)
+
+
+def yaml_document(path: Path) -> dict[str, Any]:
+    """The tables of a YAML file, also of OpenCV's kind; all values are texts.
+
+    Raises:
+        ValueError: it is damaged, or has no tables; the message gives its name.
+        OSError: it cannot be read.
+    """
+    name = path.name
     try:
         text = read_content(path, _MAX_BYTES).decode("utf-8-sig")
         # OpenCV writes %YAML:1.0, which is no directive of YAML.
@@ -68,6 +138,11 @@ def _document(folder: Path, name: str) -> dict[str, Any]:
 def _names(document: dict[str, Any]) -> list[str]:
     names = document.get("names")
     return [name for name in names if isinstance(name, str)] if isinstance(names, list) else []
+
+
+def intrinsics(document: dict[str, Any]) -> list[Lens]:
+    """The cameras of intri.yml alone. Raises ValueError as read."""
+    return [_lens(name, document) for name in _names(document)]
 
 
 def _matrix(document: dict[str, Any], name: str, *keys: str) -> list[float]:
@@ -89,14 +164,24 @@ def _number(value: Any, name: str, what: str) -> float:
 
 
 def _view(name: str, intrinsics: dict[str, Any], extrinsics: dict[str, Any]) -> CalibratedView:
-    K = numbers(name, "K", _matrix(intrinsics, name, "K"), 3, 3)
-    sizes = [intrinsics.get(f"{key}_{name}", 2 * K[axis, 2]) for axis, key in enumerate(("W", "H"))]
-    width, height = numbers(name, "the image size", [_number(size, name, "the image size") for size in sizes], 2)
+    lens = _lens(name, intrinsics)
+    width, height = lens.size_px or (2 * lens.K[0, 2], 2 * lens.K[1, 2])
     return CalibratedView(
         name=name,
         size_px=(round(width), round(height)),
-        K=K,
+        K=lens.K,
         R=rotation_matrix(name, _matrix(extrinsics, name, "Rot", "R")),
         t=numbers(name, "T", _matrix(extrinsics, name, "T"), 3),
-        distortion=np.ravel(numbers(name, "dist", _matrix(intrinsics, name, "dist", "D"))),
+        distortion=lens.distortion,
     )
+
+
+def _lens(name: str, intrinsics: dict[str, Any]) -> Lens:
+    given = [intrinsics[f"{key}_{name}"] for key in ("W", "H") if f"{key}_{name}" in intrinsics]
+    size_px = None
+    if len(given) == 2:
+        sides = numbers(name, "the image size", [_number(side, name, "the image size") for side in given], 2)
+        size_px = round(sides[0]), round(sides[1])
+    K = numbers(name, "K", _matrix(intrinsics, name, "K"), 3, 3)
+    distortion = np.ravel(numbers(name, "dist", _matrix(intrinsics, name, "dist", "D")))
+    return Lens(name, K, distortion, size_px)

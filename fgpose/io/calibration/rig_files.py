@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import live_format, npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
 from fgpose.io.content import read_content
+
+RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
 
 # Files of caliscope also hold all points that it saw.
 _MAX_BYTES = 100_000_000
@@ -63,17 +67,61 @@ def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
         raise ValueError(f"not a calibration; it should be {_FORMATS}") from None
 
 
-def save_rig(rig: CameraRig, path: str | Path) -> None:
-    """Write a rig as npz (exact) or as Pose2Sim TOML (``.toml``), in metres.
+def save_rig(rig: CameraRig, path: str | Path, file_format: RigFormat = "auto") -> None:
+    """Write a rig, in metres, world to camera.
 
-    The file appears under its name only when it is complete.
+    - npz: exact, of fgpose.
+    - pose2sim: TOML of Pose2Sim.
+    - aniposelib: TOML of aniposelib, as anipose, caliscope's export and Pose2Sim read it.
+    - caliscope: caliscope's own camera_array.toml.
+    - easymocap: a folder with intri.yml and extri.yml, OpenCV's YAML.
+
+    All keep time offsets but easymocap, and load_rig reads them all. A file appears under its name only when it is
+    complete.
+
+    Args:
+        rig: the cameras.
+        path: the file; of easymocap the folder, which is made if it is absent.
+        file_format: auto takes npz for .npz and pose2sim for .toml.
+
+    Warns:
+        UserWarning: there are time offsets, and the format has none.
 
     Raises:
-        ValueError: the extension is neither .npz nor .toml.
+        ValueError: the extension does not fit the format, or the format cannot hold a camera (a fisheye lens, a name).
         OSError: the file cannot be written.
     """
     path = Path(path)
-    writers = {".npz": npz_format.write, ".toml": toml_formats.write}
-    if path.suffix not in writers:
-        raise ValueError(f"{path}: a rig is written as .npz or .toml")
-    writers[path.suffix](rig, path)
+    writer = _WRITERS[check_format(path, file_format)]
+    try:
+        writer(rig, path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def check_format(path: str | Path, file_format: RigFormat = "auto") -> RigFormat:
+    """The format that save_rig will write. Raises ValueError as it does, before any work is done."""
+    path = Path(path)
+    if file_format == "auto":
+        by_extension: dict[str, RigFormat] = {".npz": "npz", ".toml": "pose2sim"}
+        if path.suffix not in by_extension:
+            raise ValueError(
+                f"{path}: a rig is written as .npz or .toml; for other formats name it ({', '.join(_WRITERS)})"
+            )
+        return by_extension[path.suffix]
+    if file_format not in _WRITERS:
+        raise ValueError(f"{path}: a rig is written as {', '.join(_WRITERS)}, got {file_format!r}")
+    extension = {"npz": ".npz", "easymocap": ""}.get(file_format, ".toml")
+    if path.suffix != extension:
+        wanted = f"a {extension} file" if extension else "a folder with two files"
+        raise ValueError(f"{path}: {file_format} is written into {wanted}")
+    return file_format
+
+
+_WRITERS: dict[RigFormat, Callable[[CameraRig, Path], None]] = {
+    "npz": npz_format.write,
+    "pose2sim": toml_formats.write_pose2sim,
+    "aniposelib": toml_formats.write_aniposelib,
+    "caliscope": toml_formats.write_caliscope,
+    "easymocap": opencv_yaml.write,
+}

@@ -5,7 +5,8 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 
 - Pose2Sim: any table names, ``fisheye`` in every table, metres, cameras in the order of the file.
 - aniposelib: ``[cam_0]``, ``[cam_1]``, ..., the unit of the calibration board (often mm), cameras in natural order.
-- fgpose (what write writes): Pose2Sim's, with ``time_offset_s`` in the table of a camera whose clock is off.
+- fgpose: writes any of these, with ``time_offset_s`` in the table of a camera whose clock is off; others read by name
+  and take no notice of it.
 - caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; an ``ignore``d camera is left out.
 """
 
@@ -14,8 +15,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, TypeGuard
 
-import numpy as np
-
 from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.atomic import write_text
@@ -23,11 +22,18 @@ from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, numbers,
 from fgpose.io.camera_names import natural_key
 
 _NO_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
+_AT_THE_ORIGIN = {"rotation": [0.0] * 3, "translation": [0.0] * 3}
+_METADATA = {"adjusted": False, "error": 0.0}
 _KEYS = ("matrix", "distortions", "rotation", "translation", "size")
 
 
-def read(text: str) -> tuple[list[CalibratedView], Unit]:
+def read(text: str, *, poses: bool = True) -> tuple[list[CalibratedView], Unit]:
     """Cameras of a TOML calibration and the unit its format prescribes.
+
+    Args:
+        text: of the file.
+        poses: whether every camera needs a pose; otherwise one without is at the origin, as caliscope and Pose2Sim
+            leave it that way until the extrinsics are calibrated.
 
     Raises:
         ValueError: the text is not TOML, has no cameras, or a camera is incomplete; the message names it.
@@ -42,8 +48,14 @@ def read(text: str) -> tuple[list[CalibratedView], Unit]:
     is_pose2sim = all(isinstance(table.get("fisheye"), bool) for table in tables.values())
     is_caliscope = _has_calibration(document.get("cameras")) or all("port" in table for table in tables.values())
     names = list(tables) if is_pose2sim else sorted(tables, key=natural_key)
-    views = [_view(name, tables[name]) for name in names if not tables[name].get("ignore", False)]
+    absent = {} if poses else _AT_THE_ORIGIN
+    views = [_view(name, absent | tables[name]) for name in names if not tables[name].get("ignore", False)]
     return views, "m" if is_pose2sim or is_caliscope else "auto"
+
+
+def has_cameras(document: dict[str, Any]) -> bool:
+    """Whether the tables of a TOML document are cameras of one of these formats."""
+    return bool(_camera_tables(document))
 
 
 def _has_calibration(cameras: Any) -> TypeGuard[dict[str, dict[str, Any]]]:
@@ -82,28 +94,59 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
     )
 
 
-def write(rig: CameraRig, path: Path) -> None:
+def write_pose2sim(rig: CameraRig, path: Path) -> None:
     """Write a rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects; a time
     offset only where there is one, so that the file of synchronous cameras is exactly Pose2Sim's."""
+    tables = {}
+    for camera in rig.cameras:
+        own = {"size": [float(side) for side in camera.size_px], "fisheye": camera.lens == "fisheye"}
+        tables[camera.name] = _table(camera, 4) | own
+    _write(path, tables | {"metadata": _METADATA})
+
+
+def write_aniposelib(rig: CameraRig, path: Path) -> None:
+    """Write a rig as aniposelib's TOML, metres.
+
+    aniposelib reads the tables in the order of their texts, where cam_10 comes before cam_2: their numbers have as
+    many digits as the last one needs. Pose2Sim and caliscope's export write and read the same.
+    """
+    digits = len(str(rig.n_cameras - 1))
+    tables = {f"cam_{c:0{digits}}": _table(camera, 5) | _if_fisheye(camera) for c, camera in enumerate(rig.cameras)}
+    _write(path, tables | {"metadata": _METADATA})
+
+
+def write_caliscope(rig: CameraRig, path: Path) -> None:
+    """Write a rig as caliscope's camera_array.toml, metres: cameras by whole numbers, their names beside them."""
+    cameras = {}
+    for c, camera in enumerate(rig.cameras):
+        own = {"cam_id": c, "rotation_count": 0, "ignore": False, "fisheye": camera.lens == "fisheye"}
+        cameras[str(c)] = _table(camera, 5) | own
+    _write(path, {"cameras": cameras})
+
+
+def _write(path: Path, document: dict[str, Any]) -> None:
     import tomli_w
 
-    document: dict[str, Any] = {camera.name: _table(camera) for camera in rig.cameras}
-    document["metadata"] = {"adjusted": False, "error": 0.0}
     write_text(path, tomli_w.dumps(document))
 
 
-def _table(camera: Camera) -> dict[str, Any]:
+def _table(camera: Camera, n_coefficients: int) -> dict[str, Any]:
+    """What all formats have; a pinhole lens with fewer coefficients of distortion than usual gets zeros."""
     from scipy.spatial.transform import Rotation
 
     camera_T_world = camera.camera_T_world
-    distortion = camera.distortion if camera.distortion.size else np.zeros(4)
+    n_zeros = n_coefficients - camera.distortion.size if camera.lens == "pinhole" else 0
     return {
         "name": camera.name,
-        "size": [float(length) for length in camera.size_px],
+        "size": list(camera.size_px),
         "matrix": camera.K.tolist(),
-        "distortions": distortion.tolist(),
+        "distortions": [*camera.distortion.tolist(), *[0.0] * n_zeros],
         "rotation": Rotation.from_matrix(camera_T_world[:3, :3]).as_rotvec().tolist(),
         "translation": camera_T_world[:3, 3].tolist(),
-        "fisheye": camera.lens == "fisheye",
         **({"time_offset_s": camera.time_offset_s} if camera.time_offset_s else {}),
     }
+
+
+def _if_fisheye(camera: Camera) -> dict[str, bool]:
+    """A table that says fisheye whatever the lens is would be Pose2Sim's."""
+    return {"fisheye": True} if camera.lens == "fisheye" else {}

@@ -4,5 +4,9 @@ from fgpose.io.keypoints.keypoint_files import Person as Person
 from fgpose.io.keypoints.keypoint_files import keypoint_cameras as keypoint_cameras
 from fgpose.io.keypoints.keypoint_files import load_observations as load_observations
 from fgpose.io.keypoints.keypoint_files import load_people as load_people
+from fgpose.io.keypoints.keypoint_files import person_of as person_of
 from fgpose.io.keypoints.people_files import save_people_observations as save_people_observations
 from fgpose.io.keypoints.recording_files import save_observations as save_observations
+from fgpose.io.keypoints.uncalibrated import check_sizes as check_sizes
+from fgpose.io.keypoints.uncalibrated import likely_sizes_px as likely_sizes_px
+from fgpose.io.keypoints.uncalibrated import load_uncalibrated as load_uncalibrated

@@ -70,10 +70,10 @@ def load_observations(
     _check_options(path, fps, person, points3d_frame, points3d_unit)
     own = _own_people(path, rig, skeleton)
     if own is not None:
-        return _one_of(path, own, rig, person)
+        return person_of(path, own, rig, person)
     if recording_files.is_recording(path):
         return recording_files.read(path, rig, skeleton)
-    return _one_of(path, _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit), rig, person)
+    return person_of(path, _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit), rig, person)
 
 
 def load_people(
@@ -125,8 +125,8 @@ def _read_people(
         raise ValueError(f"{path}: {error}") from None
 
 
-def _one_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
-    """What the cameras saw of the person wanted."""
+def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
+    """What the cameras saw of the person wanted, see load_observations. Raises ValueError, which names the file."""
     try:
         if person == "consistent":
             return main_person(people, rig)

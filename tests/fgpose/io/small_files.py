@@ -17,7 +17,7 @@ import numpy as np
 from fgpose.benchmark.predictions import load_predictions
 from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
 from fgpose.io.live_recordings import RecordedImage, images_document, start_document
 from fgpose.io.packing import packed
@@ -308,6 +308,27 @@ def _one(reader: Callable[[Path], Any]) -> Callable[[Path], Any]:
     return read
 
 
+def _make_lens_yaml(folder: Path) -> None:
+    """As OpenCV's calibration program writes it."""
+    import cv2
+
+    storage = cv2.FileStorage(str(folder / "lens.yml"), cv2.FILE_STORAGE_WRITE)
+    for key, value in {"image_width": 640, "image_height": 480}.items():
+        storage.write(key, value)
+    storage.write("camera_matrix", rig().cameras[0].K)
+    storage.write("distortion_coefficients", np.zeros((5, 1)))
+    storage.release()
+
+
+def _make_lens_json(folder: Path) -> None:
+    lens = {"camera_matrix": rig().cameras[0].K.tolist(), "dist_coeff": [0.1, 0.0, 0.0, 0.0], "image_size": [640, 480]}
+    (folder / "lens.json").write_text(json.dumps({"cam_0": lens, "cam_1": lens}))
+
+
+def _read_lens(path: Path) -> CameraRig:
+    return load_intrinsics(path, ["cam_0", "cam_1"], [(640, 480), (640, 480)])
+
+
 def _read_recording(path: Path) -> Observations:
     return load_observations(path, rig(), STICK)
 
@@ -328,6 +349,11 @@ FORMATS = {
         Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
         Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),
         Format("rig yaml", "text", _make_easymocap, load_rig),
+        Format("lens yaml", "text", _make_lens_yaml, _one(_read_lens)),
+        Format("lens json", "json", _make_lens_json, _one(_read_lens)),
+        Format(
+            "rig caliscope", "toml", lambda folder: save_rig(rig(), folder / "rig.toml", "caliscope"), _one(load_rig)
+        ),
         Format("rig npz", "npz", lambda folder: save_rig(rig(), folder / "rig.npz"), _one(load_rig)),
         Format("skeleton toml", "toml", _make_skeleton, _one(load_skeleton)),
         Format(

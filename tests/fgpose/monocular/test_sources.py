@@ -12,8 +12,9 @@ import pytest
 
 from fgpose.frame_matching import NO_IMAGE, match_frames
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.monocular.clips import open_clip
-from fgpose.monocular.sources import fitted_camera, open_sources
+from fgpose.monocular.sources import open_sources
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresScene

@@ -1,0 +1,1 @@
+"""The benchmark of calibration from people: rigs found from walkers, beside the true ones."""

@@ -1,0 +1,252 @@
+"""The chain from what uncalibrated cameras saw of people to a calibrated rig.
+
+tracks and starts (one walker on one clock) -> scaffold (a first rig) -> adjustment (bundle adjustment, also of the two
+halves of the recording) -> metric (scale, vertical, floor) -> sigmas -> verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.grounds import gather
+from fgpose.calibration.from_people.metric import Metric, to_metric
+from fgpose.calibration.from_people.projection import FOCAL, OFFSET, TRANSLATION
+from fgpose.calibration.from_people.scaffold import scaffolds
+from fgpose.calibration.from_people.scale import MeasuredDistance
+from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
+from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.together import together
+from fgpose.calibration.from_people.tracks import find_tracks
+from fgpose.calibration.from_people.unknowns import Groups
+from fgpose.calibration.from_people.verdict import findings
+from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.walker import main_tracks
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.people import PeopleObservations
+
+Focal = Literal["known", "shared", "each"]
+"""Focal lengths are those of the intrinsics; are unknown, one for all cameras of a model; or one for each camera."""
+Progress = Callable[[int, int], None]
+"""Called with the number of steps done and the number of steps in all."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of the chain that can be turned on and off, to measure what they are worth."""
+
+    referee: bool = True
+    """The monocular 3D of the views rules out twisted relative poses."""
+    choose_scaffold: bool = True
+    """Every pair of cameras is tried as the first; else only the first two."""
+    joint_focal: bool = True
+    """Unknown focal lengths are estimated; else their guesses are held."""
+    bones: bool = False
+    """Bones keep their lengths but for 40 mm. On simulated walks this costs accuracy: the errors of the joints make
+    bones longer from one side than from another."""
+    bias: bool = True
+    """The detections of a view are off by the same in all frames of one direction of the body."""
+
+
+_ALL = Parts()
+_STEPS = 7
+_HELD_M, _BONE_M = 1e-6, 0.04  # standard deviations
+_INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
+_CHECKS_FOCAL = 3  # two cameras cannot tell a focal length
+_LEAST_HALF_S = 5.0  # a walk of less cannot be halved
+
+
+def calibrate(
+    people: PeopleObservations,
+    intrinsics: CameraRig,
+    *,
+    focal: Focal = "known",
+    stature_m: float | None = None,
+    distances: Sequence[tuple[str, str, float]] = (),
+    synchronised: bool = False,
+    progress: Progress | None = None,
+    parts: Parts = _ALL,
+) -> CalibratedFromPeople:
+    """Calibrate cameras from nothing but people who walk through the scene.
+
+    Args:
+        people: what the cameras saw, each by its own clock; per-view 3D, if there is any, in the frame of each camera.
+        intrinsics: K and lens of each camera; its poses are not used (fgpose.load_intrinsics, guessed_intrinsics).
+        focal: what is known of the focal lengths. Unknown ones are searched for within some tens of per cent.
+        stature_m: of the walker, without shoes.
+        distances: two cameras, and how far apart they are in metres.
+        synchronised: whether all cameras have one clock already.
+        progress: told after each step.
+        parts: which are turned on.
+
+    Returns:
+        The rig of the cameras whose starts are known, with sigmas and verdict. If that is failed (grade), it must not
+        be used.
+
+    Raises:
+        ValueError: there is one camera, fewer than two see the same person at the same time, the cameras cannot be
+            placed, or a stature or distance is impossible.
+    """
+    done = iter(range(1, _STEPS + 1))
+
+    def told() -> None:
+        if progress:
+            progress(next(done), _STEPS)
+
+    people.check_cameras(intrinsics.names)
+    tracks = main_tracks(find_tracks(people), people.skeleton)
+    told()
+    in_step = {name: GivenStart(0.0) for name in intrinsics.names} if synchronised else None
+    starts = find_starts(tracks, people.skeleton, intrinsics, in_step)
+    walk = together(tracks, starts, people.skeleton)
+    told()
+    placed = _placed(walk, intrinsics.subset(walk.camera_names), parts)
+    told()
+    adjusting = _Adjusting(
+        _unknown_lenses(placed, focal) if parts.joint_focal else (),
+        not synchronised,
+        AdjustmentConfig(
+            bias_m=AdjustmentConfig.bias_m if parts.bias else _HELD_M,
+            bone_m=_BONE_M if parts.bones else AdjustmentConfig.bone_m,
+        ),
+    )
+    adjusted = adjusting.of(walk, placed)
+    told()
+    halves = adjusting.halves(walk, adjusted.rig)
+    told()
+    joints = _joints(walk, adjusted.rig)
+    measured = [MeasuredDistance(*distance) for distance in distances]
+    metric = to_metric(walk, adjusted.rig, joints, stature_m, measured, _of_positions(adjusted))
+    told()
+    freed = None if focal != "known" or metric.rig.n_cameras < _CHECKS_FOCAL else adjusting.freed(walk, adjusted.rig)
+    told()
+    return _judged(walk, starts, adjusted, halves, metric, freed, focal)
+
+
+def _placed(walk: Walk, intrinsics: CameraRig, parts: Parts) -> CameraRig:
+    """A first rig."""
+    found = scaffolds(walk if parts.referee else replace(walk, points3d_m=None), intrinsics)
+    if parts.choose_scaffold:
+        return found[0].rig
+    return next((first.rig for first in found if first.pair == intrinsics.names[:2]), found[-1].rig)
+
+
+def _unknown_lenses(rig: CameraRig, focal: Focal) -> Groups:
+    if focal == "known":
+        return ()
+    return lens_groups(rig) if focal == "shared" else tuple((c,) for c in range(rig.n_cameras))
+
+
+@dataclass(frozen=True)
+class _Adjusting:
+    """How a walk is adjusted, the whole and its halves alike."""
+
+    unknown_lenses: Groups
+    clocks: bool
+    config: AdjustmentConfig
+
+    def of(self, walk: Walk, rig: CameraRig) -> Adjusted:
+        return adjust(walk, rig, unknown_lenses=self.unknown_lenses, clocks=self.clocks, config=self.config)
+
+    def freed(self, walk: Walk, rig: CameraRig) -> Adjusted | None:
+        """With every focal length unknown; None where a fisheye lens is among them."""
+        if any(camera.lens == "fisheye" for camera in rig.cameras):
+            return None
+        each = tuple((c,) for c in range(rig.n_cameras))
+        return adjust(walk, rig, unknown_lenses=each, clocks=self.clocks, config=self.config)
+
+    def halves(self, walk: Walk, rig: CameraRig) -> tuple[Adjusted, Adjusted] | None:
+        """Of each half of the recording; None where one is too short, or shows too little."""
+        if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
+            return None
+        is_first = walk.time_s < 0.5 * (walk.time_s[0] + walk.time_s[-1])
+        try:
+            return (
+                self.of(frames_of(walk, np.flatnonzero(is_first)), rig),
+                self.of(frames_of(walk, np.flatnonzero(~is_first)), rig),
+            )
+        except ValueError:
+            return None
+
+
+def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
+    """Of all frames of the walk, in the gauge of the rig."""
+    radius_px = float(np.nanmedian([body_radius_px(walk.points2d_px[:, c]) for c in range(rig.n_cameras)]))
+    undistorted_px = rig.undistort(walk.points2d_px)
+    return triangulate_robust(undistorted_px, walk.confidence, rig, _INLIER_SHARE * radius_px).positions_m
+
+
+def _of_positions(adjusted: Adjusted) -> Float[np.ndarray, "camera 3 camera 3"]:
+    """Covariance of the positions of the cameras, in the gauge of the rig."""
+    rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
+    own = adjusted.covariance[:, TRANSLATION, :, TRANSLATION]
+    return np.einsum("cij,cjdk,dlk->cidl", rotations, own, rotations)
+
+
+def _estimate(adjusted: Adjusted) -> RigEstimate:
+    return RigEstimate.of(adjusted.rig, adjusted.covariance, FOCAL, OFFSET)
+
+
+def _judged(
+    walk: Walk,
+    starts: Starts,
+    adjusted: Adjusted,
+    halves: tuple[Adjusted, Adjusted] | None,
+    metric: Metric,
+    freed: Adjusted | None,
+    focal: Focal,
+) -> CalibratedFromPeople:
+    """With sigmas and verdict.
+
+    Args:
+        freed: with focal lengths that were given and are estimated all the same, where that was tried.
+    """
+    of_halves = None if halves is None else (_estimate(halves[0]), _estimate(halves[1]))
+    whole = _estimate(adjusted).moved(metric.world_T_gauge)
+    sigmas = camera_sigmas(whole, of_halves, metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m)
+    doubtful = {finding.camera for finding in starts.findings}
+    grounds = gather(
+        walk,
+        metric,
+        sigmas,
+        None if halves is None else (halves[0].rig, halves[1].rig),
+        _unused(walk, adjusted),
+        np.full(metric.rig.n_cameras, focal != "known"),
+        np.array([name not in doubtful for name in metric.rig.names]),
+    )
+    if freed is not None:
+        change = np.log(freed.rig.focal_px / adjusted.rig.focal_px)
+        grounds = replace(grounds, focal_change=change, focal_change_sigma=_estimate(freed).focal_sigma)
+    undistorted_px = metric.rig.undistort(walk.points2d_px)
+    return CalibratedFromPeople(
+        rig=_with_starts(metric.rig, starts, walk),
+        sigmas=sigmas,
+        walk=walk,
+        joints_m=metric.joints_m,
+        residual_px=np.linalg.norm(metric.rig.project(metric.joints_m) - undistorted_px, axis=-1),
+        findings=(*starts.findings, *findings(grounds)),
+        scale_from=metric.scale.source,
+    )
+
+
+def _unused(walk: Walk, adjusted: Adjusted) -> Bool[np.ndarray, " frame"]:
+    """Frames that the adjustment did not use."""
+    return ~np.isin(walk.time_s, adjusted.walk.time_s)
+
+
+def _with_starts(rig: CameraRig, starts: Starts, walk: Walk) -> CameraRig:
+    """With what turns the clock of each camera into the common one: as it is in the middle of the walk."""
+    middle_s = 0.5 * (walk.time_s[0] + walk.time_s[-1])
+    offsets_s = [
+        middle_s - float(starts.own_s(camera.name, np.array([middle_s]))[0]) + camera.time_offset_s
+        for camera in rig.cameras
+    ]
+    return rig.with_time_offsets(np.array(offsets_s))

@@ -1,0 +1,100 @@
+"""Why the start of a camera is not known, or not well, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.clocks import Clocks, ClockShift
+from fgpose.calibration.from_people.joining import Joined
+from fgpose.calibration.from_people.motion_signals import MotionSignals
+from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.walk import Track
+from fgpose.sampling import usual_step_s
+
+_GIVE = "or give the start of each camera"
+_WALK = "walk about where all cameras see you, with turns and stops, for half a minute"
+_SHORT_S = 5.0
+# Radii of the body per second, a quarter of a slow walk.
+_STILL = 0.5
+# Of an image period: beyond this a start is not known.
+_MAX_SIGMA, _COARSE_SIGMA = 1.0, 0.3
+# Pairs that agree within this are not asked whether they agree within their sigmas.
+_FINE_S = 0.01
+# Quartz clocks differ by 43 to 145 ppm; frame rates that are stated wrongly (30 for 29.97 Hz) by 1,000 or more.
+_MAX_RATE = 5e-4
+# Two cameras side by side see the body 0.1 m apart (0.2 radii) or more, two detectors miss each other by 0.05.
+_SAME = 0.03
+
+
+def nobody(camera: str) -> Finding:
+    return Finding(camera, Grade.FAILED, "nobody is seen", "walk where this camera sees you from head to foot")
+
+
+def not_joined(camera: str, signals: MotionSignals, joined: Joined | None, *, nobody_joined: bool) -> Finding:
+    """Of a camera for which no moment is decisive, alone or because it is so for all."""
+    if signals.lasts_s < _SHORT_S:
+        reason = f"the person is seen for {signals.lasts_s:.1f} s only: too short to find when the video begins"
+        return Finding(camera, Grade.FAILED, reason, f"film for half a minute, {_GIVE}")
+    if signals.moves < _STILL:
+        reason = "the person hardly moves: there is nothing by which to find when the video begins"
+        return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
+    if joined is None or not joined.is_outstanding:
+        others = "any other camera" if nobody_joined else "the other cameras"
+        reason = f"no moment is found at which the person moves as before {others}"
+        remedy = (
+            f"{_WALK}; see that all cameras film at the same time and that frame rates are as the files say, {_GIVE}"
+        )
+        return Finding(camera, Grade.FAILED, reason, remedy)
+    assert joined.second is not None
+    apart_s = abs(joined.second.offset_s - joined.best.offset_s)
+    reason = f"when the video begins is ambiguous: starts that differ by {apart_s:.1f} s fit nearly alike" + (
+        ", as with a gait that repeats itself" if apart_s < 5 else ""
+    )
+    return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
+
+
+def same_camera(
+    names: Sequence[str], views: Sequence[View], shifts: Mapping[tuple[int, int], ClockShift]
+) -> list[Finding]:
+    """Of every camera whose video shows the same as that of one before."""
+    found: dict[str, Finding] = {}
+    for (one, other), shift in sorted(shifts.items()):
+        if names[one] in found or names[other] in found or not _shows_the_same(views[one], views[other], shift):
+            continue
+        reason = f"it shows the same image as {names[one]}: both videos are of one camera"
+        found[names[other]] = Finding(names[other], Grade.FAILED, reason, "give the video of the other camera")
+    return list(found.values())
+
+
+def _shows_the_same(first: View, second: View, shift: ClockShift) -> bool:
+    at_s = first.time_s - shift.shift_s
+    apart = np.linalg.norm(second.at(at_s) - first.xy, axis=-1) / first.radius[:, None]
+    known = np.isfinite(apart)
+    return bool(known.any() and np.median(apart[known]) < _SAME)
+
+
+def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[Finding]:
+    """What is wrong with a start that was found; of grade failed if it is not to be trusted."""
+    step_s = usual_step_s(track.time_s) if len(track.time_s) > 1 else 0.04
+    sigma_s, apart_s = float(clocks.sigma_s[number]), float(clocks.disagreement_s[number])
+    # Relative to most of the cameras, for it may be the reference whose clock is wrong.
+    usual = np.sort(clocks.rates[np.isfinite(clocks.rates)])
+    rate = float(clocks.rates[number] - usual[(len(usual) - 1) // 2]) if len(usual) else 0.0
+    rate_sigma = max(float(clocks.rate_sigma[number]), float(np.nanmedian(clocks.rate_sigma)))
+    if not np.isfinite(sigma_s):
+        reason = "it has too little in common with the other cameras to find when the video begins"
+        return [Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")]
+    found = []
+    if sigma_s > _MAX_SIGMA * step_s or apart_s > _MAX_SIGMA * step_s:
+        reason = f"when the video begins is known to {1e3 * max(sigma_s, apart_s):.0f} ms only"
+        return [Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")]
+    if max(sigma_s, apart_s) > max(_COARSE_SIGMA * step_s, _FINE_S):
+        reason = f"when the video begins is known to {1e3 * max(sigma_s, apart_s):.0f} ms only"
+        found.append(Finding(camera, Grade.COARSE, reason, _WALK))
+    if abs(rate) > max(_MAX_RATE, 5 * rate_sigma):
+        reason = f"its clock runs {1e2 * abs(rate):.2g} % {'slower' if rate > 0 else 'faster'} than that of the others"
+        found.append(Finding(camera, Grade.COARSE, reason, "check the frame rate that the file states"))
+    return found

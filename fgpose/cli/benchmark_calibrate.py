@@ -1,0 +1,114 @@
+"""The benchmark of calibration from people. The docstrings are what --help prints."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import arg
+
+from fgpose.cli.options import counting_bar, new_console
+
+if TYPE_CHECKING:
+    from fgpose.benchmark.calibration.recording import CalibrationMethod
+    from fgpose.benchmark.calibration.scores import CalibrationScore
+    from fgpose.benchmark.calibration.variants import CalibrationVariant
+
+_OUTPUT = Path("out/benchmark-calibrate")
+_QUICK_VARIANTS = ("walk_ring_4", "walk_corners_3", "shared_equal_4", "balance_blazepose")
+_QUICK_S = 10.0
+# What each part is for shows on these; all variants would take a night.
+_ABLATION_VARIANTS = ("walk_ring_4", "walk_mixed_5", "walk_one_sided_4", "shared_equal_4", "spot_ring_4", "pair")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrate:
+    """Calibration from people: rigs found from walkers in simulated studios, beside the true ones.
+
+    Two to eight cameras on rings, in corners, on one side; known and unknown focal lengths; videos that start up to a
+    minute apart; several people; people who do what does not help; and the real recordings that come with fgpose, their
+    calibration thrown away. Writes scores.json and report.md into the output folder. Finished results are kept there in
+    the folder cache, so an interrupted run continues where it was. Results that a change of the code affects are
+    measured again.
+
+    Example: fgpose benchmark calibrate --quick
+    """
+
+    quick: bool = False
+    """Four variants, 10 s of one walk: for a first look."""
+    ablation: bool = False
+    """Instead of the methods: the chain with one part turned off at a time, on six variants."""
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
+    """Folder for the results; it is made if it is absent."""
+    variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these variants."""
+    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these methods."""
+    clips: Literal["test", "tuning"] = "test"
+    """test: the walks on which results are stated. tuning: those on which defaults may be chosen."""
+    draws: Annotated[int, arg(metavar="N")] = 3
+    """How many people, walks and draws of the errors each variant has, up to 5."""
+    workers: Annotated[int, arg(metavar="N")] = 2
+    """Number of processes. More processes than cores distort the times."""
+    cache: bool = True
+    """Keep finished results, and use those that were kept. --no-cache measures everything and keeps nothing."""
+
+    def run(self) -> None:
+        from fgpose.benchmark.calibration.report import write_report
+        from fgpose.benchmark.scores import save_scores
+        from fgpose.io.atomic import check_writable
+
+        if self.workers < 0:
+            raise ValueError(f"--workers must not be negative, got {self.workers}")
+        if not 1 <= self.draws <= 5:
+            raise ValueError(f"--draws must be 1 to 5, got {self.draws}")
+        variants, methods = self._variants(), self._methods()
+        check_writable(self.output)
+        scores = self._scores(variants, methods)
+        save_scores(scores, self.output / "scores.json")
+        path = write_report(scores, self.output, self._command())
+        new_console().print(f"wrote {path}", soft_wrap=True)
+
+    def _variants(self) -> list[CalibrationVariant]:
+        from fgpose.benchmark.calibration.real import available
+        from fgpose.benchmark.calibration.variants import VARIANTS, find_variant
+
+        # A real recording that is not part of the package is left out unless it is asked for.
+        every = tuple(variant.name for variant in VARIANTS if variant.group != "real" or variant.name in available())
+        every = _QUICK_VARIANTS if self.quick else _ABLATION_VARIANTS if self.ablation else every
+        variants = [find_variant(name) for name in dict.fromkeys(self.variants or every)]
+        if not self.quick:
+            return variants
+        return [replace(variant, duration_s=min(variant.duration_s, _QUICK_S)) for variant in variants]
+
+    def _methods(self) -> list[CalibrationMethod]:
+        from fgpose.benchmark.calibration.methods import ABLATIONS, METHODS
+        from fgpose.benchmark.methods import find_methods
+
+        every = list(ABLATIONS if self.ablation else METHODS)
+        return find_methods(tuple(dict.fromkeys(self.methods)), every) if self.methods else every
+
+    def _scores(
+        self, variants: Sequence[CalibrationVariant], methods: Sequence[CalibrationMethod]
+    ) -> list[CalibrationScore]:
+        from fgpose.benchmark.calibration.benchmark import CALIBRATION
+        from fgpose.benchmark.calibration.variants import TEST_CLIPS, TUNING_CLIPS, recordings
+        from fgpose.benchmark.runner import run
+
+        clips = (TEST_CLIPS if self.clips == "test" else TUNING_CLIPS)[: 1 if self.quick else self.draws]
+        n_recordings = sum(1 if variant.group == "real" else len(clips) for variant in variants)
+        with counting_bar("benchmark", "results", n_recordings * len(methods)) as advance:
+            cache = self.output / "cache" if self.cache else None
+            return run(CALIBRATION, recordings(variants, clips), methods, cache, advance, self.workers)
+
+    def _command(self) -> str:
+        """What gives the same numbers again."""
+        words = ["fgpose benchmark calibrate", *(["--quick"] * self.quick), *(["--ablation"] * self.ablation)]
+        words += [f"--clips {self.clips}"] if self.clips != "test" else []
+        words += [f"--draws {self.draws}"] if self.draws != 3 else []
+        for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
+            words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
+        return " ".join(words)

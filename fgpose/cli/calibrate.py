@@ -1,0 +1,259 @@
+"""Calibrating cameras from the people in their videos."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from fgpose.cli.detect import NetworkOptions, quieten_decoder
+from fgpose.cli.from_people import FromPeopleOptions, nothing_written, parse_size, print_calibrated
+from fgpose.cli.options import new_console
+from fgpose.cli.pictures import show_walk_images
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.calibration.bumped import BumpedRig
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.monocular.detected import Detected
+    from fgpose.people import PeopleObservations
+
+FAILED = 1
+"""Exit code when the calibration has failed."""
+
+_RECORDING = (
+    "Folder with one video per camera (cam01.mp4), or with one folder of images for each; or detected joints: a folder "
+    "that holds for each camera a folder of JSON files (OpenPose, MMPose) or one file (MMPose, COCO, MeTRAbs), or one "
+    "file of fgpose (npz, parquet)."
+)
+_SKELETON = (
+    "What detected joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or "
+    "your own TOML file. Of videos it is needed for metrabs only."
+)
+_FROM = (
+    "A calibration that was right until somebody bumped a camera: says which camera was moved and by how much, and "
+    "keeps the others."
+)
+_FORMAT = (
+    "auto: npz for .npz, pose2sim for .toml. aniposelib, caliscope: TOML as these read it. easymocap: a folder with "
+    "intri.yml and extri.yml."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingToCalibrate(FromPeopleOptions):
+    """What the cameras recorded, and where the calibration goes."""
+
+    recording: Annotated[Positional[Path], arg(help=_RECORDING)]
+    from_rig: Annotated[
+        Path | None, arg(name="from", metavar="FILE", help=_FROM, help_behavior_hint="(default: none)")
+    ] = None
+    output: Annotated[Path, arg(metavar="FILE", aliases=("-o",))] = Path("rig.toml")
+    """The calibration that is written. The scene is beside it, with the extension .rrd."""
+    format: Annotated[Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"], arg(help=_FORMAT)] = (
+        "auto"
+    )
+    rrd: bool = True
+    """Write the scene for the viewer."""
+    images: bool = True
+    """Show the images of videos in it, shrunk to at most 640 px."""
+    fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: of the videos)")] = None
+    """Frames per second; needed for keypoints without times and for images."""
+    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Use these cameras only, the first of them for the origin and the clock."""
+    size: Annotated[str | None, arg(metavar="WxH", help_behavior_hint="(default: as the intrinsics say)")] = None
+    """Width and height of the images that keypoints were detected in, as 1920x1080."""
+    frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
+    """Use only this many images of each video."""
+    points3d_unit: Literal["mm", "m"] = "mm"
+    """Unit of the 3D joints of each view, where the keypoints have them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Calibrate(NetworkOptions, RecordingToCalibrate):
+    """Calibrate cameras from nothing but people who walk through the scene.
+
+    No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
+    Writes the rig, with the start of each camera (time_offset_s), and a scene for the viewer beside it; prints what is
+    known of each camera and how well, and a verdict with reasons and remedies. The world has z up, the floor at z = 0
+    and its origin under the first camera. If the calibration fails, no rig is written and the exit code is 1.
+
+    With --from a rig that was right is corrected instead: the cameras that were bumped get new poses.
+
+    Example: fgpose calibrate videos/ --intrinsics Lens.toml --height 1.78 -o rig.toml, then fgpose run videos/ --rig
+    rig.toml
+    """
+
+    skeleton: Annotated[
+        str | None, arg(metavar="NAME|FILE", help=_SKELETON, help_behavior_hint="(default: of the network)")
+    ] = None
+
+    def run(self) -> int:
+        self._check()
+        return self._bumped() if self.from_rig is not None else self._from_nothing()
+
+    def _check(self) -> None:
+        """Everything that can be checked before any work is done."""
+        from fgpose.io.atomic import check_writable
+        from fgpose.io.calibration import check_format
+
+        self.check_options()
+        check_format(self.output, self.format)
+        inputs = [path for path in (self.recording, self.intrinsics, self.from_rig) if path is not None]
+        if any(os.path.realpath(path) == os.path.realpath(self.output) for path in inputs):
+            raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
+        if self.from_rig is not None and (self.intrinsics or self.focal_px or self.height or self.distance):
+            raise ValueError("--from takes lenses and scale from its rig: leave --intrinsics, --height and such out")
+        if self.size is not None:
+            parse_size(self.size)
+        if not self.recording.exists():
+            raise FileNotFoundError(2, "no such file or folder", str(self.recording))
+        check_writable(self.output.parent)
+
+    def _from_nothing(self) -> int:
+        from fgpose.calibration.from_people.calibrated import Grade
+        from fgpose.pipeline import write_calibration
+
+        console = new_console()
+        display = None
+        if self._has_videos():
+            detected = self._detected(console)
+            people, intrinsics = detected.people, detected.rig
+            display = partial(show_walk_images, detected) if self.images else None
+        else:
+            people, intrinsics = self._keypoints()
+        result = self.calibrated(people, intrinsics, console)
+        scene = self.output.with_suffix(".rrd") if self.rrd else None
+        written = write_calibration(result, self.output, self.format, scene, display)
+        print_calibrated(console, result, written)
+        if result.grade is not Grade.FAILED:
+            return 0
+        nothing_written(self.output)
+        return FAILED
+
+    def _detected(self, console: Console) -> Detected:
+        """What cameras without poses saw of people."""
+        from fgpose.monocular.sources import Sources, find_clips
+
+        quieten_decoder()
+        clips = find_clips(self.recording, fps=self.fps, cameras=self.cameras)
+        intrinsics = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
+        return self.detect_in(Sources(intrinsics, clips), self.frames, console)
+
+    def _has_videos(self) -> bool:
+        """Or keypoints. Raises ValueError if it has neither."""
+        from fgpose.io.keypoints import keypoint_cameras
+        from fgpose.monocular.sources import has_videos
+
+        if has_videos(self.recording):
+            return True
+        try:
+            keypoint_cameras(self.recording)
+        except ValueError as error:
+            raise ValueError(f"{error}; nor is there a video of a camera (cam01.mp4)") from None
+        return False
+
+    def _keypoints(self) -> tuple[PeopleObservations, CameraRig]:
+        from fgpose.io.calibration import load_intrinsics
+        from fgpose.io.keypoints import check_sizes, likely_sizes_px, load_uncalibrated
+
+        people = load_uncalibrated(
+            self.recording,
+            self._needed_skeleton(),
+            fps=self.fps,
+            points3d_unit=self.points3d_unit,
+            cameras=self.cameras,
+        )
+        names = people.camera_names
+        if not any(image.n_people for image in people.images):
+            raise ValueError(f"{self.recording}: the keypoints have no joint in any camera")
+        if self.size is not None:
+            sizes_px = [parse_size(self.size)] * len(names)
+        elif self.intrinsics is not None:
+            sizes_px = [camera.size_px for camera in load_intrinsics(self.intrinsics, names).cameras]
+        else:
+            sizes_px = likely_sizes_px(people)
+        intrinsics = self.cameras_of(names, sizes_px)
+        check_sizes(people, intrinsics)
+        return people, intrinsics
+
+    def _needed_skeleton(self) -> str:
+        if self.skeleton is None:
+            raise ValueError("detected joints need --skeleton, which says what they are (body_25, coco_17, ...)")
+        return self.skeleton
+
+    def _bumped(self) -> int:
+        from fgpose.calibration.bumped import refine_bumped
+        from fgpose.calibration.from_people.calibrated import Grade
+        from fgpose.io.calibration import save_rig
+
+        console = new_console()
+        people, rig = self._seen_by_rig(console)
+        with new_console(stderr=True).status("comparing the cameras"):
+            bumped = refine_bumped(people, rig)
+        is_written = bumped.grade is not Grade.FAILED
+        if is_written:
+            # The clocks are those of the file again, which were put into the times of the images.
+            save_rig(bumped.rig.with_time_offsets(self._given_offsets(bumped.rig)), self.output, self.format)
+        _print_bumped(console, bumped, self.output)
+        if is_written:
+            return 0
+        nothing_written(self.output)
+        return FAILED
+
+    def _given_offsets(self, rig: CameraRig) -> np.ndarray:
+        from fgpose.io.calibration import load_rig
+
+        assert self.from_rig is not None
+        return load_rig(self.from_rig).subset(rig.names).time_offsets_s
+
+    def _seen_by_rig(self, console: Console) -> tuple[PeopleObservations, CameraRig]:
+        """What the cameras of --from saw."""
+        from fgpose.io.calibration import load_rig
+        from fgpose.monocular.sources import open_sources
+        from fgpose.pipeline import load_people_source
+
+        assert self.from_rig is not None
+        if not self._has_videos():
+            source = load_people_source(
+                self.recording,
+                self.from_rig,
+                self._needed_skeleton(),
+                cameras=self.cameras,
+                fps=self.fps,
+                points3d_unit=self.points3d_unit,
+            )
+            return source.people, source.rig
+        quieten_decoder()
+        sources = open_sources(self.recording, load_rig(self.from_rig), fps=self.fps, cameras=self.cameras)
+        detected = self.detect_in(sources, self.frames, console)
+        return detected.people, detected.rig
+
+
+def _print_bumped(console: Console, bumped: BumpedRig, path: Path) -> None:
+    from fgpose.calibration.from_people.calibrated import Grade
+    from fgpose.cli.tables import new_table
+    from fgpose.pipeline.calibration_report import verdict
+
+    table = new_table("", *bumped.rig.names)
+    rows = {
+        "turned by [deg]": (bumped.rotation_deg, 2),
+        "moved by [mm]": (1000 * bumped.translation_m, 0),
+        "error before [px]": (bumped.residual_before_px, 1),
+        "error after [px]": (bumped.residual_after_px, 1),
+    }
+    for quantity, (values, digits) in rows.items():
+        table.add_row(quantity, *(f"{value:.{digits}f}" for value in values.tolist()))
+    console.print(table)
+    names = [name for name, moved in zip(bumped.rig.names, bumped.moved.tolist(), strict=True) if moved]
+    console.print(f"Moved: {', '.join(names)}. The others keep their poses." if names else "No camera was moved.")
+    for line in verdict(bumped.findings, bumped.grade):
+        console.print(line)
+    if bumped.grade is not Grade.FAILED:
+        console.print(f"wrote {path}", soft_wrap=True)

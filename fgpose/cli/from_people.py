@@ -1,0 +1,156 @@
+"""Calibration from people on the command line: what calibrate and run --calibrate share."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
+
+from fgpose.cli.options import new_console, progress_bar
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.calibration.from_people.calibrate import Focal
+    from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.people import PeopleObservations
+
+_INTRINSICS = (
+    "Focal lengths, principal points and distortion: a calibration of any format (its poses are not used), the YAML, "
+    "JSON, TOML or npz of a calibration with a board (camera_matrix, distortion_coefficients), or a folder with such a "
+    "file for each camera. A file with one camera is for all."
+)
+_FOCAL = (
+    "known: as given with --intrinsics or --focal-px. shared: unknown, the same for all cameras. each: unknown, for "
+    "each camera another. auto: known if given, shared if all images have one size, else each."
+)
+_DISTANCE = "Measured distance between two cameras, from lens to lens, as: --distance cam1 cam3 4.20. May be repeated."
+# Of people who walk by themselves.
+_STATURES_M = (0.7, 2.5)
+_MAX_DISTANCE_M = 100.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FromPeopleOptions:
+    """What is known of the cameras and of the person who walks before them."""
+
+    intrinsics: Annotated[Path | None, arg(metavar="FILE", help=_INTRINSICS, help_behavior_hint="(default: none)")] = (
+        None
+    )
+    focal_px: Annotated[float | None, arg(metavar="PX", help_behavior_hint="(default: unknown)")] = None
+    """Focal length of all cameras, pixels, where there is no file; the lenses are taken to have no distortion."""
+    focal: Annotated[Literal["auto", "known", "shared", "each"], arg(help=_FOCAL)] = "auto"
+    height: Annotated[float | None, arg(metavar="M", help_behavior_hint="(default: unknown)")] = None
+    """Stature of the person who is seen most, metres, without shoes. Gives the scale."""
+    distance: Annotated[
+        UseAppendAction[tuple[tuple[str, str, float], ...]],
+        arg(metavar="CAMERA CAMERA M", help=_DISTANCE, help_behavior_hint="(default: none)"),
+    ] = ()
+    synchronised: Annotated[bool, FlagCreatePairsOff] = False
+    """All cameras began at the same time, and their clocks agree. Otherwise the starts are estimated."""
+
+    def check_options(self) -> None:
+        """Raise ValueError for what cannot be, before any work."""
+        if self.intrinsics is not None and self.focal_px is not None:
+            raise ValueError("--intrinsics and --focal-px both say what the focal length is: leave one of them out")
+        if self.focal == "known" and self.intrinsics is None and self.focal_px is None:
+            raise ValueError("--focal known needs --intrinsics or --focal-px")
+        if self.focal_px is not None and not self.focal_px > 0:
+            raise ValueError(f"--focal-px must be positive, got {self.focal_px:g}")
+        self._check_height()
+        for a, b, distance_m in self.distance:
+            if a == b:
+                raise ValueError(f"--distance {a} {b}: two different cameras are needed")
+            if not 0 < distance_m <= _MAX_DISTANCE_M:
+                raise ValueError(f"--distance {a} {b} {distance_m:g}: a distance is more than 0 and at most 100 metres")
+
+    def _check_height(self) -> None:
+        if self.height is None:
+            return
+        low, high = _STATURES_M
+        if low <= self.height / 100 <= high:
+            raise ValueError(f"--height is in metres: {self.height / 100:g}, not {self.height:g}")
+        if not low <= self.height <= high:
+            raise ValueError(f"--height must be a stature from {low:g} to {high:g} metres, got {self.height:g}")
+
+    def cameras_of(self, names: Sequence[str], sizes_px: Sequence[tuple[int, int]]) -> CameraRig:
+        """The intrinsics of cameras whose images have these sizes, without poses.
+
+        Raises:
+            ValueError: there are fewer than two cameras, one is not in the file, or --distance names another.
+        """
+        from fgpose.geometry.intrinsics import guessed_intrinsics
+        from fgpose.io.calibration import load_intrinsics
+
+        if len(names) < 2:
+            raise ValueError(f"one camera ({', '.join(names)}) cannot be calibrated; two are needed")
+        unknown = [name for a, b, _ in self.distance for name in (a, b) if name not in names]
+        if unknown:
+            raise ValueError(f"--distance: there is no camera {', '.join(unknown)}, only {', '.join(names)}")
+        if self.intrinsics is not None:
+            return load_intrinsics(self.intrinsics, names, sizes_px)
+        return guessed_intrinsics(names, sizes_px, self.focal_px)
+
+    def calibrated(self, people: PeopleObservations, intrinsics: CameraRig, console: Console) -> CalibratedFromPeople:
+        """The result, with a progress bar; what was assumed of the focal lengths is printed."""
+        from fgpose.calibration.from_people.calibrate import calibrate
+
+        focal = self._focal_of(intrinsics)
+        if focal != "known":
+            pairs = zip(intrinsics.names, intrinsics.focal_px.tolist(), strict=True)
+            guesses = ", ".join(f"{name} {focal_px:.0f}" for name, focal_px in pairs)
+            alike = ", one for all cameras" if focal == "shared" else ", one for each camera"
+            console.print(f"Focal lengths are estimated{alike}. They begin at {guesses} px.", soft_wrap=True)
+        with progress_bar("calibrating", "steps") as progress:
+            return calibrate(
+                people,
+                intrinsics,
+                focal=focal,
+                stature_m=self.height,
+                distances=self.distance,
+                synchronised=self.synchronised,
+                progress=progress,
+            )
+
+    def _focal_of(self, intrinsics: CameraRig) -> Focal:
+        if self.focal != "auto":
+            return self.focal
+        if self.intrinsics is not None or self.focal_px is not None:
+            return "known"
+        # Upright and lying images of one camera have the same focal length.
+        sizes = {tuple(sorted(camera.size_px)) for camera in intrinsics.cameras}
+        return "shared" if len(sizes) == 1 else "each"
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height from 1920x1080. Raises ValueError for anything else."""
+    match = re.fullmatch(r"\s*(\d{2,5})\s*[xX×]\s*(\d{2,5})\s*", text)
+    if match is None:
+        raise ValueError(f"--size is width x height in pixels, as 1920x1080, got {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def print_calibrated(console: Console, result: CalibratedFromPeople, written: Sequence[Path]) -> None:
+    """A table of the cameras, how well all is known, the verdict with its reasons, and the files."""
+    from fgpose.cli.tables import new_table
+    from fgpose.pipeline.calibration_report import camera_rows, summary, verdict
+
+    table = new_table("", *result.rig.names)
+    for quantity, values in camera_rows(result).items():
+        table.add_row(quantity, *values)
+    console.print(table)
+    for line in itertools.chain(summary(result), verdict(result.findings, result.grade)):
+        console.print(line)
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True)
+
+
+def nothing_written(path: Path) -> None:
+    """Say on stderr that there is no calibration."""
+    new_console(stderr=True).print(f"fgpose: the calibration has failed; {path} was not written", soft_wrap=True)

@@ -1,0 +1,65 @@
+"""Showing the images of videos in a recording, each in its frame."""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.cli.options import progress_bar
+from fgpose.frame_matching import NO_IMAGE
+from fgpose.sampling import nearest
+
+if TYPE_CHECKING:
+    from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+    from fgpose.monocular.detected import Detected
+    from fgpose.monocular.sources import Sources
+    from fgpose.viewer import CalibrationRecording, PeopleRecording, Recording
+
+# An image belongs to a frame of the walk if it is the nearest and no further away than this share of the usual step.
+_REACH = 0.6
+
+
+def show_images(
+    detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Recording | PeopleRecording
+) -> None:
+    """Show the images of every camera, each in its frame; the videos are decoded again."""
+    show_matched_images(detected.sources, detected.frames.image[: len(time_s)], time_s, recording)
+
+
+def show_matched_images(
+    sources: Sources,
+    image: Int[np.ndarray, "frame camera"],
+    time_s: Float[np.ndarray, " frame"],
+    recording: Recording | PeopleRecording,
+) -> None:
+    """Show the images that belong to each frame, NO_IMAGE where there is none."""
+    if not any(recording.wants_image(name, 0) for name in sources.rig.names):
+        return
+    with progress_bar("adding images", "images") as progress:
+        for c, (name, clip) in enumerate(zip(sources.rig.names, sources.clips, strict=True)):
+            frame_of = {number: frame for frame, number in enumerate(image[:, c].tolist()) if number != NO_IMAGE}
+            for picture in islice(clip.pictures(), max(frame_of, default=-1) + 1):
+                frame = frame_of.get(picture.number)
+                if frame is not None and recording.wants_image(name, frame):
+                    recording.log_image(name, frame, float(time_s[frame]), picture.image)
+                progress(c * len(image) + (frame or 0), image.size)
+        progress(image.size, image.size)
+
+
+def show_walk_images(detected: Detected, result: CalibratedFromPeople, recording: CalibrationRecording) -> None:
+    """Show a calibration, and under the joints of each frame the images that are nearest to it by the clock that was
+    found."""
+    from fgpose.pipeline import show_calibrated
+
+    show_calibrated(result, recording)
+    time_s = result.walk.time_s
+    image = np.full((len(time_s), result.rig.n_cameras), NO_IMAGE)
+    for c, camera in enumerate(result.rig.cameras):
+        taken_s = detected.people.times_s(camera.name) + camera.time_offset_s
+        number = nearest(time_s, taken_s)
+        is_near = np.abs(taken_s[number] - time_s) <= _REACH * float(np.median(np.diff(taken_s)))
+        image[is_near, c] = number[is_near]
+    show_matched_images(detected.recalibrated(result.rig).sources, image, time_s, recording)

@@ -1,0 +1,89 @@
+"""Intrinsics of single cameras as the calibration with a board leaves them: OpenCV's programs, tutorials, ROS.
+
+All store the same things under similar names: OpenCV's calibration program ``camera_matrix``,
+``distortion_coefficients``, ``image_width``, ``image_height`` and, for its fisheye model, ``fisheye_model``; ROS's
+camera_info the same with a ``distortion_model``; scripts in Python ``mtx`` and ``dist``, or ``K`` and ``D``.
+"""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fgpose.geometry.camera import LensModel
+from fgpose.io.calibration.calibrated_view import Lens, numbers
+
+# Without case and underscores, the more telling first.
+_MATRIX = ("cameramatrix", "intrinsicmatrix", "mtx", "k")
+_DISTORTION = ("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "dist", "d")
+_WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
+_SIZE = ("imagesize", "imgsize", "size", "resolution")
+_FISHEYE = ("fisheyemodel", "fisheye")
+_MODEL = ("distortionmodel",)
+# Names of OpenCV's fisheye model, and of the one of four to eight coefficients, in ROS.
+_FISHEYE_MODELS = ("equidistant", "fisheye")
+_TRUE = ("1", "true")
+
+
+def lenses(document: Mapping[str, Any], name: str) -> list[Lens]:
+    """The cameras of a document: one, or a table for each.
+
+    Args:
+        document: nested tables with numbers, texts of numbers, arrays, or matrices as OpenCV writes them.
+        name: of the camera where the document has one.
+
+    Raises:
+        ValueError: it has no camera matrix, or a camera is incomplete; the message names it.
+    """
+    if _value(document, _MATRIX) is not None:
+        return [_lens(document, name)]
+    tables = {str(key): table for key, table in document.items() if isinstance(table, Mapping)}
+    found = [_lens(table, key) for key, table in tables.items() if _value(table, _MATRIX) is not None]
+    if not found:
+        raise ValueError("no intrinsics in it: camera_matrix and distortion_coefficients are missing")
+    return found
+
+
+def _lens(table: Mapping[str, Any], name: str) -> Lens:
+    K = numbers(name, "the camera matrix", _numbers(_value(table, _MATRIX), name), 3, 3)
+    coefficients = _value(table, _DISTORTION)
+    distortion = np.zeros(0)
+    if coefficients is not None:
+        distortion = numbers(name, "the distortion", _numbers(coefficients, name)).ravel()
+    model, fisheye = str(_value(table, _MODEL)).casefold(), str(_value(table, _FISHEYE)).casefold()
+    lens: LensModel = "fisheye" if model in _FISHEYE_MODELS or fisheye in _TRUE else "pinhole"
+    return Lens(name, K, distortion, _size_px(table, name), lens)
+
+
+def _size_px(table: Mapping[str, Any], name: str) -> tuple[int, int] | None:
+    size = _value(table, _SIZE)
+    if size is None:
+        sides = _value(table, _WIDTH), _value(table, _HEIGHT)
+        size = None if None in sides else list(sides)
+    if size is None:
+        return None
+    width, height = numbers(name, "the image size", _numbers(size, name), 2)
+    return round(width), round(height)
+
+
+def _value(table: Mapping[str, Any], names: tuple[str, ...]) -> Any:
+    """Of the first of the names that the table has; None if it has none."""
+    plain = {str(key).replace("_", "").casefold(): value for key, value in table.items()}
+    return next((plain[name] for name in names if name in plain), None)
+
+
+def _numbers(value: Any, name: str) -> Any:
+    """Lists of numbers, from lists, arrays, texts or OpenCV's matrices."""
+    if isinstance(value, Mapping):
+        return _numbers(value.get("data"), name)
+    if isinstance(value, np.ndarray):
+        return value
+    if isinstance(value, list):
+        return [_numbers(each, name) for each in value]
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"camera {name}: {reprlib.repr(value)} is not a number") from None

@@ -1,0 +1,165 @@
+"""Keypoints of cameras that are not calibrated yet, and what they tell of the size of the images."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.io.camera_names import match_cameras
+from fgpose.io.keypoints import live_files, people_files, recording_files
+from fgpose.io.keypoints.keypoint_files import Points3dUnit, keypoint_cameras, load_people
+from fgpose.people import PeopleObservations
+from fgpose.skeleton import Skeleton
+
+# Of videos, upright or not. Rarer ones between them would be taken where somebody stays near the middle.
+_USUAL_SIZES_PX = ((640, 480), (1280, 720), (1920, 1080), (2704, 1520), (3840, 2160), (5312, 2988))
+_OUTLIERS = 0.005
+"""Share of the joints that may lie further out."""
+_BEYOND = 0.05
+"""By this share of the image's side joints that are out of sight may lie beyond it, as detectors put them."""
+# Somebody who walks through a room is seen nearly everywhere in some camera.
+_FILLED = 0.55
+
+
+def load_uncalibrated(
+    path: str | Path,
+    skeleton: str | Path | Skeleton,
+    *,
+    fps: float | None = None,
+    points3d_unit: Points3dUnit = "mm",
+    cameras: tuple[str, ...] = (),
+) -> PeopleObservations:
+    """Everybody in keypoints of any format that load_people reads, of cameras without a calibration.
+
+    Cameras have the names that the keypoints give them, without ``_json``. Per-view 3D is in the frame of each camera.
+    That of fgpose's own files is in the world frame of a calibration that is not known here: it is left out.
+
+    Args:
+        path: the folder or file.
+        skeleton: what the keypoints are.
+        fps: frames per second, see load_people.
+        points3d_unit: of per-view 3D.
+        cameras: use only these, in this order.
+
+    Warns:
+        UserWarning: per-view 3D was left out.
+
+    Raises:
+        ValueError: as load_people; there are fewer than two cameras.
+        OSError: a file cannot be read.
+    """
+    path = Path(path)
+    names = tuple(re.sub(r"_json$", "", name, flags=re.IGNORECASE) for name in keypoint_cameras(path))
+    if len(cameras or names) < 2:
+        raise ValueError(f"{path}: one camera ({', '.join(cameras or names)}) cannot be calibrated; two are needed")
+    match_cameras(names, names)
+    # Of the rig only the names and the poses, the identity, are used.
+    rig = guessed_intrinsics(names, [(1, 1)] * len(names))
+    people = load_people(path, rig, skeleton, fps=fps, points3d_unit=points3d_unit)
+    if _is_own(path) and any(image.points3d_m is not None for image in people.images):
+        warnings.warn(f"{path}: its per-view 3D is in the world of another calibration, and not used", stacklevel=2)
+        people = _without_3d(people)
+    return people.subset(cameras) if cameras else people
+
+
+def _is_own(path: Path) -> bool:
+    if path.is_dir():
+        return False
+    return people_files.is_people(path) or recording_files.is_recording(path) or live_files.is_live(path)
+
+
+def _without_3d(people: PeopleObservations) -> PeopleObservations:
+    images = (replace(image, points3d_m=None, covariance3d_m2=None) for image in people.images)
+    return replace(people, images=tuple(images))
+
+
+def extents_px(people: PeopleObservations) -> Float[np.ndarray, "camera 2"]:
+    """How far to the right and down each camera saw joints, but for half a per cent; NaN for one that saw nobody."""
+    extents = np.full((len(people.camera_names), 2), np.nan)
+    for c, name in enumerate(people.camera_names):
+        points_px = np.concatenate([np.zeros((0, 2)), *(i.points2d_px.reshape(-1, 2) for i in people.by_camera[name])])
+        known = points_px[np.isfinite(points_px).all(axis=1)]
+        if len(known):
+            extents[c] = np.quantile(known, 1 - _OUTLIERS, axis=0)
+    return extents
+
+
+def likely_sizes_px(people: PeopleObservations) -> tuple[tuple[int, int], ...]:
+    """The size of each camera's images, where no file says it: the smallest usual one in which the joints of all
+    cameras are; where some seem to be upright and some not, of those of each kind.
+
+    Warns:
+        UserWarning: always; it says what was assumed.
+
+    Raises:
+        ValueError: nobody was seen, or joints are further out than in any usual image.
+    """
+    extents = extents_px(people)
+    if not np.isfinite(extents).any():
+        raise ValueError("the keypoints have no joint in any camera")
+    sizes = [_smallest_usual(np.nanmax(extents, axis=0))] * len(extents)
+    upright = extents[:, 1] > extents[:, 0]
+    of_each = {
+        each: _smallest_usual(np.nanmax(extents[upright == each], axis=0)) for each in np.unique(upright).tolist()
+    }
+    # Some upright and some lying images together would only fit into a much larger one.
+    if _area_px(sizes[0]) > max(map(_area_px, of_each.values())):
+        sizes = [of_each[each] for each in upright.tolist()]
+    assumed = ", ".join(f"{name} {w} x {h}" for name, (w, h) in zip(people.camera_names, sizes, strict=True))
+    warnings.warn(
+        f"the keypoints do not say how large the images are; from where the joints are taken to be {assumed}; "
+        "if that is wrong give --size, or intrinsics",
+        stacklevel=2,
+    )
+    return tuple(sizes)
+
+
+def _smallest_usual(extent_px: Float[np.ndarray, 2]) -> tuple[int, int]:
+    fitting = [
+        size
+        for long, short in _USUAL_SIZES_PX
+        for size in ((long, short), (short, long))
+        if (extent_px <= np.array(size) * (1 + _BEYOND)).all()
+    ]
+    if not fitting:
+        x, y = extent_px
+        raise ValueError(
+            f"joints reach to ({x:.0f}, {y:.0f}) px, further than in images of any usual size; give --size"
+        )
+    return min(fitting, key=_area_px)
+
+
+def _area_px(size_px: tuple[int, int]) -> int:
+    return size_px[0] * size_px[1]
+
+
+def check_sizes(people: PeopleObservations, rig: CameraRig) -> None:
+    """Compare where joints were seen with the size of the images that the intrinsics are for.
+
+    Warns:
+        UserWarning: no camera saw anybody in the right or the lower half: the keypoints may be of smaller images.
+
+    Raises:
+        ValueError: a camera saw joints far beyond its image; the message names it.
+    """
+    extents, sizes = extents_px(people), np.array([camera.size_px for camera in rig.cameras])
+    for camera, extent in zip(rig.cameras, extents, strict=True):
+        if (extent > np.array(camera.size_px) * (1 + _BEYOND)).any():
+            raise ValueError(
+                f"camera {camera.name}: joints reach to ({extent[0]:.0f}, {extent[1]:.0f}) px, but the intrinsics are "
+                f"for images of {camera.size_px[0]} x {camera.size_px[1]}; give the size of the images (--size)"
+            )
+    filled = extents / sizes
+    if np.isfinite(filled).any() and np.nanmax(filled) < _FILLED:
+        warnings.warn(
+            f"no camera saw a joint beyond {100 * np.nanmax(filled):.0f} % of its image's sides; if the keypoints are "
+            "of smaller images than the intrinsics, give their size (--size)",
+            stacklevel=2,
+        )

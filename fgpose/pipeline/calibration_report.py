@@ -1,0 +1,96 @@
+"""What a calibration from people found, as figures and in words: for the command line and for the viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+
+_GRADES = {
+    Grade.GOOD: "good",
+    Grade.COARSE: "coarse: good enough to begin from, not to measure with",
+    Grade.FAILED: "failed: no rig is written",
+}
+
+
+def camera_rows(result: CalibratedFromPeople) -> dict[str, list[str]]:
+    """By quantity, one value for each camera: place, direction, focal length and start, each with its standard
+    deviation, the joints that were used, and what they are off by."""
+    rig, sigmas = result.rig, result.sigmas
+    position_m = np.stack([camera.position_m for camera in rig.cameras])
+    forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
+    used = np.isfinite(result.residual_px)
+    rows = {f"place {axis} [m]": _texts(position_m[:, a], 2) for a, axis in enumerate("xyz")}
+    rows["  ± [mm]"] = _texts(1000 * sigmas.position_m, 0)
+    rows["looks towards [deg from x]"] = _texts(np.rad2deg(np.arctan2(forward[:, 1], forward[:, 0])), 1)
+    rows["looks up [deg]"] = _texts(np.rad2deg(np.arcsin(np.clip(forward[:, 2], -1, 1))), 1)
+    rows["  ± [deg]"] = _texts(sigmas.direction_deg, 2)
+    rows["focal length [px]"] = _texts(rig.focal_px, 0)
+    rows["  ± [%]"] = _texts_unless_given(100 * sigmas.focal, 1)
+    rows["start [s]"] = _texts(rig.time_offsets_s, 3)
+    rows["  ± [ms]"] = _texts_unless_given(1000 * sigmas.offset_s, 1)
+    rows["joints used"] = [str(n) for n in used.sum(axis=(0, 2)).tolist()]
+    rows["residual, median [px]"] = _texts(np.array([_median(each) for each in result.residual_px.swapaxes(0, 1)]), 1)
+    return rows
+
+
+def summary(result: CalibratedFromPeople) -> list[str]:
+    """The walk, the scale, the vertical and the floor, each with its standard deviation, in sentences."""
+    time_s, sigmas = result.walk.time_s, result.sigmas
+    known = result.joints_m[np.isfinite(result.joints_m).all(axis=-1)]
+    lines = []
+    if len(known):
+        # A few joints that are far off would make a large room of a small one.
+        low, high = np.quantile(known, [0.01, 0.99], axis=0)
+        x, y, z = (high - low).tolist()
+        lines.append(
+            f"The walk: {len(time_s)} frames in {time_s[-1] - time_s[0]:.1f} s; it covered {x:.1f} x {y:.1f} m of the "
+            f"floor, up to {z:.1f} m above its lowest point. Outside, the calibration is extrapolated."
+        )
+    lines.append(
+        f"Scale from {result.scale_from}, ± {100 * sigmas.scale:.1f} %; vertical ± {sigmas.vertical_deg:.1f} deg; "
+        f"floor ± {1000 * sigmas.floor_m:.0f} mm."
+    )
+    return lines
+
+
+def verdict(findings: Sequence[Finding], grade: Grade) -> list[str]:
+    """The verdict, and each reason with what helps; the gravest first."""
+    ordered = sorted(findings, key=lambda finding: -list(Grade).index(finding.grade))
+    return [f"Verdict: {_GRADES[grade]}.", *map(_sentence, ordered)]
+
+
+def _sentence(finding: Finding) -> str:
+    whose = f"camera {finding.camera}" if finding.camera else "all cameras"
+    remedy = f" Remedy: {finding.remedy}." if finding.remedy else ""
+    return f"- {finding.grade.value}, {whose}: {finding.reason}.{remedy}"
+
+
+def markdown(result: CalibratedFromPeople) -> str:
+    """The same as one page."""
+    names = result.rig.names
+    table = [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
+    table += [f"| {quantity.strip()} | {' | '.join(values)} |" for quantity, values in camera_rows(result).items()]
+    first, *reasons = verdict(result.findings, result.grade)
+    return "\n".join([f"**{first}**", "", *reasons, "", *_spaced(summary(result)), *table])
+
+
+def _spaced(lines: Iterable[str]) -> list[str]:
+    return [each for line in lines for each in (line, "")]
+
+
+def _texts(values: np.ndarray, digits: int) -> list[str]:
+    return ["-" if np.isnan(value) else f"{value:.{digits}f}" for value in values.tolist()]
+
+
+def _texts_unless_given(values: np.ndarray, digits: int) -> list[str]:
+    return [
+        "given" if value == 0 else text for value, text in zip(values.tolist(), _texts(values, digits), strict=True)
+    ]
+
+
+def _median(residual_px: np.ndarray) -> float:
+    known = residual_px[np.isfinite(residual_px)]
+    return float(np.median(known)) if known.size else np.nan

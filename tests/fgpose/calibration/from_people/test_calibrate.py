@@ -1,0 +1,123 @@
+"""The whole chain, from uncalibrated cameras to a rig with a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.assessment import rigs
+from fgpose.calibration.from_people.calibrate import Parts, calibrate
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
+from fgpose.geometry.camera import CameraRig
+from fgpose.synthetic import Clocks, WalkScene, film, find_studio, stature_m, walkers
+
+DURATION_S = 15.0
+
+
+@cache
+def scene(behaviour: str = "walks", max_start_s: float = 0.0, focal_guess: float | None = None) -> WalkScene:
+    """Of four cameras around a walker, with biased detections."""
+    studio = find_studio("equal_4" if focal_guess else "ring_4")
+    motion = walkers(studio.floor_m, DURATION_S + max_start_s, 3, behaviour=behaviour)
+    clocks = Clocks(max_start_s=max_start_s) if max_start_s else None
+    return film(motion, studio.rig, 3, clocks=clocks, focal_guess=focal_guess)
+
+
+def calibrated(of: WalkScene, intrinsics: CameraRig | None = None, **options: object) -> CalibratedFromPeople:
+    stature = stature_m(of.motion.truth_m[0], of.motion.skeleton)
+    given: dict = {"stature_m": stature, "synchronised": True, **options}
+    return calibrate(of.observations, intrinsics or of.intrinsics, **given)
+
+
+@pytest.mark.slow
+def test_synchronised_cameras_of_known_lenses() -> None:
+    of, progress = scene(), list[tuple[int, int]]()
+    found = calibrated(of, progress=lambda done, of_all: progress.append((done, of_all)))
+    assert found.grade is Grade.GOOD
+    # Half a minute of a walker gives 5 to 20 mm and 0.1 to 0.5 degrees; this is half of that.
+    assert rigs.position_errors_m(found.rig, of.rig).max() < 0.06
+    assert max(rigs.rotation_errors_deg(found.rig, of.rig)) < 1.5
+    assert abs(rigs.scale_error(found.rig, of.rig)) < 0.03
+    assert rigs.vertical_error_deg(found.rig, of.rig) < 1.5
+    assert found.scale_from.startswith("stature")
+    first = found.rig.cameras[0]
+    np.testing.assert_allclose(first.position_m[:2], 0.0, atol=1e-9)
+    assert first.world_T_camera[0, 2] > 0
+    assert abs(first.world_T_camera[1, 2]) < 1e-9
+    assert np.nanmin(found.joints_m[..., 2]) == pytest.approx(0.0, abs=0.15)  # feet are on the floor
+    assert progress == [(n, 7) for n in range(1, 8)]
+
+
+@pytest.mark.slow
+def test_videos_that_begin_seconds_apart() -> None:
+    of = scene(max_start_s=5.0)
+    found = calibrated(of, synchronised=False)
+    assert found.grade is not Grade.FAILED
+    # A third of an image at 30 Hz; the starts are seconds apart.
+    assert np.abs(of.rig.time_offsets_s).max() > 0.5
+    assert np.abs(rigs.start_errors_s(found.rig, of.rig)).max() < 0.011
+    assert rigs.position_errors_m(found.rig, of.rig).max() < 0.06
+
+
+@pytest.mark.slow
+def test_one_unknown_focal_length() -> None:
+    of = scene(focal_guess=1.3)
+    found = calibrated(of, focal="shared")
+    assert found.grade is not Grade.FAILED
+    assert np.abs(rigs.focal_errors(found.rig, of.rig)).max() < 0.03  # from 30 % off
+    assert (found.sigmas.focal > 0).all()
+
+
+@pytest.mark.slow
+def test_a_distance_gives_the_scale() -> None:
+    of = scene()
+    a, b = of.rig.cameras[0], of.rig.cameras[2]
+    distance_m = float(np.linalg.norm(a.position_m - b.position_m))
+    found = calibrated(of, stature_m=None, distances=[(a.name, b.name, distance_m)])
+    assert abs(rigs.scale_error(found.rig, of.rig)) < 0.01
+    known_m = np.linalg.norm(found.rig.cameras[0].position_m - found.rig.cameras[2].position_m)
+    assert known_m == pytest.approx(distance_m, rel=0.01)
+
+
+@pytest.mark.slow
+def test_a_k_of_another_resolution_is_named() -> None:
+    of = scene()
+    wrong = of.intrinsics.cameras[1].K.copy()
+    wrong[:2, :2] *= 0.5
+    cameras = list(of.intrinsics.cameras)
+    cameras[1] = replace(cameras[1], K=wrong)
+    found = calibrated(of, CameraRig(tuple(cameras)))
+    assert found.grade is not Grade.GOOD
+    assert cameras[1].name in {finding.camera for finding in found.findings}
+
+
+@pytest.mark.slow
+def test_somebody_who_stands_still_does_not_make_a_good_calibration() -> None:
+    found = calibrated(scene("stands"))
+    assert found.grade is not Grade.GOOD
+    assert any("one place" in finding.reason for finding in found.findings)
+
+
+@pytest.mark.slow
+def test_parts_can_be_left_out() -> None:
+    of = scene()
+    whole, without = calibrated(of), calibrated(of, parts=Parts(bias=False, referee=False))
+    assert not np.allclose(whole.rig.projection_matrices, without.rig.projection_matrices)
+    assert rigs.position_errors_m(without.rig, of.rig).max() < 0.1
+
+
+def test_one_camera_is_refused() -> None:
+    of = scene()
+    name = of.rig.names[0]
+    with pytest.raises(ValueError, match="at least two cameras"):
+        calibrate(of.observations.subset([name]), of.intrinsics.subset([name]))
+
+
+def test_cameras_must_be_those_of_the_intrinsics() -> None:
+    of = scene()
+    with pytest.raises(ValueError, match="camera"):
+        fgpose.calibrate(of.observations, of.intrinsics.subset(of.rig.names[:2]))

@@ -1,0 +1,235 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import gtsam
+import numpy as np
+import pytest
+from adjusted_rigs import adjusted, moved, rig_errors
+
+from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
+from fgpose.calibration.from_people.coverage import Coverage
+from fgpose.calibration.from_people.grounds import Grounds, gather
+from fgpose.calibration.from_people.metric import to_metric
+from fgpose.calibration.from_people.verdict import (
+    findings,
+    focal_undetermined,
+    focal_wrong,
+    halves_disagree,
+    mirrors,
+    nobody_checks,
+    nobody_upright,
+    poorly_covered,
+    recording_too_short,
+    start_uncertain,
+    twisted,
+    uncertain,
+    worst_camera,
+)
+
+NAMES = ("a", "b", "c")
+NO_CAMERA = np.zeros(4, dtype=bool)
+NOBODY = np.zeros(3, dtype=bool)
+
+
+def each(*values: float) -> np.ndarray:
+    return np.array(values, dtype=float)
+
+
+def well_covered() -> Coverage:
+    return Coverage(
+        common_share=0.5,
+        area_m2=8.0,
+        box_m=np.array([[-2.0, -2.0, 0.0], [2.0, 2.0, 1.8]]),
+        near_m=np.full(3, 2.5),
+        far_m=np.full(3, 6.0),
+        image_share=np.full(3, 0.6),
+        along_m=np.full(3, 1.2),
+        across_m=np.full(3, 0.8),
+        seen_s=np.full(3, 25.0),
+    )
+
+
+def good() -> Grounds:
+    sigmas = CameraSigmas(
+        np.full(3, 0.03), np.full(3, 0.5), np.zeros(3), np.full(3, 0.002), scale=0.01, vertical_deg=0.5, floor_m=0.01
+    )
+    certain = np.ones(3, dtype=bool)
+    return Grounds(
+        camera_names=NAMES,
+        sigmas=sigmas,
+        distance_m=np.full(3, 4.0),
+        third_view_mrad=np.full(3, 7.0),
+        referee_deg=np.full(3, 8.0),
+        halves_deg=np.full(3, 0.8),
+        halves_m=np.full(3, 0.05),
+        coverage=well_covered(),
+        focal_estimated=~certain,
+        start_certain=certain,
+        mirrored=~certain,
+        handedness=0.9,
+        upright=0.95,
+        camera_tilt_deg=15.0,
+        duration_s=28.0,
+    )
+
+
+def test_nothing_speaks_against_a_good_calibration() -> None:
+    assert findings(good()) == ()
+
+
+def test_the_gravest_comes_first() -> None:
+    grounds = replace(good(), duration_s=1.0, mirrored=np.array([False, True, False]))
+    assert [finding.grade for finding in findings(grounds)] == [Grade.FAILED, Grade.COARSE]
+
+
+@pytest.mark.parametrize(
+    ("change", "camera", "grade", "words"),
+    [
+        ({"third_view_mrad": each(7, 16, 7)}, "b", Grade.FAILED, "16 mrad"),
+        ({"referee_deg": each(7, 8, 40)}, "c", Grade.FAILED, "40 degrees"),
+        ({"halves_deg": each(10, 1, 1)}, "a", Grade.FAILED, "10.0 degrees"),
+        ({"halves_m": each(0.1, 0.3, 0.1)}, "b", Grade.COARSE, "8%"),
+        ({"start_certain": np.array([True, False, True])}, "b", Grade.COARSE, "start is not certain"),
+        ({"handedness": -0.8}, "", Grade.FAILED, "inside out"),
+        ({"upright": 0.2}, "", Grade.COARSE, "20%"),
+        ({"camera_tilt_deg": 85.0}, "", Grade.COARSE, "85 degrees"),
+        ({"duration_s": 1.0}, "", Grade.COARSE, "1.0 s"),
+        ({"of_scale": (Finding("", Grade.COARSE, "a wrong stature", ""),)}, "", Grade.COARSE, "stature"),
+    ],
+)
+def test_each_of_the_grounds_has_its_finding(change: dict, camera: str, grade: Grade, words: str) -> None:
+    (finding,) = findings(replace(good(), **change))
+    assert (finding.camera, finding.grade) == (camera, grade)
+    assert words in finding.reason
+    assert finding.remedy or change.keys() == {"of_scale"}
+
+
+def test_a_camera_that_is_worse_than_the_others_stands_out() -> None:
+    assert not worst_camera(NAMES, each(1, 1, 8))  # 8 mrad are usual, if the others are good by chance
+    assert not worst_camera(NAMES, each(7, 7, 9))
+    (finding,) = worst_camera(NAMES, each(3, 3, 12))
+    assert (finding.camera, finding.grade) == ("c", Grade.FAILED)
+    (finding,) = worst_camera(NAMES, each(7, 7, 12))
+    assert (finding.camera, finding.grade) == ("c", Grade.COARSE)
+
+
+def test_a_camera_that_nobody_can_judge_is_coarse() -> None:
+    (finding,) = worst_camera(NAMES, each(np.nan, 5, 5))
+    assert (finding.camera, finding.grade) == ("a", Grade.COARSE)
+
+
+def test_two_grades_of_a_twist() -> None:
+    graded = {finding.camera: finding.grade for finding in twisted(NAMES, each(10, 18, 50))}
+    assert graded == {"b": Grade.COARSE, "c": Grade.FAILED}
+    assert not twisted(NAMES, each(np.nan, np.nan, np.nan))  # no 3D
+
+
+def test_rotation_and_place_are_one_finding_a_camera() -> None:
+    (finding,) = halves_disagree(NAMES, each(4, 0, 0), each(0.2, 0, 0))
+    assert finding.grade is Grade.FAILED
+    assert "place" in finding.reason
+    (finding,) = uncertain(NAMES, each(0.3, 5, 0.3), each(0.01, 0.04, 0.01))
+    assert (finding.camera, finding.grade) == ("b", Grade.FAILED)
+
+
+def test_a_focal_length_needs_depth() -> None:
+    estimated, ratio = np.array([True, True, False]), each(1.2, 2.5, 1.2)
+    (finding,) = focal_undetermined(NAMES, estimated, each(0.01, 0.01, 0.0), ratio)
+    assert finding.camera == "a"
+    assert "walk towards it" in finding.remedy
+    (finding,) = focal_undetermined(NAMES, estimated, each(0.2, 0.01, 0.0), ratio)
+    assert finding.grade is Grade.FAILED
+    assert "not determined" in finding.reason
+
+
+def test_how_a_camera_saw_the_walk() -> None:
+    coverage = replace(
+        well_covered(), along_m=each(0.1, 1.0, 1.0), across_m=each(0.05, 0.05, 1.0), image_share=each(0.1, 0.5, 0.1)
+    )
+    found = {finding.camera: finding.reason for finding in poorly_covered(NAMES, coverage, NOBODY)}
+    assert "one place" in found["a"]
+    assert "one line" in found["b"]
+    assert "10% of its image" in found["c"]
+    unseen = replace(well_covered(), seen_s=each(0, 20, 20), along_m=each(np.nan, 1, 1))
+    assert [f.reason for f in poorly_covered(NAMES, unseen, NOBODY)] == ["it saw the person for 0.0 s only"]
+
+
+def test_a_line_does_not_matter_where_the_camera_is_certain() -> None:
+    line, place = replace(well_covered(), across_m=np.zeros(3)), replace(well_covered(), along_m=np.zeros(3))
+    assert not poorly_covered(NAMES, line, ~NOBODY)
+    assert poorly_covered(NAMES, place, ~NOBODY)
+    grounds = replace(good(), coverage=line)
+    assert not findings(grounds)
+    sigmas = replace(grounds.sigmas, direction_deg=each(0.5, 0.5, 1.2))
+    (finding,) = findings(replace(grounds, sigmas=sigmas))
+    assert (finding.camera, finding.reason) == ("c", "it saw the person on one line only")
+
+
+def test_what_holds_for_all_cameras_is_said_once() -> None:
+    (finding,) = poorly_covered(NAMES, replace(well_covered(), along_m=np.zeros(3)), NOBODY)
+    assert (finding.camera, finding.reason) == ("", "every camera saw the person in one place only")
+
+
+def test_a_focal_length_that_the_images_contradict() -> None:
+    change, sigma = each(0.4, -0.25, 0.4), each(0.02, 0.02, 0.2)
+    graded = {finding.camera: finding.grade for finding in focal_wrong(NAMES, change, sigma)}
+    assert graded == {"a": Grade.FAILED, "b": Grade.COARSE}
+    assert not focal_wrong(NAMES, None, None)
+    assert len(findings(replace(good(), focal_change=change, focal_change_sigma=sigma))) == 2
+
+
+def test_two_cameras_are_coarse() -> None:
+    (finding,) = nobody_checks(2)
+    assert finding.grade is Grade.COARSE
+    assert "third" in finding.remedy
+
+
+def test_criteria_that_hold_say_nothing() -> None:
+    assert not start_uncertain(NAMES, np.ones(3, dtype=bool))
+    assert not mirrors(NAMES, np.zeros(3, dtype=bool), 0.0)
+    assert not recording_too_short(30.0)
+    assert not nobody_checks(3)
+    assert not nobody_upright(0.9, 10.0)
+
+
+def test_a_walker_gives_a_good_verdict() -> None:
+    # The whole way from what an adjustment gives, at 20 mm of error; halves with as much.
+    case = adjusted(seed=2)
+    found = to_metric(case.walk, case.rig, case.joints_m, stature_m=1.7)
+    rng = np.random.default_rng(0)
+    first, second = (moved(found.rig, rig_errors(found.rig, 0.02, rng)) for _ in range(2))
+    grounds = gather(
+        case.walk, found, four_sigmas(), (first, second), np.arange(len(case.truth_m)) % 2 == 0, NO_CAMERA, ~NO_CAMERA
+    )
+    assert findings(grounds) == ()
+    assert grounds.duration_s == pytest.approx(30.0, abs=0.1)
+    assert grounds.distance_m == pytest.approx(4.5, rel=0.2)
+    assert grounds.camera_tilt_deg < 20  # the cameras look down by 10 degrees, all towards the middle
+    assert np.isnan(grounds.referee_deg).all()  # no 3D
+
+
+def test_a_camera_that_was_bumped_in_the_middle_fails() -> None:
+    case = adjusted(seed=2)
+    bumped = rig_errors(case.rig, 0.0, np.random.default_rng(0))
+    bumped[1, 1] += np.deg2rad(6.0)
+    found = to_metric(case.walk, moved(case.rig, bumped), case.joints_m, stature_m=1.7)
+    grounds = gather(
+        case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, NO_CAMERA, ~NO_CAMERA
+    )
+    assert {(finding.camera, finding.grade) for finding in findings(grounds)} >= {("ring_1", Grade.FAILED)}
+    assert np.isnan(grounds.halves_deg).all()
+
+
+def four_sigmas() -> CameraSigmas:
+    return CameraSigmas(
+        np.full(4, 0.02), np.full(4, 0.3), np.zeros(4), np.zeros(4), scale=0.01, vertical_deg=0.5, floor_m=0.01
+    )
+
+
+def test_somebody_who_lies_is_not_the_vertical() -> None:
+    case = adjusted(10.0, 3)
+    lying = case.joints_m @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
+    found = to_metric(case.walk, case.rig, lying, stature_m=1.7)
+    grounds = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), NO_CAMERA, ~NO_CAMERA)
+    assert any("lies" in finding.reason for finding in findings(grounds))
