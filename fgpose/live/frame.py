@@ -41,16 +41,16 @@ class CameraStatus:
     clock_offset_s: float | None = None
     """What is added to the stamps of its images to get Unix time; None: they have none, or it is not known yet."""
     clock_sigma_s: float | None = None
-    motion_offset_s: float | None = None
-    """By how much later than these times say its images are taken, as the motion of those who are seen tells; relative
-    to the cameras whose times are known best. None: it has told nothing yet, or the times are this computer's."""
-    motion_sigma_s: float | None = None
     n_images: int = 0
     """That have arrived."""
     n_used: int = 0
     """Whose detections entered the estimate."""
     n_lost: int = 0
     """Whose detections were too old when they were there, or in whose pictures a fault is seen."""
+    motion_offset_s: float | None = None
+    """By how much later than the times of its images say they are taken, as the motion of those who are seen tells; relative
+    to the cameras whose times are known best. None: it has told nothing yet, or the times are this computer's."""
+    motion_sigma_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from fgpose.benchmark.calibration.report import write_report
 from fgpose.benchmark.calibration.scores import MOST_SIGMAS, CalibrationScore, score_calibration
 from fgpose.benchmark.calibration.variants import find_variant, record
 from fgpose.benchmark.scores import load_scores, save_scores
+from fgpose.calibration.from_people.calibrate import Parts
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CameraSigmas, Finding, Grade
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import PeopleObservations
@@ -145,7 +146,7 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
         seen.update(given, people=people, intrinsics=intrinsics)
         return calibrated(recording.rig, recording, Finding("cam_2", Grade.COARSE, "seen on one line", "walk across"))
 
-    found = Chain({"bones": False}, stand_in)(recording)
+    found = Chain(Parts(bones=True), stand_in)(recording)
     assert seen == {
         "people": recording.people,
         "intrinsics": recording.intrinsics,
@@ -153,7 +154,7 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
         "stature_m": recording.given.stature_m,
         "distances": (),
         "synchronised": True,
-        "bones": False,
+        "parts": Parts(bones=True),
     }
     assert (found.rig, found.outcome, found.reasons) == (recording.rig, "coarse", ("cam_2: seen on one line",))
     assert score_calibration(recording, found, OURS).is_right

@@ -76,6 +76,7 @@ def check_people(message: Any, sequence: int) -> None:
     ok, lost = message.cameras
     assert (ok.name, ok.state, ok.rate, ok.n_images, ok.n_used, ok.n_lost) == ("cam_1", "ok", 30.0, 90, 88, 1)
     assert (ok.image_age, ok.clock_offset, ok.clock_sigma) == (pytest.approx(0.04, abs=1e-6), 0.012, 0.001)
+    assert np.isnan([ok.motion_offset, ok.motion_sigma]).all()
     assert (lost.state, lost.reason) == ("lost", "no image for 3 s")
     assert np.isnan([lost.image_age, lost.clock_offset, lost.clock_sigma]).all()
 
