@@ -48,7 +48,7 @@ class CameraStatus:
     n_lost: int = 0
     """Whose detections were too old when they were there, or in whose pictures a fault is seen."""
     motion_offset_s: float | None = None
-    """By how much later than the times of its images say they are taken, as the motion of those who are seen tells; relative
+    """By how much later than their times say its images are taken, as the motion of those who are seen tells; relative
     to the cameras whose times are known best. None: it has told nothing yet, or the times are this computer's."""
     motion_sigma_s: float | None = None
 
