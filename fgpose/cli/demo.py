@@ -107,6 +107,8 @@ class Demo:
             intrinsics=folder / "calibration" / "Calib.qca.txt",
             output=rig,
             frames=self.frames,
+            # 1.7 s are too short to find when videos begin.
+            synchronised=True,
         ).run()
         scene = rig.with_suffix(".rrd")
         lines = [
