@@ -206,6 +206,8 @@ class Soak:
         elif kind == "estimator" and (others := tracker._estimators._others):
             self._process_id = others[0].process_id
             os.kill(self._process_id, signal.SIGKILL)
+            # Until it has ended takes real time, in which simulated seconds pass.
+            os.waitid(os.P_PID, self._process_id, os.WEXITED | os.WNOWAIT)
 
     def _is_mended(self, kind: str) -> bool:
         if kind == "tracker":
