@@ -60,7 +60,6 @@ _ALL = Parts()
 _STEPS = 7
 _HELD_M, _BONE_M = 1e-6, 0.04  # standard deviations
 _INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
-_CHECKS_FOCAL = 3  # two cameras cannot tell a focal length
 _LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
 
@@ -126,9 +125,9 @@ def calibrate(
     measured = [MeasuredDistance(*distance) for distance in distances]
     metric = to_metric(walk, adjusted.rig, joints, stature_m, measured, _of_positions(adjusted))
     told()
-    freed = None if focal != "known" or metric.rig.n_cameras < _CHECKS_FOCAL else adjusting.freed(walk, adjusted.rig)
+    result = _judged(walk, starts, adjusted, halves, metric, focal)
     told()
-    return _judged(walk, starts, adjusted, halves, metric, freed, focal)
+    return result
 
 
 def _placed(walk: Walk, intrinsics: CameraRig, parts: Parts) -> CameraRig:
@@ -155,13 +154,6 @@ class _Adjusting:
 
     def of(self, walk: Walk, rig: CameraRig) -> Adjusted:
         return adjust(walk, rig, unknown_lenses=self.unknown_lenses, clocks=self.clocks, config=self.config)
-
-    def freed(self, walk: Walk, rig: CameraRig) -> Adjusted | None:
-        """With every focal length unknown; None where a fisheye lens is among them."""
-        if any(camera.lens == "fisheye" for camera in rig.cameras):
-            return None
-        each = tuple((c,) for c in range(rig.n_cameras))
-        return adjust(walk, rig, unknown_lenses=each, clocks=self.clocks, config=self.config)
 
     def halves(self, walk: Walk, rig: CameraRig) -> tuple[Adjusted, Adjusted] | None:
         """Of each half of the recording; None where one is too short, or shows too little."""
@@ -201,14 +193,9 @@ def _judged(
     adjusted: Adjusted,
     halves: tuple[Adjusted, Adjusted] | None,
     metric: Metric,
-    freed: Adjusted | None,
     focal: Focal,
 ) -> CalibratedFromPeople:
-    """With sigmas and verdict.
-
-    Args:
-        freed: with focal lengths that were given and are estimated all the same, where that was tried.
-    """
+    """With sigmas and verdict."""
     of_halves = None if halves is None else (_estimate(halves[0]), _estimate(halves[1]))
     whole = _estimate(adjusted).moved(metric.world_T_gauge)
     sigmas = camera_sigmas(whole, of_halves, metric.scale.sigma, metric.vertical.sigma_deg, metric.floor_sigma_m)
@@ -222,9 +209,6 @@ def _judged(
         np.full(metric.rig.n_cameras, focal != "known"),
         np.array([name not in doubtful for name in metric.rig.names]),
     )
-    if freed is not None:
-        change = np.log(freed.rig.focal_px / adjusted.rig.focal_px)
-        grounds = replace(grounds, focal_change=change, focal_change_sigma=_estimate(freed).focal_sigma)
     undistorted_px = metric.rig.undistort(walk.points2d_px)
     return CalibratedFromPeople(
         rig=_with_starts(metric.rig, starts, walk),

@@ -12,7 +12,6 @@ import pytest
 import zmq
 from test_live_tracking import scene
 
-import fgpose
 from fgpose.cli import main
 from fgpose.io.calibration import save_rig
 from fgpose.live.distance_messages import decode_distances, encode_robot
@@ -20,7 +19,9 @@ from fgpose.live.distances import LinkDistance
 from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.frame_messages import decode_frame
 from fgpose.live.keypoint_messages import encode_keypoints
+from fgpose.live.observed import volume_points_m
 from fgpose.live.recording import load_live_recording
+from fgpose.live.tracking import LiveTracking
 
 RUN_S = 4.0
 SENDS_S = 2.5
@@ -100,12 +101,13 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
 
     recording = load_live_recording(record)
     assert recording.skeleton == scene().motion.skeleton
-    tracker = fgpose.Tracker(recording.rig, recording.skeleton, recording.config)
+    tracking = LiveTracking(recording.rig, recording.skeleton, recording.config, volume_points_m(recording.rig))
     again = []
     for images in recording.updates():
-        again.append(tracker.update([image.detections for image in images if image.is_used]))
-        tracker.tidy()
-    newest = [tracked.estimate.positions_m for tracked in again[-1]]
+        again.append(tracking.track(images).people)
+        tracking.tidy()
+    tracking.close()
+    newest = [tracked.estimate.positions_m for tracked in next(people for people in reversed(again) if people)]
     published = [frame for frame in recording.frames() if frame.people]
     by_time = {frame.time_s: frame for frame in published}
     last = by_time[max(by_time)]
