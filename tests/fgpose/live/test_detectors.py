@@ -13,6 +13,7 @@ from counting_network import CountingNetwork, CountingTracker
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.cameras import LiveCameras
 from fgpose.live.detectors import Detectors
 from fgpose.live.image import ArrayPicture, Image, SourceImage
 from fgpose.live.mailbox import Mailbox
@@ -37,8 +38,8 @@ class Slow(CountingNetwork):
         return SimpleNamespace(detect=detect)
 
 
-class Cameras:
-    """Three cameras whose images are put in by hand."""
+class Cameras(LiveCameras):
+    """Three cameras whose images are put in by hand, without sources."""
 
     def __init__(self) -> None:
         self.rig: CameraRig = ring_rig(3)
@@ -59,8 +60,7 @@ class Looking:
     def __init__(self, cameras: Cameras) -> None:
         self.network, self._delivered = Slow(), list[RecordedImage]()
         self._came = threading.Condition()
-        arguments: Any = cameras, self.network, self._deliver
-        self.detectors = Detectors(*arguments, n_threads=1)
+        self.detectors = Detectors(cameras, self.network, self._deliver, n_threads=1)
 
     def times_s(self, n: int) -> list[float]:
         """When the next n images were taken at which the network is let look."""
