@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ DURATION_S = 15.0
 
 
 @cache
-def scene(behaviour: str = "walks", max_start_s: float = 0.0, focal_guess: float | None = None) -> WalkScene:
+def scene(
+    behaviour: Literal["walks", "stands"] = "walks", max_start_s: float = 0.0, focal_guess: float | None = None
+) -> WalkScene:
     """Of four cameras around a walker, with biased detections."""
     studio = find_studio("equal_4" if focal_guess else "ring_4")
     duration_s = DURATION_S if behaviour == "walks" else 6.0
