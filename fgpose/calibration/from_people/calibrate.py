@@ -109,14 +109,7 @@ def calibrate(
     told()
     placed = _placed(walk, intrinsics.subset(walk.camera_names), parts)
     told()
-    adjusting = _Adjusting(
-        _unknown_lenses(placed, focal) if parts.joint_focal else (),
-        not synchronised,
-        AdjustmentConfig(
-            bias_m=AdjustmentConfig.bias_m if parts.bias else _HELD_M,
-            bone_m=_BONE_M if parts.bones else AdjustmentConfig.bone_m,
-        ),
-    )
+    adjusting = _adjusting(placed, focal, parts, clocks=not synchronised)
     adjusted = adjusting.of(walk, placed)
     told()
     halves = adjusting.halves(walk, adjusted.rig)
@@ -167,6 +160,14 @@ class _Adjusting:
             )
         except ValueError:
             return None
+
+
+def _adjusting(rig: CameraRig, focal: Focal, parts: Parts, *, clocks: bool) -> _Adjusting:
+    config = AdjustmentConfig(
+        bias_m=AdjustmentConfig.bias_m if parts.bias else _HELD_M,
+        bone_m=_BONE_M if parts.bones else AdjustmentConfig.bone_m,
+    )
+    return _Adjusting(_unknown_lenses(rig, focal) if parts.joint_focal else (), clocks, config)
 
 
 def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
