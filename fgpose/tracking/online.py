@@ -133,7 +133,7 @@ class Tracker:
 
     def _apply_offsets(self, time_s: float) -> None:
         """The association uses those that the estimators have learned; they change slowly."""
-        if self.config.online.estimate_time_offsets and time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
+        if self.offsets.has_told and time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             self._follower.rig, self._offsets_applied_s = self.offsets.rig(), time_s
 
     def _newest(self, images: Sequence[Detections], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Newest:
