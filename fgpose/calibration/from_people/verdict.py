@@ -14,7 +14,9 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.calibration.from_people.coverage import Coverage
+from fgpose.calibration.from_people.focal_check import FocalCheck
 from fgpose.calibration.from_people.grounds import Grounds
+from fgpose.calibration.from_people.unknowns import Groups
 
 # HumanCalib's rule, which caught 7 of 7 failures with no false alarm in 81 calibrations. Of good calibrations of
 # simulated walkers the worst camera has 4 mrad in the median and 8 at most; where one is late, 25 and more.
@@ -31,9 +33,12 @@ _SIGMA_COARSE_DEG, _SIGMA_FAILED_DEG = 1.5, 4.0
 _SIGMA_COARSE, _SIGMA_FAILED = 0.03, 0.08  # position, as a share of the distance to the person
 # A focal length that is 3 % off costs 14 mm and 0.8 degrees.
 _FOCAL_COARSE, _FOCAL_FAILED = 0.03, 0.10
-# Freed one by one, focal lengths that are right change by up to 0.16 (13 cameras of four simulated walks, with stated
-# sigmas of 0.02), those that are 0.36 off by 0.33 to 0.42; K of another resolution is 0.4 and more off.
-_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED = 3.0, 0.2, 0.3
+# A focal length that is 6 % off costs 28 mm and 1.6 degrees; K of another resolution is 30 % off and more.
+_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED = 3.0, 0.06, 0.15
+# What is known less well is not known: who stays in one place looks alike at all focal lengths.
+_KNOWN_FOCAL = 0.05
+# One wrong focal length changes those of cameras beside it by up to half as much.
+_FOCAL_TO_WORST = 0.5
 _FOCAL_DEPTH_RATIO = 1.5  # two are needed to be sure
 _LEAST_ACROSS_M, _LEAST_ALONG_M = 0.15, 0.3  # standard deviations: a line is 0.5 m wide, a place 1 m
 _LEAST_IMAGE_SHARE = 0.25
@@ -52,8 +57,8 @@ def findings(grounds: Grounds) -> tuple[Finding, ...]:
         *twisted(names, grounds.referee_deg),
         *halves_disagree(names, grounds.halves_deg, grounds.halves_m / distance_m),
         *uncertain(names, sigmas.direction_deg, sigmas.position_m / distance_m),
-        *focal_undetermined(names, grounds.focal_estimated, sigmas.focal, grounds.coverage.depth_ratio),
-        *focal_wrong(names, grounds.focal_change, grounds.focal_change_sigma),
+        *focal_undetermined(names, grounds.estimated_lenses, sigmas.focal, grounds.coverage.depth_ratio),
+        *focal_wrong(names, grounds.focal_check),
         *start_uncertain(names, grounds.start_certain),
         *poorly_covered(names, grounds.coverage, certain(sigmas.direction_deg, sigmas.position_m / distance_m)),
         *mirrors(names, grounds.mirrored, grounds.handedness),
@@ -123,35 +128,35 @@ def certain(
 
 def focal_undetermined(
     names: Sequence[str],
-    estimated: Bool[np.ndarray, " camera"],
+    estimated: Groups,
     sigma: Float[np.ndarray, " camera"],
     depth_ratio: Float[np.ndarray, " camera"],
 ) -> list[Finding]:
-    """Cameras whose focal length was estimated and is not known well; sigmas are shares of it."""
+    """Cameras whose focal length was estimated and is not known well; sigmas are shares of it. Of cameras that share a
+    lens it is enough that one saw the person near and far."""
     remedy = "walk towards it and away from it, or give its focal length"
     reason = "its focal length is not determined (known to {0:.0%})"
-    found = _graded(names, np.where(estimated, sigma, 0.0), (_FOCAL_COARSE, _FOCAL_FAILED), reason, remedy)
+    own = [c for lens in estimated for c in lens]
+    found = _graded([names[c] for c in own], sigma[own], (_FOCAL_COARSE, _FOCAL_FAILED), reason, remedy)
     flagged = {finding.camera for finding in found}
-    for name, is_estimated, ratio in zip(names, estimated.tolist(), depth_ratio.tolist(), strict=True):
-        if is_estimated and name not in flagged and not ratio >= _FOCAL_DEPTH_RATIO:
+    for lens in estimated:
+        ratio = np.max(np.nan_to_num(depth_ratio[list(lens)], nan=1.0))
+        for c in (c for c in lens if names[c] not in flagged and ratio < _FOCAL_DEPTH_RATIO):
             reason = f"its focal length hardly shows: the person was {ratio:.1f} times as far away at most as at least"
-            found.append(Finding(name, Grade.COARSE, reason, remedy))
+            found.append(Finding(names[c], Grade.COARSE, reason, remedy))
     return found
 
 
-def focal_wrong(
-    names: Sequence[str],
-    change: Float[np.ndarray, " camera"] | None,
-    sigma: Float[np.ndarray, " camera"] | None,
-) -> list[Finding]:
-    """Cameras whose given focal length the images contradict, as K of another resolution; shares of it."""
-    if change is None or sigma is None:
+def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[Finding]:
+    """Cameras whose given focal length the images contradict, as K of another resolution."""
+    if check is None:
         return []
-    clear = np.abs(change) > _WRONG_FOCAL_SIGMAS * sigma
+    known = (check.sigma < _KNOWN_FOCAL) & (np.abs(check.change) > _WRONG_FOCAL_SIGMAS * check.sigma)
+    change = np.where(known, np.abs(check.change), 0.0)
+    change = np.where(change > _FOCAL_TO_WORST * change.max(), change, 0.0)
     reason = "its focal length seems to be {0:.0%} off what was given"
     remedy = "check that K belongs to this camera and this resolution, or let the focal length be estimated"
-    values = np.where(clear, np.abs(change), 0.0)
-    return _graded(names, values, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
+    return _graded(names, change, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
 
 
 def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
