@@ -21,8 +21,9 @@ def third_view_mrad(
     """How far each camera sees the body from where the other cameras have it: median over the frames.
 
     Of each frame the part of the offsets counts that moves, turns or scales the whole body in the image: a detector
-    places every joint somewhere else, depending on the view, and a wrong camera moves them all. Two cameras have no
-    third view: there it is by how much the body is out of the epipolar planes.
+    places every joint somewhere else, depending on the view, and a wrong camera moves them all. Joints count by their
+    confidence, for those that are hidden are guessed. Two cameras have no third view: there it is by how much the body
+    is out of the epipolar planes.
 
     Args:
         undistorted_px: of frames that the calibration was not made from, where there are some: those that made it
@@ -55,17 +56,22 @@ def _left_out_mrad(
     seen, there = (px[:, left_out] - centre_px) / focal_px, (camera.project(joints_m) - centre_px) / focal_px
     known = np.asarray((np.isfinite(seen) & np.isfinite(there)).all(axis=-1))
     frames = np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS)
-    return _median_mrad(np.array([_body_offset(seen[t, known[t]], there[t, known[t]]) for t in frames]))
+    weights = confidence[:, left_out] * confidence[:, others].max(axis=1)
+    parts = ((t, known[t]) for t in frames)
+    return _median_mrad(np.array([_body_offset(seen[t, k], there[t, k], weights[t, k]) for t, k in parts]))
 
 
-def _body_offset(seen: Float[np.ndarray, "joint 2"], there: Float[np.ndarray, "joint 2"]) -> float:
+def _body_offset(
+    seen: Float[np.ndarray, "joint 2"], there: Float[np.ndarray, "joint 2"], weights: Float[np.ndarray, " joint"]
+) -> float:
     """Root mean square of what a shift, a turn and a scaling of the image move the joints by, in focal lengths: the
     least-squares similarity, whose turn and scale are one complex number."""
+    share = weights / weights.sum()
     points, offsets = seen @ _COMPLEX, (there - seen) @ _COMPLEX
-    around, shift = points - points.mean(), offsets.mean()
-    square = float(np.vdot(around, around).real)
-    grow = np.vdot(around, offsets - shift) / square if square > 0 else 0.0
-    return float(np.sqrt(np.mean(np.abs(shift + grow * around) ** 2)))
+    around, shift = points - share @ points, share @ offsets
+    square = float(share @ np.abs(around) ** 2)
+    grow = (share * around.conj()) @ (offsets - shift) / square if square > 0 else 0.0
+    return float(np.sqrt(share @ np.abs(shift + grow * around) ** 2))
 
 
 def _epipolar_mrad(px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig) -> Float[np.ndarray, " camera"]:
