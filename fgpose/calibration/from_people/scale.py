@@ -21,7 +21,7 @@ from fgpose.geometry.camera import CameraRig
 _ADULT_M, _ADULT_SIGMA = 1.70, 0.06
 # A network does not see how tall somebody is (4.5 %), and has an error of its own: BlazePose was 7.4 % off on a
 # recording with known cameras.
-_NETWORK_SIGMA = 0.06
+_NETWORK_SIGMA = float(np.hypot(0.045, 0.074))
 _DISTANCE_SIGMA = 0.005
 # Of a stature that is told: 10 mm in the course of the day and by the shoes.
 _STATURE_SIGMA_M = 0.01

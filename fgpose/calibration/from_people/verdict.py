@@ -33,8 +33,8 @@ _SIGMA_COARSE_DEG, _SIGMA_FAILED_DEG = 1.5, 4.0
 _SIGMA_COARSE, _SIGMA_FAILED = 0.03, 0.08  # position, as a share of the distance to the person
 # A focal length that is 3 % off costs 14 mm and 0.8 degrees.
 _FOCAL_COARSE, _FOCAL_FAILED = 0.03, 0.10
-# A focal length that is 6 % off costs 28 mm and 1.6 degrees; K of another resolution is 30 % off and more.
-_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED = 3.0, 0.06, 0.15
+# A focal length that is a tenth off costs 47 mm and 2.7 degrees; K of another resolution is 30 % off and more.
+_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED = 3.0, 0.1, 0.2
 # What is known less well is not known: who stays in one place looks alike at all focal lengths.
 _KNOWN_FOCAL = 0.05
 # One wrong focal length changes those of cameras beside it by up to half as much.

@@ -180,7 +180,7 @@ def test_a_focal_length_that_the_images_contradict() -> None:
     assert graded == {"a": Grade.FAILED, "b": Grade.FAILED}  # the third follows the first
     assert not focal_wrong(NAMES, None)
     assert len(findings(replace(good(), focal_check=check))) == 2
-    (finding,) = focal_wrong(NAMES, FocalCheck(each(0.02, 0.0, -0.08), each(0.01, 0.01, 0.02)))
+    (finding,) = focal_wrong(NAMES, FocalCheck(each(0.02, 0.0, -0.12), each(0.01, 0.01, 0.02)))
     assert (finding.camera, finding.grade) == ("c", Grade.COARSE)
     # Who stays in one place tells nothing of focal lengths.
     assert not focal_wrong(NAMES, FocalCheck(each(0.8, 0.5, 0.1), each(0.06, 0.1, 0.08)))
