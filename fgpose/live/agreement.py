@@ -166,7 +166,7 @@ class _Work:
     sighting: CommonSighting
 
 
-def _medians(angles: Float[np.ndarray, "row *angles"]) -> Float[np.ndarray, "*angles"]:
+def _medians(angles: Float[np.ndarray, "row *left_out camera"]) -> Float[np.ndarray, "*left_out camera"]:
     """Over the rows, of what is known; NaN where nothing is."""
     # np.nanmedian takes a millisecond for so few.
     in_order, n_known = np.sort(angles, axis=0), np.isfinite(angles).sum(axis=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -60,7 +61,7 @@ class CommonSightings:
 
     def __init__(self, rig: CameraRig) -> None:
         self._rig = rig
-        self._glimpses: dict[int, dict[str, tuple[_Glimpse, ...]]] = {}
+        self._glimpses: dict[int, dict[str, deque[_Glimpse]]] = {}
         """By person and camera, in the order of time."""
         self._at: dict[int, tuple[float, np.ndarray]] = {}
         """When and where everybody was when somebody was taken out last."""
@@ -123,9 +124,10 @@ class CommonSightings:
     ) -> None:
         visibility = person.estimate.visibility
         of_camera = None if visibility is None else visibility[self._rig.names.index(image.camera)]
-        before = self._glimpses[person.person].get(image.camera, ())
-        kept = [each for each in before if image.time_s - _REMEMBERED_S < each.image.time_s < image.time_s]
-        self._glimpses[person.person][image.camera] = (*kept, _Glimpse(image, detection, joint, of_camera))
+        kept = self._glimpses[person.person].setdefault(image.camera, deque())
+        kept.append(_Glimpse(image, detection, joint, of_camera))
+        while kept[0].image.time_s < image.time_s - _REMEMBERED_S:
+            kept.popleft()
 
     def _see_unclaimed(self, image: Detections) -> None:
         """A camera that is far off sees people where the tracker does not take them for the same. Where the others
@@ -150,7 +152,7 @@ class CommonSightings:
         at_px = camera.project(_middle_m(person))
         return bool(np.all((at_px >= 0) & (at_px < camera.size_px)))
 
-    def _now(self, number: int) -> dict[str, tuple[_Glimpse, ...]]:
+    def _now(self, number: int) -> dict[str, deque[_Glimpse]]:
         """Of the cameras that see somebody now."""
         begin_s = self._newest_s - _NOW_S
         return {name: each for name, each in self._glimpses[number].items() if each[-1].image.time_s > begin_s}
@@ -168,7 +170,7 @@ def _middle_m(person: Tracked) -> Float[np.ndarray, 3]:
 
 
 def _at_time(
-    glimpses: tuple[_Glimpse, ...], time_s: float
+    glimpses: Sequence[_Glimpse], time_s: float
 ) -> tuple[Float[np.ndarray, "joint 2"], Float[np.ndarray, " joint"]]:
     """Original pixels and confidence at a time of the camera; nothing where it is not between its images."""
     times_s = np.array([glimpse.image.time_s for glimpse in glimpses])
