@@ -67,20 +67,25 @@ def disagreement(
     known = np.isfinite(third_view_mrad)
     if known.sum() < 2:
         return None
-    worst = float(third_view_mrad[known].max())
+    camera = _odd(third_view_mrad, without_mrad, given)
+    if camera is not None:
+        return Disagreement(camera, float(third_view_mrad[camera]))
+    worst, typical = float(third_view_mrad[known].max()), float(np.median(third_view_mrad[known]))
+    return Disagreement(None, worst) if worst > given * allowed_third_view_mrad(typical) else None
+
+
+def _odd(
+    third_view_mrad: Float[np.ndarray, " camera"], without_mrad: Float[np.ndarray, "left_out camera"], given: float
+) -> int | None:
+    """The camera that is clearly wrong."""
     spoiled = np.where(np.isfinite(without_mrad).any(axis=1), np.nanmax(_or_zero(without_mrad), axis=1), np.inf)
-    spoiled[~known] = np.inf
+    spoiled[~np.isfinite(third_view_mrad)] = np.inf
     camera = int(np.argmin(spoiled))
-    if known.sum() < 3 or not np.isfinite(spoiled[camera]):
-        allowed = allowed_third_view_mrad(float(np.median(third_view_mrad[known])))
-        return Disagreement(None, worst) if worst > given * allowed else None
+    if spoiled[camera] > MAX_MRAD or _CLEARLY * spoiled[camera] >= np.delete(spoiled, camera).min():
+        return None
     rest = without_mrad[camera]
     typical = float(np.median(rest[np.isfinite(rest)]))
-    own, others = float(third_view_mrad[camera]), np.delete(spoiled, camera)
-    if own <= given * allowed_third_view_mrad(typical):
-        return None
-    is_clear = spoiled[camera] <= MAX_MRAD and _CLEARLY * spoiled[camera] < others.min()
-    return Disagreement(camera if is_clear else None, own if is_clear else worst)
+    return camera if third_view_mrad[camera] > given * allowed_third_view_mrad(typical) else None
 
 
 def _or_zero(angles: Float[np.ndarray, "left_out camera"]) -> Float[np.ndarray, "left_out camera"]:

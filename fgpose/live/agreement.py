@@ -53,6 +53,8 @@ class CameraAgreement:
         self._newest_s = self._taken_s = -np.inf
         self._parts: dict[tuple[int, ...], CameraRig] = {}
         self._said: Disagreement | None = None
+        self._n_unclear = 0
+        """Looks since which it is not clear who is wrong: at first, and while a camera moves, it is not."""
         self.faults: dict[str, str] = {}
         """By camera, in words; none where it agrees or nothing is known."""
 
@@ -126,7 +128,9 @@ class CameraAgreement:
         enough = np.isfinite(self._without_mrad).sum(axis=0) >= _FEWEST
         without_mrad = np.where(enough, _medians(self._without_mrad), np.nan)
         found = disagreement(all_mrad, without_mrad, _OVER_SHARE if self.faults else 1.0)
-        if found is not None and found.camera is None and self._n_kept < _KEPT:
+        is_unclear = found is not None and found.camera is None
+        self._n_unclear = self._n_unclear + 1 if is_unclear else 0
+        if is_unclear and self._n_unclear < _FEWEST:
             return
         if found is not None and self._said is not None and found.is_like(self._said, _OTHER_SHARE):
             return

@@ -25,6 +25,7 @@ _REMEMBERED_S = 1.0
 _SAME_S = 1e-3
 # A joint that is more probably hallucinated tells nothing of the camera.
 _SEEN = 0.5
+_ALL_OFF = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +40,13 @@ class _Glimpse:
     def seen(self) -> tuple[Float[np.ndarray, "joint 2"], Float[np.ndarray, " joint"]]:
         """Original pixels and confidence."""
         shown = self.image.of_person(self.detection, self.joint)
-        hidden = np.zeros(len(self.joint), dtype=bool) if self.visibility is None else self.visibility < _SEEN
-        return shown["points2d_px"], np.where(hidden, 0.0, shown["confidence"])
+        confidence = shown["confidence"]
+        if self.visibility is None:
+            return shown["points2d_px"], confidence
+        hidden = (self.visibility < _SEEN) & (confidence > 0)
+        # What nothing hides and is all off is a camera that was moved.
+        is_all_off = hidden.sum() > _ALL_OFF * (confidence > 0).sum()
+        return shown["points2d_px"], confidence if is_all_off else np.where(hidden, 0.0, confidence)
 
 
 @dataclass(frozen=True, eq=False)
