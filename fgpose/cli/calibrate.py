@@ -108,8 +108,11 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         inputs = [path for path in (self.recording, self.intrinsics, self.from_rig) if path is not None]
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in inputs):
             raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
-        if self.from_rig is not None and (self.intrinsics or self.focal_px or self.height or self.distance):
-            raise ValueError("--from takes lenses and scale from its rig: leave --intrinsics, --height and such out")
+        if self.from_rig is not None and self.says_anything:
+            raise ValueError(
+                "--from takes lenses, scale and clocks from its rig: leave --intrinsics, --height, --synchronised and "
+                "such out"
+            )
         if self.size is not None:
             parse_size(self.size)
         if not self.recording.exists():
@@ -128,7 +131,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             display = partial(show_walk_images, detected) if self.images else None
         else:
             people, intrinsics = self._keypoints()
-        result = self.calibrated(people, intrinsics, console)
+        result = self.calibrated(people, intrinsics, self.output, console)
         scene = self.output.with_suffix(".rrd") if self.rrd else None
         written = write_calibration(result, self.output, self.format, scene, display)
         print_calibrated(console, result, written)
@@ -139,12 +142,11 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
     def _detected(self, console: Console) -> Detected:
         """What cameras without poses saw of people."""
-        from fgpose.monocular.sources import Sources, find_clips
+        from fgpose.monocular.sources import find_clips
 
         quieten_decoder()
         clips = find_clips(self.recording, fps=self.fps, cameras=self.cameras)
-        intrinsics = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
-        return self.detect_in(Sources(intrinsics, clips), self.frames, console)
+        return self.detect_in(self.sources_of(clips, self.frames), self.frames, console)
 
     def _has_videos(self) -> bool:
         """Or keypoints. Raises ValueError if it has neither."""

@@ -176,8 +176,8 @@ def test_intrinsics_of_a_file(source: list[str], chain: Chain, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--height", "178"], "--height is in metres: 1.78, not 178"),
-        (["--height", "5"], "--height must be a stature from 0.7 to 2.5 metres, got 5"),
+        (["--height", "178"], "--height: a stature is in metres: 1.78, not 178"),
+        (["--height", "5"], "--height: a stature is from 0.7 to 2.5 metres, got 5"),
         (["--distance", "cam1", "cam9", "4.2"], "--distance: there is no camera cam9, only cam1, cam2, cam3"),
         (["--distance", "cam1", "cam1", "4.2"], "two different cameras"),
         (["--distance", "cam1", "cam2", "4200"], "more than 0 and at most 100 metres"),
@@ -189,7 +189,7 @@ def test_intrinsics_of_a_file(source: list[str], chain: Chain, tmp_path: Path) -
         (["--intrinsics", "no/such.toml"], "no/such.toml"),
         (["--intrinsics", "a.toml", "--focal-px", "1000"], "leave one of them out"),
         (["--format", "easymocap"], "easymocap is written into a folder"),
-        (["--from", "no/such.toml", "--height", "1.8"], "--from takes lenses and scale from its rig"),
+        (["--from", "no/such.toml", "--height", "1.8"], "--from takes lenses, scale and clocks from its rig"),
         (["--from", "no/such.toml"], "no/such.toml"),
         (["--skeleton", "body_25"], "body_25"),
     ],
@@ -229,7 +229,8 @@ def test_nobody_in_the_keypoints(tmp_path: Path, chain: Chain, capsys: pytest.Ca
 
 @pytest.fixture
 def network(squares_network: SquaresNetwork, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> SquaresNetwork:
-    """In place of every network."""
+    """In place of every network. The videos here are short."""
+    monkeypatch.setattr("fgpose.calibration.from_people.start_findings.SHORT_S", 0.1)
     monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("fgpose.monocular.networks.open_network", lambda *arguments, **options: squares_network)
     return squares_network
@@ -316,8 +317,8 @@ def test_run_ends_where_the_calibration_fails(
     [
         ([], "give either --rig FILE, or --calibrate"),
         (["--rig", "a.toml", "--calibrate"], "give either --rig FILE, or --calibrate"),
-        (["--rig", "a.toml", "--height", "1.8"], "go with --calibrate, not with --rig"),
-        (["--calibrate", "--height", "180"], "--height is in metres"),
+        (["--rig", "a.toml", "--height", "1.8"], "go with --calibrate, not --rig"),
+        (["--calibrate", "--height", "180"], "--height: a stature is in metres"),
         (["--calibrate", "--world-up", "y"], "has z up"),
         (["--calibrate", "--distance", "ring_0", "ring_7", "3"], "there is no camera ring_7"),
     ],

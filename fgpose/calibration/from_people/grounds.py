@@ -17,6 +17,7 @@ from fgpose.calibration.from_people.metric import Metric
 from fgpose.calibration.from_people.sigmas import disagreement
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.intrinsics import is_of_another_size
 
 _SEEN_JOINTS = 0.25  # share of the joints with which somebody counts as seen
 _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less than all frames
@@ -56,6 +57,8 @@ class Grounds:
     """By how much of it the given focal lengths would change if they were estimated, and ..."""
     focal_change_sigma: Float[np.ndarray, " camera"] | None = None
     """... the standard deviation of that; None: not tried."""
+    off_centre: Bool[np.ndarray, " camera"] | None = None
+    """Whose K seems to be for images of another size."""
 
 
 def gather(
@@ -100,6 +103,7 @@ def gather(
         camera_tilt_deg=_camera_tilt_deg(rig),
         duration_s=_duration_s(walk),
         of_scale=metric.scale.findings,
+        off_centre=np.array([is_of_another_size(camera) for camera in rig.cameras]),
     )
 
 

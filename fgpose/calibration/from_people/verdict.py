@@ -47,7 +47,10 @@ _OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames
 def findings(grounds: Grounds) -> tuple[Finding, ...]:
     """All reasons against a calibration, the gravest first; none: it is good."""
     names, sigmas, distance_m = grounds.camera_names, grounds.sigmas, grounds.distance_m
+    # What is the cause of others comes before them.
     found = [
+        *mirrors(names, grounds.mirrored, grounds.handedness),
+        *of_another_size(names, grounds.off_centre),
         *worst_camera(names, grounds.third_view_mrad),
         *twisted(names, grounds.referee_deg),
         *halves_disagree(names, grounds.halves_deg, grounds.halves_m / distance_m),
@@ -56,7 +59,6 @@ def findings(grounds: Grounds) -> tuple[Finding, ...]:
         *focal_wrong(names, grounds.focal_change, grounds.focal_change_sigma),
         *start_uncertain(names, grounds.start_certain),
         *poorly_covered(names, grounds.coverage, certain(sigmas.direction_deg, sigmas.position_m / distance_m)),
-        *mirrors(names, grounds.mirrored, grounds.handedness),
         *nobody_checks(len(names)),
         *recording_too_short(grounds.duration_s),
         *nobody_upright(grounds.upright, grounds.camera_tilt_deg),
@@ -77,7 +79,8 @@ def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " came
         elif mrad > _COARSE_MRAD or mrad > _WORST_TO_MEDIAN * max(typical, _USUAL_MRAD):
             reason = f"it sees the person {mrad:.0f} mrad beside where the others do (median: {typical:.0f} mrad)"
             remedy = (
-                "record longer, walk through its whole view, and check its start and its lens (K of this resolution?)"
+                "check its start, its frame rate and its lens (K of this resolution?), and that its picture is not "
+                "mirrored; record longer, and walk through its whole view"
             )
             failed = mrad > _WORST_MRAD or mrad > _WORST_TO_MEDIAN * max(typical, _USUAL_MRAD)
             found.append(Finding(name, Grade.FAILED if failed else Grade.COARSE, reason, remedy))
@@ -154,9 +157,17 @@ def focal_wrong(
     return _graded(names, values, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
 
 
+def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[Finding]:
+    """Cameras whose principal point is far from the middle of the image."""
+    reason = "the principal point of its K is far from the middle of its image, as of images of another size"
+    remedy = "check that K belongs to this camera and this resolution"
+    flags = [] if off_centre is None else off_centre.tolist()
+    return [Finding(name, Grade.COARSE, reason, remedy) for name, is_off in zip(names, flags, strict=False) if is_off]
+
+
 def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
     """Cameras that may have been put at the wrong time."""
-    remedy = "walk fast with turns and stops in between, clap once, or give time stamps"
+    remedy = "walk fast with turns and stops in between, or give synchronised videos (--synchronised)"
     return [
         Finding(name, Grade.COARSE, "its start is not certain", remedy)
         for name, known in zip(names, is_certain.tolist(), strict=True)
