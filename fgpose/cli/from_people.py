@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
 from fgpose.cli.options import new_console, progress_bar
+from fgpose.geometry.fitted_camera import BLOCK_PX
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -146,9 +148,9 @@ class FromPeopleOptions:
             return self.focal
         if self.intrinsics is not None or self.focal_px is not None:
             return "known"
-        # Upright and lying images of one camera have the same focal length.
-        sizes = {tuple(sorted(camera.size_px)) for camera in intrinsics.cameras}
-        return "shared" if len(sizes) == 1 else "each"
+        # Upright and lying images of one camera have the same focal length, and those that an encoder has cut.
+        sizes = np.array([sorted(camera.size_px) for camera in intrinsics.cameras])
+        return "shared" if np.ptp(sizes, axis=0).max() <= BLOCK_PX else "each"
 
 
 def _check_height(height_m: float) -> None:

@@ -57,15 +57,21 @@ def summary(result: CalibratedFromPeople) -> list[str]:
 
 
 def verdict(findings: Sequence[Finding], grade: Grade) -> list[str]:
-    """The verdict, and each reason with what helps; the gravest first."""
-    ordered = sorted(findings, key=lambda finding: -list(Grade).index(finding.grade))
-    return [f"Verdict: {_GRADES[grade]}.", *map(_sentence, ordered)]
+    """The verdict, and the reasons with what helps, those that the same helps against together; the gravest first."""
+    together: dict[tuple[int, str], list[Finding]] = {}
+    for finding in findings:
+        together.setdefault((-list(Grade).index(finding.grade), finding.remedy), []).append(finding)
+    return [f"Verdict: {_GRADES[grade]}.", *(_sentence(together[key]) for key in sorted(together, key=lambda k: k[0]))]
 
 
-def _sentence(finding: Finding) -> str:
-    whose = f"camera {finding.camera}" if finding.camera else "all cameras"
-    remedy = f" Remedy: {finding.remedy}." if finding.remedy else ""
-    return f"- {finding.grade.value}, {whose}: {finding.reason}.{remedy}"
+def _sentence(findings: Sequence[Finding]) -> str:
+    grade, remedy = findings[0].grade.value, findings[0].remedy
+    reasons = "; ".join(f"{_whose(finding)}: {finding.reason}" for finding in findings)
+    return f"- {grade}, {reasons}." + (f" Remedy: {remedy}." if remedy else "")
+
+
+def _whose(finding: Finding) -> str:
+    return f"camera {finding.camera}" if finding.camera else "all cameras"
 
 
 def markdown(result: CalibratedFromPeople) -> str:

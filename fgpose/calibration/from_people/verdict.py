@@ -47,6 +47,7 @@ _OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames
 def findings(grounds: Grounds) -> tuple[Finding, ...]:
     """All reasons against a calibration, the gravest first; none: it is good."""
     names, sigmas, distance_m = grounds.camera_names, grounds.sigmas, grounds.distance_m
+    too_short = recording_too_short(grounds.duration_s)
     # What is the cause of others comes before them.
     found = [
         *mirrors(names, grounds.mirrored, grounds.handedness),
@@ -58,9 +59,14 @@ def findings(grounds: Grounds) -> tuple[Finding, ...]:
         *focal_undetermined(names, grounds.focal_estimated, sigmas.focal, grounds.coverage.depth_ratio),
         *focal_wrong(names, grounds.focal_change, grounds.focal_change_sigma),
         *start_uncertain(names, grounds.start_certain),
-        *poorly_covered(names, grounds.coverage, certain(sigmas.direction_deg, sigmas.position_m / distance_m)),
+        *poorly_covered(
+            names,
+            grounds.coverage,
+            certain(sigmas.direction_deg, sigmas.position_m / distance_m),
+            is_short=bool(too_short),
+        ),
         *nobody_checks(len(names)),
-        *recording_too_short(grounds.duration_s),
+        *too_short,
         *nobody_upright(grounds.upright, grounds.camera_tilt_deg),
         *grounds.of_scale,
     ]
@@ -175,12 +181,17 @@ def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"
     ]
 
 
-def poorly_covered(names: Sequence[str], coverage: Coverage, is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
+def poorly_covered(
+    names: Sequence[str], coverage: Coverage, is_certain: Bool[np.ndarray, " camera"], *, is_short: bool = False
+) -> list[Finding]:
     """Cameras that saw the person in one place, on one line, in a corner of the image, or hardly at all.
 
     A line or a corner only matter where the camera is not certain all the same. In one place both halves of a recording
-    share their errors, so that nothing shows how certain it is.
+    share their errors, so that nothing shows how certain it is. Of a recording that is short as a whole, that is all
+    that is to be said.
     """
+    if is_short:
+        return []
     never = np.zeros(len(names), dtype=bool)
     criteria = (
         (coverage.seen_s, _LEAST_SEEN_S, never, "saw the person for {0:.1f} s only", "walk longer where it sees you"),
