@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 from calibrated_walks import FPS, N_FRAMES, calibrated, named, seen_px, true_rig, write_openpose
-from rrd_contents import entities, rows
+from rrd_contents import entities, rows, static_value
 from turned_cameras import turned
 
 import fgpose
@@ -351,6 +351,11 @@ def test_a_bumped_camera_is_named_and_the_rest_is_kept(
     np.testing.assert_array_equal(found.time_offsets_s, rig.time_offsets_s)
     for c in (0, 2):
         np.testing.assert_allclose(found.cameras[c].world_T_camera, old.cameras[c].world_T_camera, atol=1e-12)
+    # The one that was moved is shown where it was, too.
+    before = {entity for entity in entities(tmp_path / "new.rrd") if "cameras_before" in entity}
+    assert before == {"/world/cameras_before/cam2"}
+    assert "/world/walk/bones" in entities(tmp_path / "new.rrd")
+    assert "Moved: cam2." in static_value(tmp_path / "new.rrd", "/report", "TextDocument:text")
     # Keypoints are exact here; 1.2 m/s times 2 ms are 0.5 px. What a turn of 2 degrees moves is 40 px.
     moved_px = found.cameras[1].project(np.zeros((1, 3))) - rig.cameras[1].project(np.zeros((1, 3)))
     assert np.abs(moved_px).max() < 2
