@@ -82,7 +82,8 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
     No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
     Writes the rig, with the start of each camera (time_offset_s), and a scene for the viewer beside it; prints what is
     known of each camera and how well, and a verdict with reasons and remedies. The world has z up, the floor at z = 0
-    and its origin under the first camera. If the calibration fails, no rig is written and the exit code is 1.
+    and its origin under the first camera. If the calibration fails, no rig is written and the exit code is 1; it is 2
+    if the input allows none.
 
     With --from a rig that was right is corrected instead: the cameras that were bumped get new poses.
 
@@ -104,7 +105,8 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         from fgpose.io.calibration import check_format
 
         self.check_options()
-        check_format(self.output, self.format)
+        if check_format(self.output, self.format) != "easymocap" and self.output.is_dir():
+            raise ValueError(f"{self.output} is a folder, where a file is to be written")
         inputs = [path for path in (self.recording, self.intrinsics, self.from_rig) if path is not None]
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in inputs):
             raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
