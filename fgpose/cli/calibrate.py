@@ -172,6 +172,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             fps=self.fps,
             points3d_unit=self.points3d_unit,
             cameras=self.cameras,
+            made_with=self._made_with(),
         )
         names = people.camera_names
         if not any(image.n_people for image in people.images):
@@ -185,6 +186,17 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         intrinsics = self.cameras_of(names, sizes_px)
         check_sizes(people, intrinsics)
         return people, intrinsics
+
+    def _made_with(self) -> CameraRig | None:
+        """The calibration that gives the intrinsics, if it is one: detections of fgpose may have been made with it."""
+        from fgpose.io.calibration import load_rig
+
+        if self.intrinsics is None:
+            return None
+        try:
+            return load_rig(self.intrinsics)
+        except ValueError:
+            return None
 
     def _needed_skeleton(self) -> str:
         if self.skeleton is None:

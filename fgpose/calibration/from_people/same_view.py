@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.epipolar_shift import fit_epipolar_shift
+from fgpose.calibration.from_people.epipolar_shift import fit_epipolar_shift, sampson_errors
 from fgpose.calibration.from_people.views import View
 
 # Across the epipolar lines are the errors of the detections alone, along them these and the disparity. At the root of
@@ -32,8 +32,10 @@ def shows_the_same(first: View, second: View, shift_s: float) -> bool:
         return False
     there = second.at(first.time_s - fit.clock.shift_s)
     known = np.asarray(np.isfinite(there + first.xy).all(axis=-1))
-    along, across = _displacements(first.xy[known], there[known], fit.F)
-    return bool(np.median(along) <= _DISPARITY_SHOWS * np.median(across))
+    along = _along_lines(first.xy[known], there[known], fit.F)
+    # The difference of two images has the errors of both.
+    errors = np.sqrt(2.0) * np.abs(sampson_errors(fit.F, first.xy[known], there[known]))
+    return bool(np.median(along) <= _DISPARITY_SHOWS * np.median(errors))
 
 
 def _overlap(first: View, second: View, shift_s: float) -> bool:
@@ -43,13 +45,11 @@ def _overlap(first: View, second: View, shift_s: float) -> bool:
     return bool(known.any() and np.median(apart[known]) < 1)
 
 
-def _displacements(
+def _along_lines(
     first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"], F: Float[np.ndarray, "3 3"]
-) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """From the first to the second image, along the epipolar line in the second, and distance from it."""
-    line = first @ F[:, :2].T + F[:, 2]
-    normal = line[:, :2] / np.maximum(np.linalg.norm(line[:, :2], axis=1, keepdims=True), 1e-18)
+) -> Float[np.ndarray, " point"]:
+    """Displacements from the first to the second image along the epipolar lines in the second."""
+    normal = first @ F[:2, :2].T + F[:2, 2]
+    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-18)
     displaced = second - first
-    along = np.abs(displaced[:, 0] * normal[:, 1] - displaced[:, 1] * normal[:, 0])
-    offset = line[:, 2] / np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-18)
-    return along, np.abs(np.sum(second * normal, axis=1) + offset)
+    return np.abs(displaced[:, 0] * normal[:, 1] - displaced[:, 1] * normal[:, 0])
