@@ -116,9 +116,7 @@ def calibrate(
     halves = adjusting.halves(walk, adjusted.rig)
     told()
     joints = _joints(walk, adjusted.rig)
-    # The verdict names the cameras that could not be brought together in time with the others, and is failed.
-    measured = [each for each in measured if {each.first, each.second} <= set(walk.camera_names)]
-    metric = to_metric(walk, adjusted.rig, joints, stature_m, measured, _of_positions(adjusted))
+    metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
     told()
     result = _judged(walk, starts, adjusted, halves, metric, focal)
     told()
@@ -137,6 +135,11 @@ def _checked(
     if unknown:
         raise ValueError(f"a distance is given for {', '.join(unknown)}; the cameras are {', '.join(intrinsics.names)}")
     return [MeasuredDistance(*distance) for distance in distances]
+
+
+def _of_rig(measured: Sequence[MeasuredDistance], walk: Walk) -> list[MeasuredDistance]:
+    """Those between cameras that could be brought together in time. The verdict names the others, and is failed."""
+    return [each for each in measured if {each.first, each.second} <= set(walk.camera_names)]
 
 
 def _placed(walk: Walk, intrinsics: CameraRig, parts: Parts) -> CameraRig:
