@@ -22,7 +22,7 @@ from fgpose.calibration.from_people.grounds import gather
 from fgpose.calibration.from_people.metric import Metric, to_metric
 from fgpose.calibration.from_people.projection import FOCAL, OFFSET, TRANSLATION
 from fgpose.calibration.from_people.scaffold import scaffolds
-from fgpose.calibration.from_people.scale import MeasuredDistance
+from fgpose.calibration.from_people.scale import MeasuredDistance, check_stature
 from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
 from fgpose.calibration.from_people.somebody_else import with_the_walker
 from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
@@ -104,6 +104,7 @@ def calibrate(
             progress(next(done), _STEPS)
 
     people.check_cameras(intrinsics.names)
+    measured = _checked(intrinsics, stature_m, distances)
     everybody = find_tracks(people)
     tracks = main_tracks(everybody, people.skeleton, synchronised=synchronised)
     told()
@@ -122,12 +123,30 @@ def calibrate(
     halves = adjusting.halves(walk, adjusted.rig)
     told()
     joints = _joints(walk, adjusted.rig)
-    measured = [MeasuredDistance(*distance) for distance in distances]
-    metric = to_metric(walk, adjusted.rig, joints, stature_m, measured, _of_positions(adjusted))
+    metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
     told()
     result = _judged(walk, starts, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
     return result
+
+
+def _checked(
+    intrinsics: CameraRig, stature_m: float | None, distances: Sequence[tuple[str, str, float]]
+) -> list[MeasuredDistance]:
+    """What gives the scale. Raises ValueError, before any work, for what cannot be."""
+    if intrinsics.n_cameras < 2:
+        raise ValueError(f"one camera ({intrinsics.names[0]}) cannot be calibrated; at least two cameras are needed")
+    if stature_m is not None:
+        check_stature(stature_m)
+    unknown = [name for first, second, _ in distances for name in (first, second) if name not in intrinsics.names]
+    if unknown:
+        raise ValueError(f"a distance is given for {', '.join(unknown)}; the cameras are {', '.join(intrinsics.names)}")
+    return [MeasuredDistance(*distance) for distance in distances]
+
+
+def _of_rig(measured: Sequence[MeasuredDistance], walk: Walk) -> list[MeasuredDistance]:
+    """Those between cameras that could be brought together in time. The verdict names the others, and is failed."""
+    return [each for each in measured if {each.first, each.second} <= set(walk.camera_names)]
 
 
 def _placed(walk: Walk, intrinsics: CameraRig, parts: Parts) -> CameraRig:

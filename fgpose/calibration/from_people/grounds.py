@@ -19,6 +19,7 @@ from fgpose.calibration.from_people.sigmas import disagreement
 from fgpose.calibration.from_people.unknowns import Groups
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.intrinsics import is_of_another_size
 
 _SEEN_JOINTS = 0.25  # share of the joints with which somebody counts as seen
 _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less than all frames
@@ -57,6 +58,8 @@ class Grounds:
     of_scale: tuple[Finding, ...] = ()
     focal_check: FocalCheck | None = None
     """Of focal lengths that were given; None: not checked."""
+    off_centre: Bool[np.ndarray, " camera"] | None = None
+    """Whose K seems to be for images of another size."""
 
 
 def gather(
@@ -104,6 +107,7 @@ def gather(
         duration_s=_duration_s(walk),
         of_scale=metric.scale.findings,
         focal_check=focal_check,
+        off_centre=np.array([is_of_another_size(camera) for camera in rig.cameras]),
     )
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.body_size import steady_radius
 from fgpose.calibration.from_people.interpolation import between_images, smaller_around
+from fgpose.calibration.from_people.start_findings import in_words
 from fgpose.calibration.from_people.starts import Starts
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.sampling import nearest, usual_step_s
@@ -43,8 +44,8 @@ def together(tracks: Sequence[Track], starts: Starts, skeleton: Skeleton, max_fr
     """
     kept = [track for track, is_trusted in zip(tracks, starts.trusted, strict=True) if is_trusted]
     if len(kept) < 2:
-        reasons = "; ".join(f"{finding.camera}: {finding.reason}" for finding in starts.findings)
-        raise ValueError(f"the videos of fewer than two cameras can be brought together in time ({reasons})")
+        why = in_words(starts.findings)
+        raise ValueError(f"the videos of fewer than two cameras can be brought together in time: {why}")
     time_s = _frame_times_s(kept, starts)
     at_s = [starts.own_s(track.camera, time_s) for track in kept]
     views = [seen_at(track, own_s) for track, own_s in zip(kept, at_s, strict=True)]

@@ -51,7 +51,11 @@ _OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames
 def findings(grounds: Grounds) -> tuple[Finding, ...]:
     """All reasons against a calibration, the gravest first; none: it is good."""
     names, sigmas, distance_m = grounds.camera_names, grounds.sigmas, grounds.distance_m
+    too_short = recording_too_short(grounds.duration_s)
+    # What is the cause of others comes before them.
     found = [
+        *mirrors(names, grounds.mirrored, grounds.handedness),
+        *of_another_size(names, grounds.off_centre),
         *worst_camera(names, grounds.third_view_mrad),
         *twisted(names, grounds.referee_deg),
         *halves_disagree(names, grounds.halves_deg, grounds.halves_m / distance_m),
@@ -59,10 +63,14 @@ def findings(grounds: Grounds) -> tuple[Finding, ...]:
         *focal_undetermined(names, grounds.estimated_lenses, sigmas.focal, grounds.coverage.depth_ratio),
         *focal_wrong(names, grounds.focal_check),
         *start_uncertain(names, grounds.start_certain),
-        *poorly_covered(names, grounds.coverage, certain(sigmas.direction_deg, sigmas.position_m / distance_m)),
-        *mirrors(names, grounds.mirrored, grounds.handedness),
+        *poorly_covered(
+            names,
+            grounds.coverage,
+            certain(sigmas.direction_deg, sigmas.position_m / distance_m),
+            is_short=bool(too_short),
+        ),
         *nobody_checks(len(names)),
-        *recording_too_short(grounds.duration_s),
+        *too_short,
         *nobody_upright(grounds.upright, grounds.camera_tilt_deg),
         *grounds.of_scale,
     ]
@@ -82,7 +90,8 @@ def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " came
         elif mrad > min(_COARSE_MRAD, allowed_mrad):
             reason = f"it sees the person {mrad:.0f} mrad beside where the others do (median: {typical:.0f} mrad)"
             remedy = (
-                "record longer, walk through its whole view, and check its start and its lens (K of this resolution?)"
+                "check its start, its frame rate and its lens (K of this resolution?), and that its picture is not "
+                "mirrored; record longer, and walk through its whole view"
             )
             found.append(Finding(name, Grade.FAILED if mrad > allowed_mrad else Grade.COARSE, reason, remedy))
     return found
@@ -158,9 +167,17 @@ def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[Finding]
     return _graded(names, change, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
 
 
+def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[Finding]:
+    """Cameras whose principal point is far from the middle of the image."""
+    reason = "the principal point of its K is far from the middle of its image, as of images of another size"
+    remedy = "check that K belongs to this camera and this resolution"
+    flags = [] if off_centre is None else off_centre.tolist()
+    return [Finding(name, Grade.COARSE, reason, remedy) for name, is_off in zip(names, flags, strict=False) if is_off]
+
+
 def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
     """Cameras that may have been put at the wrong time."""
-    remedy = "walk fast with turns and stops in between, clap once, or give time stamps"
+    remedy = "walk fast with turns and stops in between, or give synchronised videos (--synchronised)"
     return [
         Finding(name, Grade.COARSE, "its start is not certain", remedy)
         for name, known in zip(names, is_certain.tolist(), strict=True)
@@ -168,12 +185,17 @@ def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"
     ]
 
 
-def poorly_covered(names: Sequence[str], coverage: Coverage, is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
+def poorly_covered(
+    names: Sequence[str], coverage: Coverage, is_certain: Bool[np.ndarray, " camera"], *, is_short: bool = False
+) -> list[Finding]:
     """Cameras that saw the person in one place, on one line, in a corner of the image, or hardly at all.
 
     A line or a corner only matter where the camera is not certain all the same. In one place both halves of a recording
-    share their errors, so that nothing shows how certain it is.
+    share their errors, so that nothing shows how certain it is. Of a recording that is short as a whole, that is all
+    that is to be said.
     """
+    if is_short:
+        return []
     never = np.zeros(len(names), dtype=bool)
     criteria = (
         (coverage.seen_s, _LEAST_SEEN_S, never, "saw the person for {0:.1f} s only", "walk longer where it sees you"),

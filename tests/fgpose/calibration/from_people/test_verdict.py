@@ -238,3 +238,24 @@ def test_somebody_who_lies_is_not_the_vertical() -> None:
     found = to_metric(case.walk, case.rig, lying, stature_m=1.7)
     grounds = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), (), ~NO_CAMERA)
     assert any("lies" in finding.reason for finding in findings(grounds))
+
+
+def test_the_cause_comes_before_what_it_does() -> None:
+    wrong = replace(
+        good(),
+        third_view_mrad=each(7, 40, 7),
+        mirrored=np.array([False, True, False]),
+        off_centre=np.array([True, False, False]),
+        halves_deg=each(5, 0, 0),
+    )
+    found = findings(wrong)
+    assert found[0].reason == "it sees the person mirrored"
+    coarse = [finding for finding in found if finding.grade is Grade.COARSE]
+    assert coarse[0].camera == "a"
+    assert coarse[0].reason.endswith("as of images of another size")
+
+
+def test_a_short_recording_is_said_once() -> None:
+    short = replace(good(), duration_s=1.7, coverage=replace(well_covered(), seen_s=np.full(3, 1.7)))
+    (finding,) = findings(short)
+    assert finding.reason == "two cameras saw the person for 1.7 s only"
