@@ -75,7 +75,7 @@ ALLOWED = {
     "gtsam": GTSAM,
     "rerun": {"fgpose.viewer"},
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
-    "av": {"fgpose.live.sources"},
+    "av": {"fgpose.live.sources", "fgpose.monocular.sound"},
     "tyro": {"fgpose.cli"},
     **dict.fromkeys(("pylsl", "mcap", "rosbags"), MESSAGES),
     "zmq": {"fgpose.live"},

@@ -126,14 +126,17 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         from fgpose.pipeline import write_calibration
 
         console = new_console()
-        display = None
+        display, starts = None, None
         if self._has_videos():
             detected = self._detected(console)
+            starts = self.heard(detected.sources.clips, console)
             people, intrinsics = detected.people, detected.rig
             display = partial(show_walk_images, detected) if self.images else None
+        elif self.sound:
+            raise ValueError(f"--sound needs videos, and {self.recording} has none")
         else:
             people, intrinsics = self._keypoints()
-        result = self.calibrated(people, intrinsics, self.output, console)
+        result = self.calibrated(people, intrinsics, self.output, console, starts)
         written = write_calibration(result, self.output, self.format, self._scene, display)
         print_calibrated(console, result, written)
         if result.grade is not Grade.FAILED:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from fgpose.calibration.from_people.calibrate import Focal
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+    from fgpose.calibration.from_people.starts import GivenStart
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
     from fgpose.monocular.sources import Sources
@@ -56,17 +57,33 @@ class FromPeopleOptions:
     ] = ()
     synchronised: Annotated[bool, FlagCreatePairsOff] = False
     """All cameras began at the same time, and their clocks agree. Otherwise the starts are estimated."""
+    sound: Annotated[bool, FlagCreatePairsOff] = False
+    """Find the starts by the sound of the videos, where it is heard clearly, before the motion makes them exact."""
 
     @property
     def says_anything(self) -> bool:
         """Whether any of these options is given."""
-        given = (self.intrinsics, self.focal_px, self.height, self.distance, self.synchronised, self.focal != "auto")
+        given = (
+            self.intrinsics,
+            self.focal_px,
+            self.height,
+            self.distance,
+            self.synchronised,
+            self.sound,
+            self.focal != "auto",
+        )
         return any(given)
 
     def check_options(self) -> None:
         """Raise ValueError for what cannot be, before any work."""
         if self.intrinsics is not None and self.focal_px is not None:
             raise ValueError("--intrinsics and --focal-px both say what the focal length is: leave one of them out")
+        if self.sound and self.synchronised:
+            raise ValueError("--synchronised and --sound both say when the cameras began: leave one of them out")
+        if self.sound:
+            from fgpose.monocular.sound import check_sound
+
+            check_sound()
         if self.focal == "known" and self.intrinsics is None and self.focal_px is None:
             raise ValueError("--focal known needs --intrinsics or --focal-px")
         if self.focal_px is not None and not self.focal_px > 0:
@@ -115,8 +132,31 @@ class FromPeopleOptions:
             )
         return Sources(rig, clips)
 
+    def heard(self, clips: Sequence[Clip], console: Console) -> dict[str, GivenStart]:
+        """Starts of the videos by their sound, which are printed; none without --sound.
+
+        Raises:
+            ImportError: PyAV is not installed.
+        """
+        if not self.sound:
+            return {}
+        from fgpose.calibration.from_people.starts import GivenStart
+        from fgpose.monocular.sound import SIGMA_S, starts_by_sound
+
+        starts = starts_by_sound(clips)
+        told = ", ".join(f"{name} {start.offset_s:+.2f} s" for name, start in starts.items())
+        silent = [clip.name for clip in clips if clip.name not in starts]
+        unheard = f" Not heard clearly, by motion: {', '.join(silent)}." if silent else ""
+        console.print(f"Starts by sound: {told or 'none'}.{unheard}", soft_wrap=True)
+        return {name: GivenStart(start.offset_s, SIGMA_S) for name, start in starts.items()}
+
     def calibrated(
-        self, people: PeopleObservations, intrinsics: CameraRig, path: Path, console: Console
+        self,
+        people: PeopleObservations,
+        intrinsics: CameraRig,
+        path: Path,
+        console: Console,
+        starts: Mapping[str, GivenStart] | None = None,
     ) -> CalibratedFromPeople:
         """The result, with a progress bar; what was assumed of the focal lengths is printed. If there is none, it is
         said on stderr that the file was not written."""
@@ -137,6 +177,7 @@ class FromPeopleOptions:
                     stature_m=self.height,
                     distances=self.distance,
                     synchronised=self.synchronised,
+                    starts=starts,
                     progress=progress,
                 )
         except ValueError:

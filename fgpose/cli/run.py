@@ -112,7 +112,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.pipeline import write_calibration
 
-        result = self.calibrated(detected.people, detected.rig, outputs.calibration, console)
+        starts = self.heard(detected.sources.clips, console)
+        result = self.calibrated(detected.people, detected.rig, outputs.calibration, console, starts)
         scene = outputs.calibration.with_suffix(".rrd") if "rrd" in outputs.formats else None
         display = partial(show_walk_images, detected) if self.images else None
         print_calibrated(console, result, write_calibration(result, outputs.calibration, rrd=scene, display=display))

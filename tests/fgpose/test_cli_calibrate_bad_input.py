@@ -45,6 +45,8 @@ def source(keypoints: Path) -> list[str]:
         (["--distance", "cam1", "cam2", "4200"], "more than 0 and at most 100 metres"),
         (["--cameras", "cam1"], "one camera (cam1) cannot be calibrated; two are needed"),
         (["--cameras", "cam1", "cam9"], "no camera cam9"),
+        (["--sound"], "--sound needs videos"),
+        (["--sound", "--synchronised"], "both say when the cameras began"),
         (["--size", "1080p"], "--size is width x height in pixels, as 1920x1080, got '1080p'"),
         (["--size", "1280x720"], "joints reach to"),
         (["--focal", "known"], "--focal known needs --intrinsics or --focal-px"),

@@ -7,7 +7,7 @@ verdict.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -74,6 +74,7 @@ def calibrate(
     stature_m: float | None = None,
     distances: Sequence[tuple[str, str, float]] = (),
     synchronised: bool = False,
+    starts: Mapping[str, GivenStart] | None = None,
     progress: Progress | None = None,
     parts: Parts = _ALL,
 ) -> CalibratedFromPeople:
@@ -86,6 +87,7 @@ def calibrate(
         stature_m: of the walker, without shoes.
         distances: two cameras, and how far apart they are in metres.
         synchronised: whether all cameras have one clock already.
+        starts: of some cameras, what is known of them, as from their sound; their moments are not searched for.
         progress: told after each step.
         parts: which are turned on.
 
@@ -108,15 +110,15 @@ def calibrate(
     everybody = find_tracks(people)
     tracks = main_tracks(everybody, people.skeleton, synchronised=synchronised)
     told()
-    in_step = {name: GivenStart(0.0) for name in intrinsics.names} if synchronised else None
-    starts = find_starts(tracks, people.skeleton, intrinsics, in_step)
-    walk = together(tracks, starts, people.skeleton)
+    known = {name: GivenStart(0.0) for name in intrinsics.names} if synchronised else starts
+    found = find_starts(tracks, people.skeleton, intrinsics, known)
+    walk = together(tracks, found, people.skeleton)
     told()
     placed = _placed(walk, intrinsics.subset(walk.camera_names), parts)
     told()
     adjusting = _adjusting(placed, focal, parts, clocks=not synchronised)
     adjusted = adjusting.of(walk, placed)
-    of_walker = with_the_walker(walk, everybody, starts, adjusted.rig, _joints(walk, adjusted.rig))
+    of_walker = with_the_walker(walk, everybody, found, adjusted.rig, _joints(walk, adjusted.rig))
     if of_walker is not walk:
         walk, adjusted = of_walker, adjusting.of(of_walker, adjusted.rig)
     told()
@@ -125,7 +127,7 @@ def calibrate(
     joints = _joints(walk, adjusted.rig)
     metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
     told()
-    result = _judged(walk, starts, adjusted, halves, metric, _unknown_lenses(placed, focal))
+    result = _judged(walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
     return result
 

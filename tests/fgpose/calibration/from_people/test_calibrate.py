@@ -13,6 +13,7 @@ import fgpose
 from fgpose.assessment import rigs
 from fgpose.calibration.from_people.calibrate import Parts, calibrate
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
+from fgpose.calibration.from_people.starts import GivenStart
 from fgpose.geometry.camera import CameraRig
 from fgpose.synthetic import Clocks, WalkScene, film, find_studio, stature_m, walkers
 
@@ -70,6 +71,16 @@ def test_videos_that_begin_seconds_apart() -> None:
     # A third of an image at 30 Hz; the starts are seconds apart.
     assert np.abs(of.rig.time_offsets_s).max() > 0.5
     assert np.abs(rigs.start_errors_s(found.rig, of.rig)).max() < 0.011
+    assert rigs.position_errors_m(found.rig, of.rig).max() < 0.06
+
+
+@pytest.mark.slow
+def test_starts_that_were_heard_are_made_exact() -> None:
+    of = scene(max_start_s=5.0)
+    heard_s = of.rig.time_offsets_s + np.array([0.0, 0.012, -0.008, 0.01])
+    starts = {name: GivenStart(float(start_s), 0.01) for name, start_s in zip(of.rig.names, heard_s, strict=True)}
+    found = calibrated(of, synchronised=False, starts=starts)
+    assert np.abs(rigs.start_errors_s(found.rig, of.rig)).max() < 0.006
     assert rigs.position_errors_m(found.rig, of.rig).max() < 0.06
 
 
