@@ -5,6 +5,10 @@ from __future__ import annotations
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sphinx.application import Sphinx
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
@@ -53,3 +57,18 @@ html_theme_options = {
     "dark_css_variables": {"color-brand-primary": "#56b4e9", "color-brand-content": "#56b4e9"},
 }
 copybutton_exclude = ".linenos, .gp, .go"
+
+# Files outside docs/ are included as they are. Their links lead from where they lie to what is on the site.
+_LINKS = {
+    "](docs/": "](../",
+    "](calibration/report.md": "](calibration.md",
+}
+
+
+def _relink(_: Sphinx, relative_path: Path, parent: str, content: list[str]) -> None:
+    for link, on_site in _LINKS.items():
+        content[0] = content[0].replace(link, on_site)
+
+
+def setup(app: Sphinx) -> None:
+    app.connect("include-read", _relink)

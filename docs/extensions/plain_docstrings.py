@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 _LITERAL = re.compile(r"(``.+?``|`[^`]+`)")
-_MARKUP = re.compile(r"([*|]|(?<=\w)_(?!\w))")
+_MARKUP = re.compile(r"([*|@]|(?<=\w)_(?!\w))")
 _FIELDS = {"attribute", "property"}
 # Sphinx calls the listeners of an event in the order of these numbers; napoleon has 500.
 _BEFORE_NAPOLEON, _AFTER_NAPOLEON = 400, 600
