@@ -1,4 +1,4 @@
-"""The documentation site: `make docs` builds it into out/site, without a network, and treats every warning as an error."""
+"""The documentation site: `make docs` builds it into out/site, without a network; every warning is an error."""
 
 from __future__ import annotations
 

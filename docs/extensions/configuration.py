@@ -35,7 +35,7 @@ def _default(value: object) -> str:
 
 
 def markdown() -> str:
-    """All sections, as MyST: a heading each, and a definition for each field with an anchor like motion.max_unseen_s."""
+    """All sections, as MyST: a heading each, and a definition of each field with an anchor like motion.max_unseen_s."""
     docstrings, lines = _docstrings(), []
     known = {f"{s.name}.{f.name}" for s in dataclasses.fields(Config) for f in dataclasses.fields(_class_of(s.name))}
 

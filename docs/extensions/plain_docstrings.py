@@ -1,5 +1,8 @@
-"""Docstrings of fgpose are plain text with sections (Args, Returns, Raises): what reStructuredText would take for markup
-is escaped, and a colon in the docstring of a field does not make the words before it a type."""
+"""Docstrings of fgpose are plain text with sections (Args, Returns, Raises).
+
+What reStructuredText would take for markup is escaped, and a colon in the docstring of a field does not make the words
+before it a type.
+"""
 
 from __future__ import annotations
 

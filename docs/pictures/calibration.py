@@ -1,6 +1,6 @@
 """A rig that was found from a walker, beside the true one, and the verdicts of three walks.
 
-    python docs/pictures/calibration.py
+python docs/pictures/calibration.py
 """
 
 from __future__ import annotations
@@ -54,7 +54,9 @@ def main(folder: Path | None = None) -> None:
     Args:
         folder: where it goes; default: docs/concepts.
     """
-    figure = new_figure(8.4, 3.8, f"Four cameras found from one person, from above (m); 90 % ellipses, {_ENLARGED:.0f} times enlarged")
+    figure = new_figure(
+        8.4, 3.8, f"Four cameras found from one person, from above (m); 90 % ellipses, {_ENLARGED:.0f} times enlarged"
+    )
     walks: tuple[tuple[Behaviour, float, str], ...] = (
         ("walks", 20.0, "walks everywhere, 20 s"),
         ("line", 12.0, "walks on one line, 12 s"),

@@ -1,6 +1,6 @@
 """Cameras whose images are later than they claim, and what the motion tells of it.
 
-    python docs/pictures/clocks.py
+python docs/pictures/clocks.py
 """
 
 from __future__ import annotations
@@ -48,14 +48,23 @@ def main(folder: Path | None = None) -> None:
     make_plain(left, "When images are taken", "x")
     left.legend(loc="upper right", fontsize=8, frameon=False, ncols=2)
     right.plot(LATE_MS, range(4), "|", color=VERMILLION, markersize=22, label="true")
-    right.errorbar(1000 * offsets.offsets_s, range(4), xerr=2000 * offsets.sigma_s, fmt="o", color=BLUE, capsize=3,
-                   label="estimated, two sigma")
+    right.errorbar(
+        1000 * offsets.offsets_s,
+        range(4),
+        xerr=2000 * offsets.sigma_s,
+        fmt="o",
+        color=BLUE,
+        capsize=3,
+        label="estimated, two sigma",
+    )
     right.set(xlabel="Time offset (ms)")
     make_plain(right, f"From the motion: error {errors_mm[0]:.1f} → {errors_mm[1]:.1f} mm", "x")
     right.legend(loc="upper left", fontsize=8, frameon=False)
     off_ms = np.abs(1000 * offsets.offsets_s - LATE_MS).max()
-    print(f"wrote {save(figure, 'clocks', folder)}: off by at most {off_ms:.1f} ms, "
-          f"error {errors_mm[0]:.1f} mm, then {errors_mm[1]:.1f} mm")
+    print(
+        f"wrote {save(figure, 'clocks', folder)}: off by at most {off_ms:.1f} ms, "
+        f"error {errors_mm[0]:.1f} mm, then {errors_mm[1]:.1f} mm"
+    )
 
 
 if __name__ == "__main__":

@@ -16,7 +16,18 @@ if TYPE_CHECKING:
 
     import fgpose
 
-__all__ = ["BLUE", "GREEN", "GREY", "PALE", "VERMILLION", "draw_ellipse", "draw_rig", "make_plain", "new_figure", "save"]
+__all__ = [
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "PALE",
+    "VERMILLION",
+    "draw_ellipse",
+    "draw_rig",
+    "make_plain",
+    "new_figure",
+    "save",
+]
 
 GREEN = "#009e73"
 _CONCEPTS = Path(__file__).parents[1] / "concepts"
@@ -34,7 +45,7 @@ def save(figure: Figure, name: str, folder: Path | None) -> Path:
 
 
 def draw_ellipse(
-    axes: Axes, centre: Float[np.ndarray, "2"], covariance: Float[np.ndarray, "2 2"], share: float, **look: Any
+    axes: Axes, centre: Float[np.ndarray, 2], covariance: Float[np.ndarray, "2 2"], share: float, **look: Any
 ) -> None:
     """The ellipse that holds a normal variable of the plane with this probability."""
     from matplotlib.patches import Ellipse

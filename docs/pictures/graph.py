@@ -1,6 +1,6 @@
 """The factor graph of one arm, two cameras and three frames: the factors that fgpose makes, each drawn once.
 
-    python docs/pictures/graph.py
+python docs/pictures/graph.py
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def draw_factor(axes: Axes, kind: str, ends: list[tuple[float, float]], nth: int
     if len(ends) == 1:
         middle = np.add(ends[0], (-0.55 + 0.45 * nth, 0.62))
     elif kind == "SharedLengths":
-        middle = np.mean(ends[:2], axis=0) + (-0.35, 0.0)
+        middle = np.mean(ends[:2], axis=0) - np.array([0.35, 0.0])
     for x, y in ends:
         axes.plot([middle[0], x], [middle[1], y], color=colour, linewidth=1.0, zorder=1)
     axes.plot(*middle, "s", color=colour, markersize=7, zorder=3)

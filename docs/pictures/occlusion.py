@@ -1,6 +1,6 @@
 """A wrist that no camera sees for half a second: what is estimated meanwhile, and how sure that is.
 
-    python docs/pictures/occlusion.py
+python docs/pictures/occlusion.py
 """
 
 from __future__ import annotations
@@ -43,12 +43,17 @@ def main(folder: Path | None = None) -> None:
     index = observations.skeleton.index(JOINT)
     time_s = seen.time_s - seen.time_s[0]
 
-    figure = new_figure(8.0, 4.6, f"The {JOINT.replace('_', ' ')} of a real recording, hidden from all cameras for 0.5 s")
+    figure = new_figure(
+        8.0, 4.6, f"The {JOINT.replace('_', ' ')} of a real recording, hidden from all cameras for 0.5 s"
+    )
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     assert hidden.covariance_m2 is not None
     assert seen.covariance_m2 is not None
     axis = int(np.argmax(np.ptp(seen.positions_m[HIDDEN, index], axis=0)))
-    for trajectory, colour, label in ((seen, GREY, "with all detections"), (hidden, BLUE, "without those in the grey part")):
+    for trajectory, colour, label in (
+        (seen, GREY, "with all detections"),
+        (hidden, BLUE, "without those in the grey part"),
+    ):
         assert trajectory.covariance_m2 is not None
         position_m = trajectory.positions_m[:, index, axis]
         sigma_m = np.sqrt(trajectory.covariance_m2[:, index, axis, axis])
@@ -66,8 +71,10 @@ def main(folder: Path | None = None) -> None:
     upper.legend(fontsize=9, frameon=False, loc="best")
     lower.legend(fontsize=9, frameon=False, loc="upper left")
     sigma_mm = 1000 * np.sqrt(hidden.covariance_m2[HIDDEN, index, axis, axis])
-    print(f"wrote {save(figure, 'occlusion', folder)}: sigma up to {sigma_mm.max():.0f} mm, difference up to "
-          f"{error_mm[HIDDEN].max():.0f} mm")
+    print(
+        f"wrote {save(figure, 'occlusion', folder)}: sigma up to {sigma_mm.max():.0f} mm, difference up to "
+        f"{error_mm[HIDDEN].max():.0f} mm"
+    )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Covariance ellipses of a person, seen from above: along the rays of two cameras they are long, with four they are round.
+"""Covariance ellipses of a person, from above: two cameras leave them long along their rays, four make them round.
 
-    python docs/pictures/uncertainty.py
+python docs/pictures/uncertainty.py
 """
 
 from __future__ import annotations
@@ -41,10 +41,19 @@ def main(folder: Path | None = None) -> None:
         for camera in own.cameras:
             direction = camera.position_m[:2] - middle_m
             start = middle_m + 0.34 * direction / np.linalg.norm(direction)
-            axes.annotate("", middle_m + 0.48 * direction / np.linalg.norm(direction), start,
-                          arrowprops={"arrowstyle": "<|-", "color": GREY})
-        axes.set(xlim=middle_m[0] + np.array([-0.5, 0.5]), ylim=middle_m[1] + np.array([-0.5, 0.5]), aspect="equal",
-                 xlabel="x (m)", ylabel="y (m)")
+            axes.annotate(
+                "",
+                middle_m + 0.48 * direction / np.linalg.norm(direction),
+                start,
+                arrowprops={"arrowstyle": "<|-", "color": GREY},
+            )
+        axes.set(
+            xlim=middle_m[0] + np.array([-0.5, 0.5]),
+            ylim=middle_m[1] + np.array([-0.5, 0.5]),
+            aspect="equal",
+            xlabel="x (m)",
+            ylabel="y (m)",
+        )
         sigma_mm = 1000 * np.sqrt(np.trace(trajectory.covariance_m2[FRAME], axis1=1, axis2=2) / 3).mean()
         make_plain(axes, f"{own.n_cameras} cameras: mean standard deviation {sigma_mm:.0f} mm", "both")
         printed.append(f"{own.n_cameras} cameras {sigma_mm:.1f} mm")
