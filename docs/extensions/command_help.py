@@ -16,8 +16,8 @@ from fgpose.cli import main
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
-# Of the page's text, in the type of code.
-_COLUMNS = "100"
+# As wide as the text of a page is in the type of code.
+_COLUMNS = "78"
 
 
 def help_of(command: str) -> str:
@@ -41,8 +41,9 @@ class CommandHelp(SphinxDirective):
     final_argument_whitespace = True
 
     def run(self) -> list[nodes.Node]:
+        self.env.note_reread()  # the help may change with any file of the program
         text = help_of(self.arguments[0] if self.arguments else "")
-        block = nodes.literal_block(text, text, language="text")
+        block = nodes.literal_block(text, text, language="text", classes=["help"])
         self.set_source_info(block)
         return [block]
 

@@ -10,6 +10,7 @@ from docutils import nodes
 from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.docutils import SphinxDirective
 
+from fgpose import parameters
 from fgpose.config import Config
 
 if TYPE_CHECKING:
@@ -60,6 +61,7 @@ class ConfigurationDirective(SphinxDirective):
     """Takes no argument."""
 
     def run(self) -> list[nodes.Node]:
+        self.env.note_dependency(parameters.__file__)
         return self.parse_text_to_nodes(markdown(), allow_section_headings=True)
 
 
