@@ -39,6 +39,13 @@ def setup(app: Sphinx) -> dict[str, Any]:
         if what in _FIELDS:
             lines[:] = fields.pop(name)
 
+    def signature(
+        _: Sphinx, what: str, name: str, obj: object, options: object, arguments: str | None, returns: str | None
+    ) -> tuple[str | None, str | None]:
+        # What a dataclass shows for a default that is made anew is no Python, and spoils the rest of the signature.
+        return arguments and arguments.replace("<factory>", "..."), returns
+
+    app.connect("autodoc-process-signature", signature)
     app.connect("autodoc-process-docstring", before, priority=_BEFORE_NAPOLEON)
     app.connect("autodoc-process-docstring", after, priority=_AFTER_NAPOLEON)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
