@@ -8,17 +8,12 @@ from typing import Generic
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.calibration.disagreement import NEGLIGIBLE_MRAD, allowed_mrad
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_refinement import has_moved, moves, refine_rig
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
-
-# HumanCalib's verdict: it caught 7 of 7 failures with 0 false alarms in 81 calibrations from people.
-_MAX_ERROR_MRAD = 15.0
-_MAX_TIMES_MEDIAN = 3.5
-# A pixel or two: cameras that agree to this are well calibrated, however well the others agree.
-_NEGLIGIBLE_MRAD = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +93,7 @@ def _findings(
         reason = f"{moved.sum()} of {rig.n_cameras} cameras seem to have moved, so it is not certain which did"
         findings.append(Finding("", Grade.COARSE, reason, from_nothing))
     error_mrad = 1000 * error_px / rig.focal_px
-    allowed_mrad = min(_MAX_ERROR_MRAD, max(_MAX_TIMES_MEDIAN * np.nanmedian(error_mrad), _NEGLIGIBLE_MRAD))
-    for c in np.flatnonzero(error_mrad > allowed_mrad).tolist():
+    for c in np.flatnonzero(error_mrad > allowed_mrad(float(np.nanmedian(error_mrad)), NEGLIGIBLE_MRAD)).tolist():
         reason = f"it still disagrees with the others by {error_px[c]:.0f} px ({error_mrad[c]:.0f} mrad)"
         findings.append(Finding(rig.names[c], Grade.FAILED, reason, from_nothing))
     return tuple(findings)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg, subcommand
 
 from fgpose.cli.benchmark_calibrate import Calibrate
 from fgpose.cli.benchmark_data import Human36M, OccludeImages, Workcell
 from fgpose.cli.benchmark_people import People
+from fgpose.cli.method_comparison import MethodComparison, OutputFolder
 from fgpose.cli.options import counting_bar, new_console
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ _MARGIN = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
-class Open:
+class Open(MethodComparison):
     """The open benchmark: real motion, simulated detections with the errors of real ones, in families of variants.
 
     Every method on the standard family; on the other families, for which no default may be chosen, only fgpose, the
@@ -50,18 +50,7 @@ class Open:
     first look."""
     ablation: bool = False
     """Instead of the methods: fgpose's batch with one part removed or replaced at a time."""
-    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
-    """Folder for the results; it is made if it is absent."""
-    variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Only these variants."""
-    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Only these methods."""
-    clips: Literal["test", "tuning"] = "test"
-    """test: the motions on which results are stated. tuning: those on which defaults may be chosen."""
-    workers: Annotated[int, arg(metavar="N")] = 2
-    """Number of processes. More processes than cores distort the times."""
-    cache: bool = True
-    """Keep finished results, and use those that were kept. --no-cache measures everything and keeps nothing."""
+    output: OutputFolder = _OUTPUT
     aniposelib: Annotated[
         Path | None, arg(metavar="PYTHON", help_behavior_hint="(default: .venv/bench/bin/python)")
     ] = None
@@ -74,20 +63,19 @@ class Open:
     def run(self) -> None:
         from fgpose.benchmark.plot_style import check_matplotlib
         from fgpose.benchmark.scores import save_scores
-        from fgpose.io.atomic import check_writable
 
         if self.workers < 1:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         variants, methods = self._variants(), self._methods()
         check_matplotlib()
-        check_writable(self.output)
+        self.check_comparison()
         if self.check is not None:
             self.check.stat()  # report that it is missing before the work is done
         scores = self._scores(variants, methods)
         save_scores(scores, self.output / _SCORES)
         if not self.methods and not self._without_peer and not any(method.group == "peer" for method in methods):
             new_console().print("aniposelib was left out: --aniposelib PYTHON names an environment that has it")
-        _report(self.output, self._command())
+        _report(self.output, self.command("fgpose benchmark"))
         self._compare(scores)
 
     @property
@@ -109,14 +97,6 @@ class Open:
         if violations:
             raise ValueError(f"{len(violations)} errors are not those stored in {self.check}")
         new_console().print(f"the errors are those stored in {self.check}", soft_wrap=True)
-
-    def _command(self) -> str:
-        """What gives the same numbers again."""
-        words = ["fgpose benchmark", *(["--quick"] * self.quick), *(["--ablation"] * self.ablation)]
-        words += [f"--clips {self.clips}"] if self.clips != "test" else []
-        for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
-            words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
-        return " ".join(words)
 
     def _variants(self) -> list[Variant]:
         from fgpose.benchmark.variants import VARIANTS, find_variant
@@ -144,13 +124,12 @@ class Open:
         clips, max_frames = (clips[:_QUICK_CLIPS], _QUICK_FRAMES) if self.quick else (clips, MAX_FRAMES)
         chosen = {variant: self._methods_on(variant, methods) for variant in variants}
         with counting_bar("benchmark", "results", len(clips) * sum(map(len, chosen.values()))) as advance:
-            cache = self.output / "cache" if self.cache else None
             scores = []
             # Neighbours with the same methods run together: workers are started and warmed up for each run.
             for _, group in groupby(variants, lambda variant: [method.name for method in chosen[variant]]):
                 together = list(group)
                 every = recordings(together, clips, max_frames)
-                scores += run(OPEN, every, chosen[together[0]], cache, advance, self.workers)
+                scores += run(OPEN, every, chosen[together[0]], self.cache_folder, advance, self.workers)
             return scores
 
     def _methods_on(self, variant: Variant, methods: Sequence[Method]) -> list[Method]:

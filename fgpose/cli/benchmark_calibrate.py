@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
+from fgpose.cli.method_comparison import MethodComparison, OutputFolder
 from fgpose.cli.options import counting_bar, new_console
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _ABLATION_VARIANTS = ("walk_ring_4", "walk_mixed_5", "walk_one_sided_4", "shared
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibrate:
+class Calibrate(MethodComparison):
     """Calibration from people: rigs found from walkers in simulated studios, beside the true ones.
 
     Two to eight cameras on rings, in corners, on one side; known and unknown focal lengths; videos that start up to a
@@ -41,35 +41,22 @@ class Calibrate:
     """Four variants, 10 s of one walk: for a first look."""
     ablation: bool = False
     """Instead of the methods: the chain with one part turned off at a time, on six variants."""
-    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
-    """Folder for the results; it is made if it is absent."""
-    variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Only these variants."""
-    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Only these methods."""
-    clips: Literal["test", "tuning"] = "test"
-    """test: the walks on which results are stated. tuning: those on which defaults may be chosen."""
+    output: OutputFolder = _OUTPUT
     draws: Annotated[int, arg(metavar="N")] = 3
     """How many people, walks and draws of the errors each variant has, up to 5."""
-    workers: Annotated[int, arg(metavar="N")] = 2
-    """Number of processes. More processes than cores distort the times."""
-    cache: bool = True
-    """Keep finished results, and use those that were kept. --no-cache measures everything and keeps nothing."""
 
     def run(self) -> None:
         from fgpose.benchmark.calibration.report import write_report
         from fgpose.benchmark.scores import save_scores
-        from fgpose.io.atomic import check_writable
 
-        if self.workers < 0:
-            raise ValueError(f"--workers must not be negative, got {self.workers}")
         if not 1 <= self.draws <= 5:
             raise ValueError(f"--draws must be 1 to 5, got {self.draws}")
         variants, methods = self._variants(), self._methods()
-        check_writable(self.output)
+        self.check_comparison()
         scores = self._scores(variants, methods)
         save_scores(scores, self.output / "scores.json")
-        path = write_report(scores, self.output, self._command())
+        draws = [f"--draws {self.draws}"] if self.draws != 3 else []
+        path = write_report(scores, self.output, self.command("fgpose benchmark calibrate", *draws))
         new_console().print(f"wrote {path}", soft_wrap=True)
 
     def _variants(self) -> list[CalibrationVariant]:
@@ -101,14 +88,4 @@ class Calibrate:
         clips = (TEST_CLIPS if self.clips == "test" else TUNING_CLIPS)[: 1 if self.quick else self.draws]
         n_recordings = sum(1 if variant.group == "real" else len(clips) for variant in variants)
         with counting_bar("benchmark", "results", n_recordings * len(methods)) as advance:
-            cache = self.output / "cache" if self.cache else None
-            return run(CALIBRATION, recordings(variants, clips), methods, cache, advance, self.workers)
-
-    def _command(self) -> str:
-        """What gives the same numbers again."""
-        words = ["fgpose benchmark calibrate", *(["--quick"] * self.quick), *(["--ablation"] * self.ablation)]
-        words += [f"--clips {self.clips}"] if self.clips != "test" else []
-        words += [f"--draws {self.draws}"] if self.draws != 3 else []
-        for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
-            words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
-        return " ".join(words)
+            return run(CALIBRATION, recordings(variants, clips), methods, self.cache_folder, advance, self.workers)

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING
 
-from tyro.conf import arg
-
+from fgpose.cli.method_comparison import MethodComparison, OutputFolder
 from fgpose.cli.options import counting_bar, new_console
 
 if TYPE_CHECKING:
@@ -25,7 +23,7 @@ _QUICK_S = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class People:
+class People(MethodComparison):
     """Several people: who is who, and their poses, in simulated crowds.
 
     Two to eight people walk, work, sit down, pass each other, leave and come back, hidden by each other and by
@@ -41,31 +39,17 @@ class People:
     """Three variants, the first 5 s of one clip: for a first look."""
     ablation: bool = False
     """Instead of the methods: fgpose's batch with one part of the association removed or replaced at a time."""
-    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = _OUTPUT
-    """Folder for the results; it is made if it is absent."""
-    variants: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Only these variants."""
-    methods: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Only these methods."""
-    clips: Literal["test", "tuning"] = "test"
-    """test: the crowds on which results are stated. tuning: those on which defaults may be chosen."""
-    workers: Annotated[int, arg(metavar="N")] = 2
-    """Number of processes."""
-    cache: bool = True
-    """Keep finished results, and use those that were kept. --no-cache measures everything and keeps nothing."""
+    output: OutputFolder = _OUTPUT
 
     def run(self) -> None:
         from fgpose.benchmark.people.report import write_report
         from fgpose.benchmark.scores import save_scores
-        from fgpose.io.atomic import check_writable
 
-        if self.workers < 0:
-            raise ValueError(f"--workers must not be negative, got {self.workers}")
         variants, methods = self._variants(), self._methods()
-        check_writable(self.output)
+        self.check_comparison()
         scores = self._scores(variants, methods)
         save_scores(scores, self.output / "scores.json")
-        path = write_report(scores, self.output, self._command())
+        path = write_report(scores, self.output, self.command("fgpose benchmark people"))
         new_console().print(f"wrote {path}", soft_wrap=True)
 
     def _variants(self) -> list[PeopleVariant]:
@@ -90,14 +74,5 @@ class People:
         clips = TEST_CLIPS if self.clips == "test" else TUNING_CLIPS
         clips, duration_s = (clips[:_QUICK_CLIPS], _QUICK_S) if self.quick else (clips, DURATION_S)
         with counting_bar("benchmark", "results", len(variants) * len(clips) * len(methods)) as advance:
-            cache = self.output / "cache" if self.cache else None
             every = recordings(variants, clips, duration_s)
-            return run(PEOPLE, every, methods, cache, advance, self.workers)
-
-    def _command(self) -> str:
-        """What gives the same numbers again."""
-        words = ["fgpose benchmark people", *(["--quick"] * self.quick), *(["--ablation"] * self.ablation)]
-        words += [f"--clips {self.clips}"] if self.clips != "test" else []
-        for name, chosen in (("--variants", self.variants), ("--methods", self.methods)):
-            words += [name, *(shlex.quote(each) for each in chosen)] if chosen else []
-        return " ".join(words)
+            return run(PEOPLE, every, methods, self.cache_folder, advance, self.workers)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
 from tyro.conf import Positional, arg
 
 from fgpose.cli.detect import NetworkOptions, quieten_decoder
@@ -82,7 +82,8 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
     No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
     Writes the rig, with the start of each camera (time_offset_s), and a scene for the viewer beside it; prints what is
     known of each camera and how well, and a verdict with reasons and remedies. The world has z up, the floor at z = 0
-    and its origin under the first camera. If the calibration fails, no rig is written and the exit code is 1.
+    and its origin under the first camera. If the calibration fails, no rig is written and the exit code is 1; it is 2
+    if the input allows none.
 
     With --from a rig that was right is corrected instead: the cameras that were bumped get new poses.
 
@@ -104,12 +105,16 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         from fgpose.io.calibration import check_format
 
         self.check_options()
-        check_format(self.output, self.format)
+        if check_format(self.output, self.format) != "easymocap" and self.output.is_dir():
+            raise ValueError(f"{self.output} is a folder, where a file is to be written")
         inputs = [path for path in (self.recording, self.intrinsics, self.from_rig) if path is not None]
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in inputs):
             raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
-        if self.from_rig is not None and (self.intrinsics or self.focal_px or self.height or self.distance):
-            raise ValueError("--from takes lenses and scale from its rig: leave --intrinsics, --height and such out")
+        if self.from_rig is not None and self.says_anything:
+            raise ValueError(
+                "--from takes lenses, scale and clocks from its rig: leave --intrinsics, --height, --synchronised and "
+                "such out"
+            )
         if self.size is not None:
             parse_size(self.size)
         if not self.recording.exists():
@@ -128,9 +133,8 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             display = partial(show_walk_images, detected) if self.images else None
         else:
             people, intrinsics = self._keypoints()
-        result = self.calibrated(people, intrinsics, console)
-        scene = self.output.with_suffix(".rrd") if self.rrd else None
-        written = write_calibration(result, self.output, self.format, scene, display)
+        result = self.calibrated(people, intrinsics, self.output, console)
+        written = write_calibration(result, self.output, self.format, self._scene, display)
         print_calibrated(console, result, written)
         if result.grade is not Grade.FAILED:
             return 0
@@ -139,12 +143,11 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
     def _detected(self, console: Console) -> Detected:
         """What cameras without poses saw of people."""
-        from fgpose.monocular.sources import Sources, find_clips
+        from fgpose.monocular.sources import find_clips
 
         quieten_decoder()
         clips = find_clips(self.recording, fps=self.fps, cameras=self.cameras)
-        intrinsics = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
-        return self.detect_in(Sources(intrinsics, clips), self.frames, console)
+        return self.detect_in(self.sources_of(clips, self.frames), self.frames, console)
 
     def _has_videos(self) -> bool:
         """Or keypoints. Raises ValueError if it has neither."""
@@ -169,6 +172,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             fps=self.fps,
             points3d_unit=self.points3d_unit,
             cameras=self.cameras,
+            made_with=self._made_with(),
         )
         names = people.camera_names
         if not any(image.n_people for image in people.images):
@@ -183,6 +187,17 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         check_sizes(people, intrinsics)
         return people, intrinsics
 
+    def _made_with(self) -> CameraRig | None:
+        """The calibration that gives the intrinsics, if it is one: detections of fgpose may have been made with it."""
+        from fgpose.io.calibration import load_rig
+
+        if self.intrinsics is None:
+            return None
+        try:
+            return load_rig(self.intrinsics)
+        except ValueError:
+            return None
+
     def _needed_skeleton(self) -> str:
         if self.skeleton is None:
             raise ValueError("detected joints need --skeleton, which says what they are (body_25, coco_17, ...)")
@@ -191,69 +206,65 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
     def _bumped(self) -> int:
         from fgpose.calibration.bumped import refine_bumped
         from fgpose.calibration.from_people.calibrated import Grade
-        from fgpose.io.calibration import save_rig
+        from fgpose.io.calibration import load_rig
+        from fgpose.pipeline import write_bumped
 
-        console = new_console()
-        people, rig = self._seen_by_rig(console)
+        assert self.from_rig is not None
+        console, display = new_console(), None
+        if self._has_videos():
+            detected = self._seen_by_rig(self.from_rig, console)
+            people, rig = detected.people, detected.rig
+            display = partial(show_walk_images, detected) if self.images else None
+        else:
+            people, rig = self._keypoints_of_rig(self.from_rig)
         with new_console(stderr=True).status("comparing the cameras"):
             bumped = refine_bumped(people, rig)
-        is_written = bumped.grade is not Grade.FAILED
-        if is_written:
-            # The clocks are those of the file again, which were put into the times of the images.
-            save_rig(bumped.rig.with_time_offsets(self._given_offsets(bumped.rig)), self.output, self.format)
-        _print_bumped(console, bumped, self.output)
-        if is_written:
+        # The clocks are those of the file again, which were put into the times of the images.
+        given = load_rig(self.from_rig).subset(rig.names)
+        written = write_bumped(bumped, given, self.output, self.format, self._scene, display)
+        _print_bumped(console, bumped, written)
+        if bumped.grade is not Grade.FAILED:
             return 0
         nothing_written(self.output)
         return FAILED
 
-    def _given_offsets(self, rig: CameraRig) -> np.ndarray:
-        from fgpose.io.calibration import load_rig
+    @property
+    def _scene(self) -> Path | None:
+        return self.output.with_suffix(".rrd") if self.rrd else None
 
-        assert self.from_rig is not None
-        return load_rig(self.from_rig).subset(rig.names).time_offsets_s
-
-    def _seen_by_rig(self, console: Console) -> tuple[PeopleObservations, CameraRig]:
-        """What the cameras of --from saw."""
+    def _seen_by_rig(self, rig: Path, console: Console) -> Detected:
+        """What the cameras of --from saw in videos."""
         from fgpose.io.calibration import load_rig
         from fgpose.monocular.sources import open_sources
+
+        quieten_decoder()
+        sources = open_sources(self.recording, load_rig(rig), fps=self.fps, cameras=self.cameras)
+        return self.detect_in(sources, self.frames, console)
+
+    def _keypoints_of_rig(self, rig: Path) -> tuple[PeopleObservations, CameraRig]:
+        """What a detector saw in the images of the cameras of --from."""
         from fgpose.pipeline import load_people_source
 
-        assert self.from_rig is not None
-        if not self._has_videos():
-            source = load_people_source(
-                self.recording,
-                self.from_rig,
-                self._needed_skeleton(),
-                cameras=self.cameras,
-                fps=self.fps,
-                points3d_unit=self.points3d_unit,
-            )
-            return source.people, source.rig
-        quieten_decoder()
-        sources = open_sources(self.recording, load_rig(self.from_rig), fps=self.fps, cameras=self.cameras)
-        detected = self.detect_in(sources, self.frames, console)
-        return detected.people, detected.rig
+        source = load_people_source(
+            self.recording,
+            rig,
+            self._needed_skeleton(),
+            cameras=self.cameras,
+            fps=self.fps,
+            points3d_unit=self.points3d_unit,
+        )
+        return source.people, source.rig
 
 
-def _print_bumped(console: Console, bumped: BumpedRig, path: Path) -> None:
-    from fgpose.calibration.from_people.calibrated import Grade
+def _print_bumped(console: Console, bumped: BumpedRig[Any], written: Sequence[Path]) -> None:
     from fgpose.cli.tables import new_table
-    from fgpose.pipeline.calibration_report import verdict
+    from fgpose.pipeline.calibration_report import bumped_rows, bumped_summary, verdict
 
     table = new_table("", *bumped.rig.names)
-    rows = {
-        "turned by [deg]": (bumped.rotation_deg, 2),
-        "moved by [mm]": (1000 * bumped.translation_m, 0),
-        "error before [px]": (bumped.residual_before_px, 1),
-        "error after [px]": (bumped.residual_after_px, 1),
-    }
-    for quantity, (values, digits) in rows.items():
-        table.add_row(quantity, *(f"{value:.{digits}f}" for value in values.tolist()))
+    for quantity, values in bumped_rows(bumped).items():
+        table.add_row(quantity, *values)
     console.print(table)
-    names = [name for name, moved in zip(bumped.rig.names, bumped.moved.tolist(), strict=True) if moved]
-    console.print(f"Moved: {', '.join(names)}. The others keep their poses." if names else "No camera was moved.")
-    for line in verdict(bumped.findings, bumped.grade):
+    for line in (bumped_summary(bumped), *verdict(bumped.findings, bumped.grade)):
         console.print(line)
-    if bumped.grade is not Grade.FAILED:
+    for path in written:
         console.print(f"wrote {path}", soft_wrap=True)

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
+import numpy as np
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
 from fgpose.cli.options import new_console, progress_bar
+from fgpose.geometry.fitted_camera import BLOCK_PX
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,6 +21,8 @@ if TYPE_CHECKING:
     from fgpose.calibration.from_people.calibrate import Focal
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.geometry.camera import CameraRig
+    from fgpose.monocular.clips import Clip
+    from fgpose.monocular.sources import Sources
     from fgpose.people import PeopleObservations
 
 _INTRINSICS = (
@@ -31,8 +35,6 @@ _FOCAL = (
     "each camera another. auto: known if given, shared if all images have one size, else each."
 )
 _DISTANCE = "Measured distance between two cameras, from lens to lens, as: --distance cam1 cam3 4.20. May be repeated."
-# Of people who walk by themselves.
-_STATURES_M = (0.7, 2.5)
 _MAX_DISTANCE_M = 100.0
 
 
@@ -55,6 +57,12 @@ class FromPeopleOptions:
     synchronised: Annotated[bool, FlagCreatePairsOff] = False
     """All cameras began at the same time, and their clocks agree. Otherwise the starts are estimated."""
 
+    @property
+    def says_anything(self) -> bool:
+        """Whether any of these options is given."""
+        given = (self.intrinsics, self.focal_px, self.height, self.distance, self.synchronised, self.focal != "auto")
+        return any(given)
+
     def check_options(self) -> None:
         """Raise ValueError for what cannot be, before any work."""
         if self.intrinsics is not None and self.focal_px is not None:
@@ -63,21 +71,13 @@ class FromPeopleOptions:
             raise ValueError("--focal known needs --intrinsics or --focal-px")
         if self.focal_px is not None and not self.focal_px > 0:
             raise ValueError(f"--focal-px must be positive, got {self.focal_px:g}")
-        self._check_height()
+        if self.height is not None:
+            _check_height(self.height)
         for a, b, distance_m in self.distance:
             if a == b:
                 raise ValueError(f"--distance {a} {b}: two different cameras are needed")
             if not 0 < distance_m <= _MAX_DISTANCE_M:
                 raise ValueError(f"--distance {a} {b} {distance_m:g}: a distance is more than 0 and at most 100 metres")
-
-    def _check_height(self) -> None:
-        if self.height is None:
-            return
-        low, high = _STATURES_M
-        if low <= self.height / 100 <= high:
-            raise ValueError(f"--height is in metres: {self.height / 100:g}, not {self.height:g}")
-        if not low <= self.height <= high:
-            raise ValueError(f"--height must be a stature from {low:g} to {high:g} metres, got {self.height:g}")
 
     def cameras_of(self, names: Sequence[str], sizes_px: Sequence[tuple[int, int]]) -> CameraRig:
         """The intrinsics of cameras whose images have these sizes, without poses.
@@ -97,8 +97,29 @@ class FromPeopleOptions:
             return load_intrinsics(self.intrinsics, names, sizes_px)
         return guessed_intrinsics(names, sizes_px, self.focal_px)
 
-    def calibrated(self, people: PeopleObservations, intrinsics: CameraRig, console: Console) -> CalibratedFromPeople:
-        """The result, with a progress bar; what was assumed of the focal lengths is printed."""
+    def sources_of(self, clips: tuple[Clip, ...], frames: int | None) -> Sources:
+        """The videos and their cameras, of which this many images are used.
+
+        Raises:
+            ValueError: as cameras_of; or all videos but one are too short to find when they begin.
+        """
+        from fgpose.calibration.from_people.start_findings import SHORT_S
+        from fgpose.monocular.sources import Sources
+
+        rig = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
+        lasts_s = sorted(min(clip.n_images, frames or clip.n_images) / clip.fps for clip in clips)
+        if not self.synchronised and lasts_s[-2] < SHORT_S:
+            raise ValueError(
+                f"videos of {lasts_s[-2]:.1f} s are too short to find when each of them begins; {SHORT_S:g} s are the "
+                "least, half a minute is good. If all began at the same moment, say so with --synchronised"
+            )
+        return Sources(rig, clips)
+
+    def calibrated(
+        self, people: PeopleObservations, intrinsics: CameraRig, path: Path, console: Console
+    ) -> CalibratedFromPeople:
+        """The result, with a progress bar; what was assumed of the focal lengths is printed. If there is none, it is
+        said on stderr that the file was not written."""
         from fgpose.calibration.from_people.calibrate import calibrate
 
         focal = self._focal_of(intrinsics)
@@ -107,25 +128,38 @@ class FromPeopleOptions:
             guesses = ", ".join(f"{name} {focal_px:.0f}" for name, focal_px in pairs)
             alike = ", one for all cameras" if focal == "shared" else ", one for each camera"
             console.print(f"Focal lengths are estimated{alike}. They begin at {guesses} px.", soft_wrap=True)
-        with progress_bar("calibrating", "steps") as progress:
-            return calibrate(
-                people,
-                intrinsics,
-                focal=focal,
-                stature_m=self.height,
-                distances=self.distance,
-                synchronised=self.synchronised,
-                progress=progress,
-            )
+        try:
+            with progress_bar("calibrating", "steps") as progress:
+                return calibrate(
+                    people,
+                    intrinsics,
+                    focal=focal,
+                    stature_m=self.height,
+                    distances=self.distance,
+                    synchronised=self.synchronised,
+                    progress=progress,
+                )
+        except ValueError:
+            nothing_written(path)
+            raise
 
     def _focal_of(self, intrinsics: CameraRig) -> Focal:
         if self.focal != "auto":
             return self.focal
         if self.intrinsics is not None or self.focal_px is not None:
             return "known"
-        # Upright and lying images of one camera have the same focal length.
-        sizes = {tuple(sorted(camera.size_px)) for camera in intrinsics.cameras}
-        return "shared" if len(sizes) == 1 else "each"
+        # Upright and lying images of one camera have the same focal length, and those that an encoder has cut.
+        sizes = np.array([sorted(camera.size_px) for camera in intrinsics.cameras])
+        return "shared" if np.ptp(sizes, axis=0).max() <= BLOCK_PX else "each"
+
+
+def _check_height(height_m: float) -> None:
+    from fgpose.calibration.from_people.scale import check_stature
+
+    try:
+        check_stature(height_m)
+    except ValueError as error:
+        raise ValueError(f"--height: {error}") from None
 
 
 def parse_size(text: str) -> tuple[int, int]:

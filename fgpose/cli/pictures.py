@@ -13,9 +13,9 @@ from fgpose.frame_matching import NO_IMAGE
 from fgpose.sampling import nearest
 
 if TYPE_CHECKING:
-    from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.monocular.detected import Detected
     from fgpose.monocular.sources import Sources
+    from fgpose.pipeline import SeenWalk
     from fgpose.viewer import CalibrationRecording, PeopleRecording, Recording
 
 # An image belongs to a frame of the walk if it is the nearest and no further away than this share of the usual step.
@@ -49,17 +49,17 @@ def show_matched_images(
         progress(image.size, image.size)
 
 
-def show_walk_images(detected: Detected, result: CalibratedFromPeople, recording: CalibrationRecording) -> None:
+def show_walk_images(detected: Detected, seen: SeenWalk, recording: CalibrationRecording) -> None:
     """Show a calibration, and under the joints of each frame the images that are nearest to it by the clock that was
     found."""
-    from fgpose.pipeline import show_calibrated
+    from fgpose.pipeline import show_walk
 
-    show_calibrated(result, recording)
-    time_s = result.walk.time_s
-    image = np.full((len(time_s), result.rig.n_cameras), NO_IMAGE)
-    for c, camera in enumerate(result.rig.cameras):
+    show_walk(seen, recording)
+    time_s = seen.walk.time_s
+    image = np.full((len(time_s), seen.rig.n_cameras), NO_IMAGE)
+    for c, camera in enumerate(seen.rig.cameras):
         taken_s = detected.people.times_s(camera.name) + camera.time_offset_s
         number = nearest(time_s, taken_s)
         is_near = np.abs(taken_s[number] - time_s) <= _REACH * float(np.median(np.diff(taken_s)))
         image[is_near, c] = number[is_near]
-    show_matched_images(detected.recalibrated(result.rig).sources, image, time_s, recording)
+    show_matched_images(detected.recalibrated(seen.rig).sources, image, time_s, recording)

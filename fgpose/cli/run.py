@@ -39,8 +39,8 @@ class CameraOptions(FromPeopleOptions):
         """Raise ValueError unless exactly one of the two is asked for, and what goes with it."""
         if (self.rig is None) != self.calibrate:
             raise ValueError("give either --rig FILE, or --calibrate if the cameras are not calibrated")
-        if not self.calibrate and (self.intrinsics or self.focal_px or self.height or self.distance):
-            raise ValueError("--intrinsics, --focal-px, --height and --distance go with --calibrate, not with --rig")
+        if not self.calibrate and self.says_anything:
+            raise ValueError("--intrinsics, --focal-px, --height, --distance and such go with --calibrate, not --rig")
         self.check_options()
 
 
@@ -64,10 +64,9 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
     def sources(self) -> Sources:
         if self.rig is not None:
             return self.with_rig(self.rig)
-        from fgpose.monocular.sources import Sources, find_clips
+        from fgpose.monocular.sources import find_clips
 
-        clips = find_clips(self.videos, fps=self.fps, cameras=self.cameras)
-        return Sources(self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips]), clips)
+        return self.sources_of(find_clips(self.videos, fps=self.fps, cameras=self.cameras), self.frames)
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
@@ -113,7 +112,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.pipeline import write_calibration
 
-        result = self.calibrated(detected.people, detected.rig, console)
+        result = self.calibrated(detected.people, detected.rig, outputs.calibration, console)
         scene = outputs.calibration.with_suffix(".rrd") if "rrd" in outputs.formats else None
         display = partial(show_walk_images, detected) if self.images else None
         print_calibrated(console, result, write_calibration(result, outputs.calibration, rrd=scene, display=display))

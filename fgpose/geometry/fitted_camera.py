@@ -11,7 +11,7 @@ import numpy as np
 from fgpose.geometry.camera import Camera
 
 # Video encoders work on blocks of 16 x 16 px: they pad an image on the right and at the bottom, or drop what is left.
-_BLOCK_PX = 16
+BLOCK_PX = 16
 # Rounding of a resized image to whole pixels changes its aspect ratio by less; cropping usually by more.
 _ASPECT_TOLERANCE = 0.01
 
@@ -43,7 +43,7 @@ def fitted_camera(camera: Camera, size_px: tuple[int, int], where: str | Path) -
     sizes = f"the images are {size_px[0]} x {size_px[1]}, the calibration is for {camera.size_px[0]} x " + str(
         camera.size_px[1]
     )
-    if np.abs(np.subtract(size_px, camera.size_px)).max() <= _BLOCK_PX:
+    if np.abs(np.subtract(size_px, camera.size_px)).max() <= BLOCK_PX:
         warnings.warn(
             f"{where}, camera {camera.name}: {sizes}; taken to be cut or padded on the right and at the bottom",
             stacklevel=2,

@@ -14,11 +14,23 @@ from fgpose.geometry.camera import Camera, CameraRig
 # nearly all are within 40 %, which is what calibration from people is made to correct. Known cameras of our
 # recordings: 0.50, 0.50, 0.55, 0.70 (webcams), 0.88 (four of a laboratory).
 _FOCAL_SHARE = 0.85
+# The principal point of every camera known to us lies within 5 % of the image's width of its middle. Beyond a quarter
+# the image was cut, or K is for images of another size; so it is with a tenth of both sides to the right and down, or
+# to the left and up, as K of 1280 x 720 is for 1920 x 1080.
+_MAX_OFF_CENTRE, _MAX_OFF_BOTH = 0.25, 0.1
 
 
 def without_pose(camera: Camera) -> Camera:
     """The camera at the origin of its own frame (x right, y down, z forward), with a clock that is not off."""
     return replace(camera, world_T_camera=np.eye(4), time_offset_s=0.0)
+
+
+def is_of_another_size(camera: Camera) -> bool:
+    """Whether the principal point is so far from the middle of the image that K seems to be for images of another size,
+    or for the whole image where this is a part."""
+    share = (camera.K[:2, 2] - (np.array(camera.size_px) - 1) / 2) / camera.size_px
+    of_both = np.abs(share).min() if share[0] * share[1] > 0 else 0.0
+    return bool(np.abs(share).max() > _MAX_OFF_CENTRE or of_both > _MAX_OFF_BOTH)
 
 
 def guessed_intrinsics(

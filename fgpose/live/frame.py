@@ -22,8 +22,8 @@ class CameraState(Enum):
     RECONNECTING = "reconnecting"
     """Its source has failed and is opened again."""
     DOUBTFUL = "doubtful"
-    """Images come that should not be trusted: frozen, black, garbled, of a camera that was moved, or with a clock that
-    jumps."""
+    """Images come that should not be trusted: frozen, black, garbled, of a camera that was moved or does not see people
+    where the others do, or with a clock that jumps."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from fgpose.association.tracked import Tracked
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.agreement import CameraAgreement
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.moments import Moments
 from fgpose.live.observed import observed_share
@@ -54,6 +55,7 @@ class LiveTracking:
         self._time_sigma_s = np.zeros(rig.n_cameras)
         self._volume_m = volume_m
         self._tracker = Tracker(rig, skeleton, self.config)
+        self._agreement = CameraAgreement(rig)
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
@@ -102,14 +104,15 @@ class LiveTracking:
         people = self._people
         if unseen_s > _COASTS_AFTER_S:
             people = tuple(coasting(person, unseen_s) for person in people)
+        told = self._told(cameras)
         frame = LiveFrame(
             sequence=self._sequence,
             time_s=self._frame_s if self._image_s else now_s,
             published_s=now_s,
             skeleton=self.skeleton,
             people=people,
-            cameras=self._told(cameras),
-            observed_share=self._observed_share(cameras),
+            cameras=told,
+            observed_share=self._observed_share(told),
         )
         self._sequence += 1
         return frame
@@ -120,6 +123,11 @@ class LiveTracking:
             self._tracker.tidy()
         except Exception:
             self._begin_anew()
+        try:
+            self._compare_cameras()
+        except Exception:
+            _LOG.exception("comparing the cameras failed and begins anew")
+            self._agreement = CameraAgreement(self.rig)
 
     def close(self) -> None:
         """End the processes of the tracker."""
@@ -137,12 +145,23 @@ class LiveTracking:
             people = self._tracker.update(given)
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
+            self._agreement.add(given, people)
         except Exception:
             self._begin_anew()
             people, events = [], []
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(tuple(images), tuple(people), tuple(events))
+
+    def _compare_cameras(self) -> None:
+        """A part of the work, which is less than a millisecond."""
+        if not self._agreement.is_due:
+            self._agreement.go_on()
+            return
+        offsets, sigma_s = self._tracker.offsets, self._time_sigma_s
+        if offsets.has_told:
+            sigma_s = np.where(sigma_s > 0, offsets.relative()[1], 0.0)
+        self._agreement.look(offsets.rig().time_offsets_s, sigma_s)
 
     def _know_clocks(self, images: Sequence[RecordedImage]) -> None:
         for image in images:
@@ -181,5 +200,15 @@ class LiveTracking:
             camera = replace(camera, n_used=n_used, n_lost=n_lost)
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
                 camera = replace(camera, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
+            if camera.name in self._agreement.faults:
+                camera = _doubtful(camera, self._agreement.faults[camera.name])
             told.append(camera)
         return tuple(told)
+
+
+def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:
+    """With another fault; the graver one is said first."""
+    is_graver = camera.state in (CameraState.OK, CameraState.LATE)
+    reasons = (reason, camera.reason) if is_graver else (camera.reason, reason)
+    state = CameraState.DOUBTFUL if is_graver else camera.state
+    return replace(camera, state=state, reason="; ".join(filter(None, reasons)))

@@ -1,6 +1,7 @@
 """From a recording on disk to results on disk and in the viewer. Prints nothing."""
 
 from fgpose.pipeline.calibration import show_calibrated as show_calibrated
+from fgpose.pipeline.calibration import write_bumped as write_bumped
 from fgpose.pipeline.calibration import write_calibration as write_calibration
 from fgpose.pipeline.people import OnTracked as OnTracked
 from fgpose.pipeline.people import PeopleResult as PeopleResult
@@ -22,4 +23,6 @@ from fgpose.pipeline.run import load_source as load_source
 from fgpose.pipeline.run import run_refine as run_refine
 from fgpose.pipeline.run import run_smooth as run_smooth
 from fgpose.pipeline.run import run_track as run_track
+from fgpose.pipeline.seen_walk import SeenWalk as SeenWalk
+from fgpose.pipeline.seen_walk import show_walk as show_walk
 from fgpose.pipeline.source import Source as Source

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
+from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 
 _GRADES = {
@@ -57,24 +59,54 @@ def summary(result: CalibratedFromPeople) -> list[str]:
 
 
 def verdict(findings: Sequence[Finding], grade: Grade) -> list[str]:
-    """The verdict, and each reason with what helps; the gravest first."""
-    ordered = sorted(findings, key=lambda finding: -list(Grade).index(finding.grade))
-    return [f"Verdict: {_GRADES[grade]}.", *map(_sentence, ordered)]
+    """The verdict, and the reasons with what helps, those that the same helps against together; the gravest first."""
+    together: dict[tuple[int, str], list[Finding]] = {}
+    for finding in findings:
+        together.setdefault((-list(Grade).index(finding.grade), finding.remedy), []).append(finding)
+    return [f"Verdict: {_GRADES[grade]}.", *(_sentence(together[key]) for key in sorted(together, key=lambda k: k[0]))]
 
 
-def _sentence(finding: Finding) -> str:
-    whose = f"camera {finding.camera}" if finding.camera else "all cameras"
-    remedy = f" Remedy: {finding.remedy}." if finding.remedy else ""
-    return f"- {finding.grade.value}, {whose}: {finding.reason}.{remedy}"
+def _sentence(findings: Sequence[Finding]) -> str:
+    grade, remedy = findings[0].grade.value, findings[0].remedy
+    reasons = "; ".join(f"{_whose(finding)}: {finding.reason}" for finding in findings)
+    return f"- {grade}, {reasons}." + (f" Remedy: {remedy}." if remedy else "")
+
+
+def _whose(finding: Finding) -> str:
+    return f"camera {finding.camera}" if finding.camera else "all cameras"
 
 
 def markdown(result: CalibratedFromPeople) -> str:
     """The same as one page."""
-    names = result.rig.names
+    said = verdict(result.findings, result.grade)
+    return _page(said, summary(result), result.rig.names, camera_rows(result))
+
+
+def bumped_rows(bumped: BumpedRig[Any]) -> dict[str, list[str]]:
+    """By quantity, one value for each camera: by how much it was moved, and how well it agrees with the others."""
+    return {
+        "turned by [deg]": _texts(bumped.rotation_deg, 2),
+        "moved by [mm]": _texts(1000 * bumped.translation_m, 0),
+        "error before [px]": _texts(bumped.residual_before_px, 1),
+        "error after [px]": _texts(bumped.residual_after_px, 1),
+    }
+
+
+def bumped_summary(bumped: BumpedRig[Any]) -> str:
+    names = [name for name, moved in zip(bumped.rig.names, bumped.moved.tolist(), strict=True) if moved]
+    return f"Moved: {', '.join(names)}. The others keep their poses." if names else "No camera was moved."
+
+
+def bumped_markdown(bumped: BumpedRig[Any]) -> str:
+    """The same as one page."""
+    said = verdict(bumped.findings, bumped.grade)
+    return _page(said, [bumped_summary(bumped)], bumped.rig.names, bumped_rows(bumped))
+
+
+def _page(said: list[str], lines: list[str], names: Sequence[str], rows: dict[str, list[str]]) -> str:
     table = [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
-    table += [f"| {quantity.strip()} | {' | '.join(values)} |" for quantity, values in camera_rows(result).items()]
-    first, *reasons = verdict(result.findings, result.grade)
-    return "\n".join([f"**{first}**", "", *reasons, "", *_spaced(summary(result)), *table])
+    table += [f"| {quantity.strip()} | {' | '.join(values)} |" for quantity, values in rows.items()]
+    return "\n".join([f"**{said[0]}**", "", *said[1:], "", *_spaced(lines), *table])
 
 
 def _spaced(lines: Iterable[str]) -> list[str]:

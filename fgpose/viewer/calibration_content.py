@@ -12,7 +12,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.viewer import palette, paths
 from fgpose.viewer.calibration_recording import CalibrationScene
 from fgpose.viewer.rows import Rows, scalar_rows
-from fgpose.viewer.scene import log_line, up_vector
+from fgpose.viewer.scene import frustum_m, log_line, up_vector
 from fgpose.viewer.session import UpAxis
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
@@ -24,8 +24,11 @@ _MIN_WIDTH_M = 0.05
 
 
 def log_calibration_scene(stream: rr.RecordingStream, rig: CameraRig, scene: CalibrationScene, up: UpAxis) -> None:
-    """Static: covariances of the cameras, the way of the hips, the floor under it, the vertical, the report."""
+    """Static: covariances and former poses of the cameras, the way of the hips and the floor under it, the vertical,
+    the report."""
     _log_sigmas(stream, rig, scene.position_sigma_m)
+    if scene.before is not None:
+        _log_before(stream, scene.before, rig)
     strips = _strips(scene.path_m)
     stream.log(paths.WALKED, rr.LineStrips3D(strips, radii=_LINE, colors=palette.PATH), static=True)
     outline_m = walked_outline_m(scene.path_m, up)
@@ -58,6 +61,34 @@ def _log_sigmas(stream: rr.RecordingStream, rig: CameraRig, position_sigma_m: Fl
         fill_mode=rr.components.FillMode.TransparentFillMajorWireframe,
     )
     stream.log(paths.CAMERA_SIGMAS, balls, static=True)
+
+
+def _log_before(stream: rr.RecordingStream, before: CameraRig, rig: CameraRig) -> None:
+    """The cameras that have moved, as they were, each with an arrow to where it is now."""
+    pairs = zip(before.cameras, rig.cameras, strict=True)
+    moved = [(old, new) for old, new in pairs if not np.allclose(old.world_T_camera, new.world_T_camera, atol=1e-9)]
+    reach_m = frustum_m(rig)
+    for old, _ in moved:
+        entity = paths.join(paths.CAMERAS_BEFORE, old.name)
+        pose = rr.Transform3D(translation=old.position_m, mat3x3=old.world_T_camera[:3, :3])
+        pinhole = rr.Pinhole(
+            image_from_camera=old.K,
+            resolution=old.size_px,
+            camera_xyz=rr.ViewCoordinates.RDF,
+            image_plane_distance=reach_m,
+            color=palette.BEFORE,
+        )
+        stream.log(entity, pose, pinhole, static=True)
+    if moved:
+        # Of points before the cameras: a camera that was only turned stays in its place.
+        ends = [[camera.position_m + reach_m * camera.world_T_camera[:3, 2] for camera in pair] for pair in moved]
+        arrows = rr.Arrows3D(
+            origins=[start for start, _ in ends],
+            vectors=[end - start for start, end in ends],
+            labels=[f"{old.name}, before" for old, _ in moved],
+            colors=palette.BEFORE,
+        )
+        stream.log(paths.CAMERA_MOVES, arrows, static=True)
 
 
 def _strips(path_m: Float[np.ndarray, "frame 3"]) -> list[np.ndarray]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.camera import CameraRig
 from fgpose.viewer.recording import Recording
 
 WALK = "walk"
@@ -26,6 +27,8 @@ class CalibrationScene:
     """How far the joints in each camera are from the epipolar lines of each other one; NaN: not seen by both."""
     report: str
     """Markdown: the verdict, and a table of the cameras."""
+    before: CameraRig | None = None
+    """The same cameras as they were before; those that have moved since are shown there too."""
 
 
 class CalibrationRecording(Recording):
@@ -36,7 +39,7 @@ class CalibrationRecording(Recording):
         of cameras agrees in each frame, and the verdict.
 
         Raises:
-            ValueError: a shape differs from the number of frames or of cameras.
+            ValueError: a shape differs from the number of frames or of cameras, or the cameras before are others.
         """
 
 

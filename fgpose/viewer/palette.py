@@ -34,6 +34,8 @@ _TRAJECTORIES: dict[str, Colour] = {
 # Of a calibration: the way that was walked, and the floor with its vertical.
 PATH: Colour = (230, 159, 0)
 FLOOR: Colour = (150, 160, 178)
+# A camera where it was before it was bumped.
+BEFORE: Colour = (190, 60, 40)
 # Of Okabe and Ito, one for each limb; predicted is orange, unobservable red, as a warning.
 LIMBS: tuple[Colour, ...] = ((86, 180, 233), (240, 228, 66), (0, 158, 115), (230, 110, 30))
 STATUS: dict[str, Colour] = {"predicted": (230, 159, 0), "unobservable": (190, 60, 40)}

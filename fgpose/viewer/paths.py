@@ -27,6 +27,8 @@ WALKED = "world/walked"
 FLOOR = "world/floor"
 VERTICAL = "world/vertical"
 CAMERA_SIGMAS = "world/camera_sigmas"
+CAMERAS_BEFORE = "world/cameras_before"
+CAMERA_MOVES = "world/camera_moves"
 REPORT = "report"
 
 

@@ -32,5 +32,9 @@ class RerunCalibrationRecording(RerunRecording, CalibrationRecording):
         for name, shape in shapes.items():
             if getattr(scene, name).shape != shape:
                 raise ValueError(f"{name} must be {shape}, got {getattr(scene, name).shape}")
+        if scene.before is not None and scene.before.names != self._rig.names:
+            raise ValueError(
+                f"the cameras before are {', '.join(scene.before.names)}, not {', '.join(self._rig.names)}"
+            )
         log_calibration_scene(self._open_stream, self._rig, scene, self._up)
         self._send(epipolar_rows(self._rig, scene.epipolar_px), scene.time_s)

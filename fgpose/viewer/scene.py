@@ -30,9 +30,13 @@ def log_cameras(stream: rr.RecordingStream, rig: CameraRig, up: UpAxis, colours:
     """The world and the cameras in it, each in its colour, ready for their pictures and detections."""
     sign = "UP" if up[0] == "+" else "DOWN"
     stream.log(paths.WORLD, getattr(rr.ViewCoordinates, f"RIGHT_HAND_{up[1].upper()}_{sign}"), static=True)
-    frustum_m = _FRUSTUM_SHARE * viewing_distance_m(rig)
     for camera, colour in zip(rig.cameras, colours, strict=True):
-        _log_camera(stream, camera, colour, frustum_m)
+        _log_camera(stream, camera, colour, frustum_m(rig))
+
+
+def frustum_m(rig: CameraRig) -> float:
+    """How far the frusta of cameras reach."""
+    return _FRUSTUM_SHARE * viewing_distance_m(rig)
 
 
 def up_vector(up: UpAxis) -> Float[np.ndarray, 3]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pytest
 
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CameraSigmas, Finding
 from fgpose.calibration.from_people.walk import Walk
+from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
@@ -80,3 +83,27 @@ def calibrated(
 def named(rig: CameraRig, names: Sequence[str]) -> CameraRig:
     """The rig with other names."""
     return CameraRig(tuple(replace(camera, name=name) for camera, name in zip(rig.cameras, names, strict=True)))
+
+
+class Chain:
+    """In place of the chain: notes what it was given, and gives the truth with these findings."""
+
+    def __init__(self) -> None:
+        self.given: dict[str, Any] = {}
+        self.people: PeopleObservations | None = None
+        self.intrinsics: CameraRig | None = None
+        self.findings: Sequence[Finding] = ()
+        self.result: Callable[[PeopleObservations, CameraRig], CalibratedFromPeople] | None = None
+
+    def __call__(self, people: PeopleObservations, intrinsics: CameraRig, **given: Any) -> CalibratedFromPeople:
+        self.people, self.intrinsics, self.given = people, intrinsics, given
+        given["progress"](1, 2)
+        if self.result is not None:
+            return self.result(people, intrinsics)
+        return calibrated(people, named(true_rig(), intrinsics.names), self.findings, (0.0, 61.25, -0.5))
+
+
+def failure(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    assert main(arguments) == 2
+    (line,) = [line for line in capsys.readouterr().err.splitlines() if line.startswith("fgpose: error: ")]
+    return line

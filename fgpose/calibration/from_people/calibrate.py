@@ -1,7 +1,8 @@
 """The chain from what uncalibrated cameras saw of people to a calibrated rig.
 
-tracks and starts (one walker on one clock) -> scaffold (a first rig) -> adjustment (bundle adjustment, also of the two
-halves of the recording) -> metric (scale, vertical, floor) -> sigmas -> verdict.
+tracks and starts (one walker on one clock) -> scaffold (a first rig) -> adjustment (bundle adjustment, again where
+views showed somebody else, and of the two halves of the recording) -> metric (scale, vertical, floor) -> sigmas ->
+verdict.
 """
 
 from __future__ import annotations
@@ -16,12 +17,14 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.focal_check import check_focal
 from fgpose.calibration.from_people.grounds import gather
 from fgpose.calibration.from_people.metric import Metric, to_metric
 from fgpose.calibration.from_people.projection import FOCAL, OFFSET, TRANSLATION
 from fgpose.calibration.from_people.scaffold import scaffolds
-from fgpose.calibration.from_people.scale import MeasuredDistance
+from fgpose.calibration.from_people.scale import MeasuredDistance, check_stature
 from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
+from fgpose.calibration.from_people.somebody_else import with_the_walker
 from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
 from fgpose.calibration.from_people.together import together
 from fgpose.calibration.from_people.tracks import find_tracks
@@ -101,7 +104,9 @@ def calibrate(
             progress(next(done), _STEPS)
 
     people.check_cameras(intrinsics.names)
-    tracks = main_tracks(find_tracks(people), people.skeleton)
+    measured = _checked(intrinsics, stature_m, distances)
+    everybody = find_tracks(people)
+    tracks = main_tracks(everybody, people.skeleton, synchronised=synchronised)
     told()
     in_step = {name: GivenStart(0.0) for name in intrinsics.names} if synchronised else None
     starts = find_starts(tracks, people.skeleton, intrinsics, in_step)
@@ -111,16 +116,37 @@ def calibrate(
     told()
     adjusting = _adjusting(placed, focal, parts, clocks=not synchronised)
     adjusted = adjusting.of(walk, placed)
+    of_walker = with_the_walker(walk, everybody, starts, adjusted.rig, _joints(walk, adjusted.rig))
+    if of_walker is not walk:
+        walk, adjusted = of_walker, adjusting.of(of_walker, adjusted.rig)
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
     joints = _joints(walk, adjusted.rig)
-    measured = [MeasuredDistance(*distance) for distance in distances]
-    metric = to_metric(walk, adjusted.rig, joints, stature_m, measured, _of_positions(adjusted))
+    metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
     told()
-    result = _judged(walk, starts, adjusted, halves, metric, focal)
+    result = _judged(walk, starts, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
     return result
+
+
+def _checked(
+    intrinsics: CameraRig, stature_m: float | None, distances: Sequence[tuple[str, str, float]]
+) -> list[MeasuredDistance]:
+    """What gives the scale. Raises ValueError, before any work, for what cannot be."""
+    if intrinsics.n_cameras < 2:
+        raise ValueError(f"one camera ({intrinsics.names[0]}) cannot be calibrated; at least two cameras are needed")
+    if stature_m is not None:
+        check_stature(stature_m)
+    unknown = [name for first, second, _ in distances for name in (first, second) if name not in intrinsics.names]
+    if unknown:
+        raise ValueError(f"a distance is given for {', '.join(unknown)}; the cameras are {', '.join(intrinsics.names)}")
+    return [MeasuredDistance(*distance) for distance in distances]
+
+
+def _of_rig(measured: Sequence[MeasuredDistance], walk: Walk) -> list[MeasuredDistance]:
+    """Those between cameras that could be brought together in time. The verdict names the others, and is failed."""
+    return [each for each in measured if {each.first, each.second} <= set(walk.camera_names)]
 
 
 def _placed(walk: Walk, intrinsics: CameraRig, parts: Parts) -> CameraRig:
@@ -194,7 +220,7 @@ def _judged(
     adjusted: Adjusted,
     halves: tuple[Adjusted, Adjusted] | None,
     metric: Metric,
-    focal: Focal,
+    estimated_lenses: Groups,
 ) -> CalibratedFromPeople:
     """With sigmas and verdict."""
     of_halves = None if halves is None else (_estimate(halves[0]), _estimate(halves[1]))
@@ -207,8 +233,9 @@ def _judged(
         sigmas,
         None if halves is None else (halves[0].rig, halves[1].rig),
         _unused(walk, adjusted),
-        np.full(metric.rig.n_cameras, focal != "known"),
+        estimated_lenses,
         np.array([name not in doubtful for name in metric.rig.names]),
+        None if estimated_lenses else check_focal(adjusted.problem, adjusted.state),
     )
     undistorted_px = metric.rig.undistort(walk.points2d_px)
     return CalibratedFromPeople(

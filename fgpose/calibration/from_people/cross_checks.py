@@ -21,8 +21,9 @@ def third_view_mrad(
     """How far each camera sees the body from where the other cameras have it: median over the frames.
 
     Of each frame the part of the offsets counts that moves, turns or scales the whole body in the image: a detector
-    places every joint somewhere else, depending on the view, and a wrong camera moves them all. Two cameras have no
-    third view: there it is by how much the body is out of the epipolar planes.
+    places every joint somewhere else, depending on the view, and a wrong camera moves them all. Joints count by their
+    confidence, for those that are hidden are guessed. Two cameras have no third view: there it is by how much the body
+    is out of the epipolar planes.
 
     Args:
         undistorted_px: of frames that the calibration was not made from, where there are some: those that made it
@@ -33,18 +34,28 @@ def third_view_mrad(
     Returns:
         Milliradians; NaN where a camera never sees six joints of a frame that enough others see.
     """
+    return np.array([_median(third_view_of(c, undistorted_px, confidence, rig)) for c in range(rig.n_cameras)])
+
+
+def third_view_of(
+    camera: int,
+    undistorted_px: Float[np.ndarray, "frame camera joint 2"],
+    confidence: Float[np.ndarray, "frame camera joint"],
+    rig: CameraRig,
+) -> Float[np.ndarray, " frame"]:
+    """third_view_mrad of one camera, frame by frame; NaN where that is not known."""
     px = np.where(confidence[..., None] > 0, undistorted_px, np.nan)
     if rig.n_cameras == 2:
-        return _epipolar_mrad(px, rig)
-    return np.array([_left_out_mrad(c, px, confidence, rig) for c in range(rig.n_cameras)])
+        return 1e3 * _out_of_plane_rad(camera, px, rig)
+    return 1e3 * _left_out_rad(camera, px, confidence, rig)
 
 
-def _left_out_mrad(
+def _left_out_rad(
     left_out: int,
     px: Float[np.ndarray, "frame camera joint 2"],
     confidence: Float[np.ndarray, "frame camera joint"],
     rig: CameraRig,
-) -> float:
+) -> Float[np.ndarray, " frame"]:
     others = [c for c in range(rig.n_cameras) if c != left_out]
     # No search for inliers: where the others do not agree, what is left would flatter them.
     joints_m = triangulate(
@@ -54,36 +65,44 @@ def _left_out_mrad(
     focal_px, centre_px = np.diag(camera.K)[:2], camera.K[:2, 2]
     seen, there = (px[:, left_out] - centre_px) / focal_px, (camera.project(joints_m) - centre_px) / focal_px
     known = np.asarray((np.isfinite(seen) & np.isfinite(there)).all(axis=-1))
-    frames = np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS)
-    return _median_mrad(np.array([_body_offset(seen[t, known[t]], there[t, known[t]]) for t in frames]))
+    weights = confidence[:, left_out] * confidence[:, others].max(axis=1)
+    offset_rad = np.full(len(known), np.nan)
+    for t in np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS):
+        offset_rad[t] = _body_offset(seen[t, known[t]], there[t, known[t]], weights[t, known[t]])
+    return offset_rad
 
 
-def _body_offset(seen: Float[np.ndarray, "joint 2"], there: Float[np.ndarray, "joint 2"]) -> float:
+def _body_offset(
+    seen: Float[np.ndarray, "joint 2"], there: Float[np.ndarray, "joint 2"], weights: Float[np.ndarray, " joint"]
+) -> float:
     """Root mean square of what a shift, a turn and a scaling of the image move the joints by, in focal lengths: the
     least-squares similarity, whose turn and scale are one complex number."""
+    share = weights / weights.sum()
     points, offsets = seen @ _COMPLEX, (there - seen) @ _COMPLEX
-    around, shift = points - points.mean(), offsets.mean()
-    square = float(np.vdot(around, around).real)
-    grow = np.vdot(around, offsets - shift) / square if square > 0 else 0.0
-    return float(np.sqrt(np.mean(np.abs(shift + grow * around) ** 2)))
+    around, shift = points - share @ points, share @ offsets
+    square = float(share @ np.abs(around) ** 2)
+    grow = (share * around.conj()) @ (offsets - shift) / square if square > 0 else 0.0
+    return float(np.sqrt(share @ np.abs(shift + grow * around) ** 2))
 
 
-def _epipolar_mrad(px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig) -> Float[np.ndarray, " camera"]:
+def _out_of_plane_rad(
+    own: int, px: Float[np.ndarray, "frame camera=2 joint 2"], rig: CameraRig
+) -> Float[np.ndarray, " frame"]:
+    """By how much the body is out of the epipolar planes of the other camera: median over the joints."""
     rays = [camera.ray(px[:, c]) for c, camera in enumerate(rig.cameras)]
-    baseline = rig.cameras[1].position_m - rig.cameras[0].position_m
-    angles = []
-    for own, other in ((0, 1), (1, 0)):
-        normal = np.cross(baseline, rays[other])
-        length = np.linalg.norm(normal, axis=-1)
-        out_rad = np.arcsin(np.clip(np.sum(rays[own] * normal, axis=-1) / np.where(length > 0, length, np.nan), -1, 1))
-        known = np.isfinite(out_rad)
-        frames = np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS)
-        angles.append(_median_mrad(np.array([abs(np.median(out_rad[t, known[t]])) for t in frames])))
-    return np.array(angles)
+    normal = np.cross(rig.cameras[1].position_m - rig.cameras[0].position_m, rays[1 - own])
+    length = np.linalg.norm(normal, axis=-1)
+    out_rad = np.arcsin(np.clip(np.sum(rays[own] * normal, axis=-1) / np.where(length > 0, length, np.nan), -1, 1))
+    known = np.isfinite(out_rad)
+    offset_rad = np.full(len(known), np.nan)
+    for t in np.flatnonzero(known.sum(axis=1) >= _MIN_JOINTS):
+        offset_rad[t] = abs(np.median(out_rad[t, known[t]]))
+    return offset_rad
 
 
-def _median_mrad(angle_rad: Float[np.ndarray, " frame"]) -> float:
-    return 1e3 * float(np.median(angle_rad)) if angle_rad.size else float("nan")
+def _median(angle: Float[np.ndarray, " frame"]) -> float:
+    known = angle[np.isfinite(angle)]
+    return float(np.median(known)) if known.size else float("nan")
 
 
 def referee_deg(

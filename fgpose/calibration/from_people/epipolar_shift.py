@@ -199,11 +199,10 @@ def _robust_geometry(points: _Points) -> _Geometry | None:
     return _Geometry.of(scale @ F @ scale)
 
 
-def _residual(
-    geometry: _Geometry, first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"]
+def sampson_errors(
+    F: Float[np.ndarray, "3 3"], first: Float[np.ndarray, "point 2"], second: Float[np.ndarray, "point 2"]
 ) -> Float[np.ndarray, " point"]:
-    """Sampson errors."""
-    F = geometry.F
+    """Signed; of errors that are alike in both images, the standard deviation of one coordinate."""
     line, other_line = first @ F[:, :2].T + F[:, 2], second @ F[:2] + F[2]
     algebraic = second[:, 0] * line[:, 0] + second[:, 1] * line[:, 1] + line[:, 2]
     square = line[:, 0] ** 2 + line[:, 1] ** 2 + other_line[:, 0] ** 2 + other_line[:, 1] ** 2
@@ -236,7 +235,7 @@ class _Linearized:
 
         def residual(geometry: _Geometry, *moved: np.ndarray | float) -> np.ndarray:
             first, second = (xy + by for xy, by in zip(points.xy, moved or (0.0, 0.0), strict=True))
-            return _residual(geometry, first, second) / points.spread
+            return sampson_errors(geometry.F, first, second) / points.spread
 
         here = residual(geometry)
         jacobian = np.empty((len(here), 9))

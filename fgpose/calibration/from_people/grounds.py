@@ -12,11 +12,14 @@ from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding
 from fgpose.calibration.from_people.coverage import Coverage, coverage
 from fgpose.calibration.from_people.cross_checks import referee_deg, third_view_mrad
+from fgpose.calibration.from_people.focal_check import FocalCheck
 from fgpose.calibration.from_people.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.metric import Metric
 from fgpose.calibration.from_people.sigmas import disagreement
+from fgpose.calibration.from_people.unknowns import Groups
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.intrinsics import is_of_another_size
 
 _SEEN_JOINTS = 0.25  # share of the joints with which somebody counts as seen
 _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less than all frames
@@ -39,7 +42,8 @@ class Grounds:
     halves_m: Float[np.ndarray, " camera"]
     """... and position."""
     coverage: Coverage
-    focal_estimated: Bool[np.ndarray, " camera"]
+    estimated_lenses: Groups
+    """Cameras whose focal length was estimated, those together that share one."""
     start_certain: Bool[np.ndarray, " camera"]
     mirrored: Bool[np.ndarray, " camera"]
     """handedness.mirrored_views."""
@@ -52,10 +56,10 @@ class Grounds:
     duration_s: float
     """For how long two cameras saw the person."""
     of_scale: tuple[Finding, ...] = ()
-    focal_change: Float[np.ndarray, " camera"] | None = None
-    """By how much of it the given focal lengths would change if they were estimated, and ..."""
-    focal_change_sigma: Float[np.ndarray, " camera"] | None = None
-    """... the standard deviation of that; None: not tried."""
+    focal_check: FocalCheck | None = None
+    """Of focal lengths that were given; None: not checked."""
+    off_centre: Bool[np.ndarray, " camera"] | None = None
+    """Whose K seems to be for images of another size."""
 
 
 def gather(
@@ -64,8 +68,9 @@ def gather(
     sigmas: CameraSigmas,
     halves: tuple[CameraRig, CameraRig] | None,
     unused: Bool[np.ndarray, " frame"],
-    focal_estimated: Bool[np.ndarray, " camera"],
+    estimated_lenses: Groups,
     start_certain: Bool[np.ndarray, " camera"],
+    focal_check: FocalCheck | None = None,
 ) -> Grounds:
     """The grounds on which a calibration is judged.
 
@@ -75,8 +80,9 @@ def gather(
         sigmas: of the cameras.
         halves: the rigs from the two halves of the recording, in any gauge; None: not halved.
         unused: frames of the walk that the adjustment did not use.
-        focal_estimated: whose focal length was.
+        estimated_lenses: cameras whose focal length was estimated, those together that share one.
         start_certain: whose start is.
+        focal_check: of focal lengths that were given.
     """
     rig, joints_m = metric.rig, metric.joints_m
     judged = unused if unused.sum() >= _MIN_UNUSED else np.ones_like(unused)
@@ -92,7 +98,7 @@ def gather(
         halves_deg=halves_deg,
         halves_m=halves_m,
         coverage=coverage(walk, rig, joints_m),
-        focal_estimated=focal_estimated,
+        estimated_lenses=estimated_lenses,
         start_certain=start_certain,
         mirrored=unknown > 0 if points3d_m is None else mirrored_views(points3d_m, walk.skeleton),
         handedness=handedness(joints_m, walk.skeleton),
@@ -100,6 +106,8 @@ def gather(
         camera_tilt_deg=_camera_tilt_deg(rig),
         duration_s=_duration_s(walk),
         of_scale=metric.scale.findings,
+        focal_check=focal_check,
+        off_centre=np.array([is_of_another_size(camera) for camera in rig.cameras]),
     )
 
 

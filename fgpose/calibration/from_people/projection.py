@@ -1,4 +1,4 @@
-"""What cameras would detect of joints: reprojection by pose, focal length, radial distortion and bias of the view."""
+"""What cameras would detect of joints: reprojection by pose, lens and bias of the view."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from jaxtyping import Bool, Float
 
 from fgpose_factors.projection import NEAREST_M
 
-N_OF_CAMERA = 9
-"""Unknowns of a camera: rotation vector and translation in its own frame, log of the focal length, k1, time offset."""
-ROTATION, TRANSLATION, FOCAL, RADIAL, OFFSET = slice(0, 3), slice(3, 6), 6, 7, 8
+N_OF_CAMERA = 11
+"""Unknowns of a camera: rotation vector and translation in its own frame, log of the focal length, k1, principal point
+(share of the diagonal of the image), time offset."""
+ROTATION, TRANSLATION, FOCAL, RADIAL, CENTRE, OFFSET = slice(0, 3), slice(3, 6), 6, 7, slice(8, 10), 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,7 @@ class Views:
     world_T_camera: Float[np.ndarray, "camera 4 4"]
     focal_px: Float[np.ndarray, "camera 2"]
     centre_px: Float[np.ndarray, "camera 2"]
+    diagonal_px: Float[np.ndarray, " camera"]
     k1: Float[np.ndarray, " camera"]
 
 
@@ -31,7 +33,7 @@ class Projected:
     points_px: Float[np.ndarray, "frame camera joint 2"]
     in_front: Bool[np.ndarray, "frame camera joint"]
     by_joint: Float[np.ndarray, "frame camera joint 2 3"]
-    by_camera: Float[np.ndarray, "frame camera joint 2 8"]
+    by_camera: Float[np.ndarray, "frame camera joint 2 10"]
     """All unknowns but the time offset."""
     by_bias: Float[np.ndarray, "frame camera joint 2 2"]
 
@@ -63,11 +65,12 @@ def projected(
     by_bias = by_unit / depth_m[..., None, None]
     by_own = np.concatenate([by_bias, -np.sum(by_bias * at_unit[..., None, :], axis=-1, keepdims=True)], axis=-1)
     by_lens = np.stack([from_centre_px, focal_px * at_unit * squared[..., None]], axis=-1)
+    by_centre = in_front[..., None, None] * views.diagonal_px[:, None, None, None] * np.eye(2)
     return Projected(
         points_px=from_centre_px + views.centre_px[:, None],
         in_front=in_front,
         by_joint=by_own @ R.swapaxes(-1, -2)[:, None],
-        by_camera=np.concatenate([_times_cross(by_own, own_m), -by_own, by_lens], axis=-1),
+        by_camera=np.concatenate([_times_cross(by_own, own_m), -by_own, by_lens, by_centre], axis=-1),
         by_bias=by_bias,
     )
 

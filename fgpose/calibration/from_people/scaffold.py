@@ -148,16 +148,22 @@ class _Views:
         )
 
     def least_shared(self) -> str:
-        """Who sees least together with anybody else, in words."""
-        seen = self.evidence.weights > 0
-        most = [
-            max((seen[:, c] & seen[:, other]).sum() for other in range(seen.shape[1]) if other != c)
-            for c in range(seen.shape[1])
-        ]
-        least = int(np.argmin(most))
+        """Which cameras see nobody together with the others, in words; or, if all do, that no poses explain it."""
+        from scipy.sparse.csgraph import connected_components
+
+        seen = (self.evidence.weights > 0).astype(int)
+        shared = np.einsum("tcj,tdj->cd", seen, seen)
+        n_groups, group_of = connected_components(shared >= _LEAST_POINTS, directed=False)
+        if n_groups == 1:
+            return (
+                "no poses of the cameras explain what they saw; walk through the whole view of each, in several "
+                "directions, and see that every video is of another camera and that K is of its resolution"
+            )
+        names = np.array(self.intrinsics.names)
+        groups = [", ".join(names[group_of == group].tolist()) for group in range(n_groups)]
         return (
-            f"camera {self.intrinsics.names[least]} shares at most {most[least]} joints with another one in the frames "
-            "that were used"
+            f"{groups[0]} on one side and {'; '.join(groups[1:])} on the other never see the same person at the same "
+            "time; walk where cameras of both see you"
         )
 
     def _joints(self, poses: dict[int, np.ndarray]) -> Float[np.ndarray, "frame joint 3"]:

@@ -21,10 +21,11 @@ from fgpose.geometry.camera import CameraRig
 _ADULT_M, _ADULT_SIGMA = 1.70, 0.06
 # A network does not see how tall somebody is (4.5 %), and has an error of its own: BlazePose was 7.4 % off on a
 # recording with known cameras.
-_NETWORK_SIGMA = 0.06
+_NETWORK_SIGMA = float(np.hypot(0.045, 0.074))
 _DISTANCE_SIGMA = 0.005
 # Of a stature that is told: 10 mm in the course of the day and by the shoes.
 _STATURE_SIGMA_M = 0.01
+_STATURES_M = (0.7, 2.5)
 _CONTRADICTION = 3.0  # standard deviations: by chance in one of 370
 _HEAD_CENTILE = 0.95
 
@@ -99,8 +100,7 @@ def stature_cues(
     Raises:
         ValueError: the stature is none of a person.
     """
-    if not 0.5 < stature_m < 2.6:
-        raise ValueError(f"a stature between 0.5 and 2.6 m is expected, got {stature_m:g}")
+    check_stature(stature_m)
     name, remedy = f"stature {stature_m:.2f} m", "check the stature that was given, and walk upright"
     told, (share, sigma) = _STATURE_SIGMA_M / stature_m, anatomy.segments
     by_segments = ScaleCue(name, stature_m * share / anatomy.segments_m(joints_m), float(np.hypot(sigma, told)), remedy)
@@ -110,6 +110,15 @@ def stature_cues(
     by_head = ScaleCue(name, stature_m * anatomy.head.height / high, float(np.hypot(anatomy.head.sigma, told)), remedy)
     contradict = bool(fuse([by_head, by_segments]).findings)
     return (by_head, by_segments) if contradict else (by_head,)
+
+
+def check_stature(stature_m: float) -> None:
+    """Raise ValueError for what is the stature of nobody who walks by himself."""
+    low, high = _STATURES_M
+    if low <= stature_m / 100 <= high:
+        raise ValueError(f"a stature is in metres: {stature_m / 100:g}, not {stature_m:g}")
+    if not low <= stature_m <= high:
+        raise ValueError(f"a stature is from {low:g} to {high:g} metres, got {stature_m:g}")
 
 
 def distance_cue(

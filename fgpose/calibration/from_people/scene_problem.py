@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.elimination import Eliminated, NormalEquations
 from fgpose.calibration.from_people.evidence import Evidence
-from fgpose.calibration.from_people.projection import FOCAL, N_OF_CAMERA, OFFSET, RADIAL, TRANSLATION, projected
+from fgpose.calibration.from_people.projection import CENTRE, FOCAL, N_OF_CAMERA, OFFSET, RADIAL, TRANSLATION, projected
 from fgpose.calibration.from_people.scene import SceneState
 from fgpose.calibration.from_people.sectors import SeenFrom
 from fgpose.calibration.from_people.unknowns import Unknowns
@@ -43,6 +43,8 @@ class SceneNoise:
     focal: float
     """Of the guess of the focal length, as a share of it."""
     k1: float
+    centre: float
+    """Of a principal point, each coordinate, as a share of the diagonal of the image."""
     offset_s: float
 
 
@@ -55,7 +57,7 @@ class _Linearized:
     weights: Float[np.ndarray, "frame camera joint"]
     """Information, 1/px^2."""
     by_joint: Float[np.ndarray, "frame camera joint 2 3"]
-    by_camera: Float[np.ndarray, "frame camera joint 2 9"]
+    by_camera: Float[np.ndarray, "frame camera joint 2 11"]
     by_bias: Float[np.ndarray, "frame camera joint 2 2"]
 
 
@@ -102,6 +104,10 @@ class SceneProblem:
         self._start, self._n_biases, self._n_coordinates = start, start.bias_m.size, start.joints_m.size
 
     @property
+    def unknowns(self) -> Unknowns:
+        return self._unknowns
+
+    @property
     def step_tolerance(self) -> float:
         return _STEP_TOLERANCE_M
 
@@ -145,7 +151,7 @@ class SceneProblem:
         from scipy.linalg import LinAlgError
 
         try:
-            return Eliminated(self._equations(state, damping))
+            return Eliminated(self.equations(state, damping))
         except LinAlgError:
             return None
 
@@ -168,13 +174,49 @@ class SceneProblem:
         """The same with other unknowns."""
         return SceneProblem(self._rig, self._evidence, self._seen_from, unknowns, self._noise, self._start)
 
-    def camera_covariance(self, state: SceneState) -> Float[np.ndarray, "camera 9 camera 9"]:
+    def equations(self, state: SceneState, damping: float = 0.0) -> NormalEquations:
+        """Gauss-Newton's around a state."""
+        terms, unknowns = self._linearized(state), self._unknowns
+        weighted_camera = terms.weights[..., None, None] * terms.by_camera
+        weighted_bias = terms.weights[..., None, None] * terms.by_bias
+        n_rows, n_frames, n_of_cameras = len(unknowns.columns), len(self._sector), N_OF_CAMERA * unknowns.n_cameras
+        each = np.arange(unknowns.n_cameras)
+        cameras = np.zeros((*2 * (unknowns.n_cameras, N_OF_CAMERA),))
+        cameras[each, :, each] = np.einsum("tcjik,tcjil->ckl", weighted_camera, terms.by_camera)
+        _, by_far = self._gauge(state)
+        cameras[self._far, TRANSLATION, self._far, TRANSLATION] += np.outer(by_far, by_far)
+        rows = np.zeros((n_rows, n_rows))
+        rows[:n_of_cameras, :n_of_cameras] = cameras.reshape(n_of_cameras, -1) + np.diag(self._prior.ravel())
+        rows_joints = np.zeros((n_frames, n_rows, self._n_coordinates // n_frames))
+        rows_joints[:, :n_of_cameras] = np.einsum("tcjik,tcjia->tckja", weighted_camera, terms.by_joint).reshape(
+            n_frames, n_of_cameras, -1
+        )
+        joints = np.einsum("tcjia,tcjib->tjab", terms.weights[..., None, None] * terms.by_joint, terms.by_joint)
+        joints = self._with_bones(joints, rows, rows_joints, state, damping)
+        sums = self._by_sector(np.einsum("tcjik,tcjib->tcjkb", weighted_camera, terms.by_bias))
+        biases = self._by_sector(np.einsum("tcjia,tcjib->tcjab", weighted_bias, terms.by_bias))
+        rows_biases = np.zeros((n_rows, *biases.shape[:-1]))
+        for c in range(unknowns.n_cameras):
+            rows_biases[N_OF_CAMERA * c : N_OF_CAMERA * (c + 1), :, c] = np.moveaxis(sums[:, c], 2, 0)
+        return NormalEquations(
+            shared=unknowns.columns.T @ rows @ unknowns.columns + damping * np.diag(unknowns.scale_m2),
+            biases=biases,
+            joints=joints,
+            shared_biases=np.tensordot(unknowns.columns.T, rows_biases, 1),
+            shared_joints=unknowns.columns.T @ rows_joints,
+            biases_joints=np.einsum("tcjib,tcjia->tjcba", weighted_bias, terms.by_joint),
+            sector=self._sector,
+            in_common=self._in_common,
+            bias_prior=1 / self._noise.bias_m**2 + damping,
+        )
+
+    def camera_covariance(self, state: SceneState) -> Float[np.ndarray, "camera 11 camera 11"]:
         """Marginal covariance of the unknowns of each camera (projection.N_OF_CAMERA); zero for what is held.
 
         Raises:
             LinAlgError: they are not determined.
         """
-        shared = Eliminated(self._equations(state, 0.0)).shared_covariance()
+        shared = Eliminated(self.equations(state)).shared_covariance()
         return self._unknowns.camera_covariance(shared)
 
     def _residual_px(
@@ -230,41 +272,6 @@ class SceneProblem:
         by_far = apart_m / distance_m @ state.world_T_camera[self._far, :3, :3]
         return (distance_m - self._far_m) / sigma_m, by_far / sigma_m
 
-    def _equations(self, state: SceneState, damping: float) -> NormalEquations:
-        terms, unknowns = self._linearized(state), self._unknowns
-        weighted_camera = terms.weights[..., None, None] * terms.by_camera
-        weighted_bias = terms.weights[..., None, None] * terms.by_bias
-        n_rows, n_frames, n_of_cameras = len(unknowns.columns), len(self._sector), N_OF_CAMERA * unknowns.n_cameras
-        each = np.arange(unknowns.n_cameras)
-        cameras = np.zeros((*2 * (unknowns.n_cameras, N_OF_CAMERA),))
-        cameras[each, :, each] = np.einsum("tcjik,tcjil->ckl", weighted_camera, terms.by_camera)
-        _, by_far = self._gauge(state)
-        cameras[self._far, TRANSLATION, self._far, TRANSLATION] += np.outer(by_far, by_far)
-        rows = np.zeros((n_rows, n_rows))
-        rows[:n_of_cameras, :n_of_cameras] = cameras.reshape(n_of_cameras, -1) + np.diag(self._prior.ravel())
-        rows_joints = np.zeros((n_frames, n_rows, self._n_coordinates // n_frames))
-        rows_joints[:, :n_of_cameras] = np.einsum("tcjik,tcjia->tckja", weighted_camera, terms.by_joint).reshape(
-            n_frames, n_of_cameras, -1
-        )
-        joints = np.einsum("tcjia,tcjib->tjab", terms.weights[..., None, None] * terms.by_joint, terms.by_joint)
-        joints = self._with_bones(joints, rows, rows_joints, state, damping)
-        sums = self._by_sector(np.einsum("tcjik,tcjib->tcjkb", weighted_camera, terms.by_bias))
-        biases = self._by_sector(np.einsum("tcjia,tcjib->tcjab", weighted_bias, terms.by_bias))
-        rows_biases = np.zeros((n_rows, *biases.shape[:-1]))
-        for c in range(unknowns.n_cameras):
-            rows_biases[N_OF_CAMERA * c : N_OF_CAMERA * (c + 1), :, c] = np.moveaxis(sums[:, c], 2, 0)
-        return NormalEquations(
-            shared=unknowns.columns.T @ rows @ unknowns.columns + damping * np.diag(unknowns.scale_m2),
-            biases=biases,
-            joints=joints,
-            shared_biases=np.tensordot(unknowns.columns.T, rows_biases, 1),
-            shared_joints=unknowns.columns.T @ rows_joints,
-            biases_joints=np.einsum("tcjib,tcjia->tjcba", weighted_bias, terms.by_joint),
-            sector=self._sector,
-            in_common=self._in_common,
-            bias_prior=1 / self._noise.bias_m**2 + damping,
-        )
-
     def _with_bones(
         self,
         of_detections: Float[np.ndarray, "frame joint 3 3"],
@@ -299,10 +306,11 @@ class SceneProblem:
         return sums
 
 
-def _prior_information(unknowns: Unknowns, noise: SceneNoise) -> Float[np.ndarray, "camera 9"]:
+def _prior_information(unknowns: Unknowns, noise: SceneNoise) -> Float[np.ndarray, "camera 11"]:
     """Of what is usual of lenses and clocks; what a group shares counts once."""
     information = np.zeros((unknowns.n_cameras, N_OF_CAMERA))
     information[:, OFFSET] = 1 / noise.offset_s**2
+    information[list(unknowns.centres), CENTRE] = 1 / noise.centre**2
     for row, groups, sigma in ((FOCAL, unknowns.focal, noise.focal), (RADIAL, unknowns.radial, noise.k1)):
         for group in groups:
             information[list(group), row] = 1 / (len(group) * sigma**2)

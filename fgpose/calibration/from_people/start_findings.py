@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.from_people.clocks import Clocks, ClockShift
+from fgpose.calibration.from_people.clocks import Clocks
 from fgpose.calibration.from_people.joining import Joined
 from fgpose.calibration.from_people.motion_signals import MotionSignals
+from fgpose.calibration.from_people.same_view import shows_the_same
 from fgpose.calibration.from_people.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose.sampling import usual_step_s
 
-_GIVE = "or give the start of each camera"
+_LEAVE_OUT = "or leave this camera out (--cameras)"
+_GIVE = "or cut the videos to begin at the same moment and say so (--synchronised)"
 _WALK = "walk about where all cameras see you, with turns and stops, for half a minute"
-_SHORT_S = 5.0
+SHORT_S = 5.0
+"""Of somebody who is seen for less it is not found when the video begins."""
 # Radii of the body per second, a quarter of a slow walk.
 _STILL = 0.5
 # Of an image period: beyond this a start is not known.
@@ -25,20 +29,26 @@ _MAX_SIGMA, _COARSE_SIGMA = 1.0, 0.3
 _FINE_S = 0.01
 # Quartz clocks differ by 43 to 145 ppm; frame rates that are stated wrongly (30 for 29.97 Hz) by 1,000 or more.
 _MAX_RATE = 5e-4
-# Two cameras side by side see the body 0.1 m apart (0.2 radii) or more, two detectors miss each other by 0.05.
-_SAME = 0.03
 
 
 def nobody(camera: str) -> Finding:
-    return Finding(camera, Grade.FAILED, "nobody is seen", "walk where this camera sees you from head to foot")
+    return Finding(
+        camera, Grade.FAILED, "nobody is seen", f"walk where this camera sees you from head to foot, {_LEAVE_OUT}"
+    )
 
 
-def not_joined(camera: str, signals: MotionSignals, joined: Joined | None, *, nobody_joined: bool) -> Finding:
-    """Of a camera for which no moment is decisive, alone or because it is so for all."""
-    if signals.lasts_s < _SHORT_S:
+def not_joined(
+    camera: str, signals: MotionSignals, joined: Joined | None, moves: float, *, nobody_joined: bool
+) -> Finding:
+    """Of a camera for which no moment is decisive, alone or because it is so for all.
+
+    Args:
+        moves: MotionSignals.moves as most cameras see it: who walks towards one of them hardly moves in its image.
+    """
+    if signals.lasts_s < SHORT_S:
         reason = f"the person is seen for {signals.lasts_s:.1f} s only: too short to find when the video begins"
         return Finding(camera, Grade.FAILED, reason, f"film for half a minute, {_GIVE}")
-    if signals.moves < _STILL:
+    if moves < _STILL:
         reason = "the person hardly moves: there is nothing by which to find when the video begins"
         return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
     if joined is None or not joined.is_outstanding:
@@ -56,24 +66,17 @@ def not_joined(camera: str, signals: MotionSignals, joined: Joined | None, *, no
     return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
 
 
-def same_camera(
-    names: Sequence[str], views: Sequence[View], shifts: Mapping[tuple[int, int], ClockShift]
-) -> list[Finding]:
-    """Of every camera whose video shows the same as that of one before."""
+def same_camera(names: Sequence[str], views: Sequence[View], offsets_s: Mapping[int, float]) -> list[Finding]:
+    """Of every camera whose video shows the same as that of one before. Common time = own time + offset."""
     found: dict[str, Finding] = {}
-    for (one, other), shift in sorted(shifts.items()):
-        if names[one] in found or names[other] in found or not _shows_the_same(views[one], views[other], shift):
+    for one, other in combinations(sorted(offsets_s), 2):
+        if names[one] in found or names[other] in found:
             continue
-        reason = f"it shows the same image as {names[one]}: both videos are of one camera"
-        found[names[other]] = Finding(names[other], Grade.FAILED, reason, "give the video of the other camera")
+        if shows_the_same(views[one], views[other], offsets_s[other] - offsets_s[one]):
+            reason = f"it shows the same image as {names[one]}: both videos seem to be of one camera"
+            remedy = f"give the video of the other camera, {_LEAVE_OUT}"
+            found[names[other]] = Finding(names[other], Grade.FAILED, reason, remedy)
     return list(found.values())
-
-
-def _shows_the_same(first: View, second: View, shift: ClockShift) -> bool:
-    at_s = first.time_s - shift.shift_s
-    apart = np.linalg.norm(second.at(at_s) - first.xy, axis=-1) / first.radius[:, None]
-    known = np.isfinite(apart)
-    return bool(known.any() and np.median(apart[known]) < _SAME)
 
 
 def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[Finding]:
@@ -84,13 +87,14 @@ def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[
     usual = np.sort(clocks.rates[np.isfinite(clocks.rates)])
     rate = float(clocks.rates[number] - usual[(len(usual) - 1) // 2]) if len(usual) else 0.0
     rate_sigma = max(float(clocks.rate_sigma[number]), float(np.nanmedian(clocks.rate_sigma)))
+    remedy = f"{_WALK}; see that the frame rate is as the file says, {_GIVE}"
     if not np.isfinite(sigma_s):
         reason = "it has too little in common with the other cameras to find when the video begins"
-        return [Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")]
+        return [Finding(camera, Grade.FAILED, reason, remedy)]
     found = []
     if sigma_s > _MAX_SIGMA * step_s or apart_s > _MAX_SIGMA * step_s:
         reason = f"when the video begins is known to {1e3 * max(sigma_s, apart_s):.0f} ms only"
-        return [Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")]
+        return [Finding(camera, Grade.FAILED, reason, remedy)]
     if max(sigma_s, apart_s) > max(_COARSE_SIGMA * step_s, _FINE_S):
         reason = f"when the video begins is known to {1e3 * max(sigma_s, apart_s):.0f} ms only"
         found.append(Finding(camera, Grade.COARSE, reason, _WALK))
@@ -98,3 +102,12 @@ def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[
         reason = f"its clock runs {1e2 * abs(rate):.2g} % {'slower' if rate > 0 else 'faster'} than that of the others"
         found.append(Finding(camera, Grade.COARSE, reason, "check the frame rate that the file states"))
     return found
+
+
+def in_words(findings: Sequence[Finding]) -> str:
+    """Reasons and remedies, those that several cameras have in common said once."""
+    cameras: dict[tuple[str, str], list[str]] = {}
+    for finding in findings:
+        cameras.setdefault((finding.reason, finding.remedy), []).append(finding.camera)
+    said = (f"{', '.join(names)}: {reason} ({remedy})" for (reason, remedy), names in cameras.items())
+    return "; ".join(said)

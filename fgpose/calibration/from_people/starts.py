@@ -92,17 +92,20 @@ def find_starts(
     """
     names, given = intrinsics.names, dict(given or {})
     _check(tracks, names, given)
-    if all(name in given and given[name].sigma_s == 0 for name in names):
-        return _as_given(names, given)
     views = [View.of(track, camera) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
-    signals = [motion_signals(track, skeleton) for track in tracks]
     findings = [nobody(name) for name, track in zip(names, tracks, strict=True) if not len(track.time_s)]
+    if all(name in given and given[name].sigma_s == 0 for name in names):
+        return _as_given(names, given, views, findings)
+    signals = [motion_signals(track, skeleton) for track in tracks]
+    moves = float(np.median([each.moves for each, track in zip(signals, tracks, strict=True) if len(track.time_s)]))
     joining = join_cameras(signals, views, {names.index(name): start.offset_s for name, start in given.items()})
     for c, name in enumerate(names):
         if c not in joining.offsets_s and len(tracks[c].time_s):
-            findings.append(not_joined(name, signals[c], joining.joined.get(c), nobody_joined=not joining.offsets_s))
+            findings.append(
+                not_joined(name, signals[c], joining.joined.get(c), moves, nobody_joined=not joining.offsets_s)
+            )
     shifts = _pair_shifts(views, joining.offsets_s)
-    doubles = same_camera(names, views, shifts)
+    doubles = same_camera(names, views, joining.offsets_s)
     trusted = [c for c in sorted(joining.offsets_s) if names[c] not in {finding.camera for finding in doubles}]
     return _solved(names, trusted, {**_as_shifts(names, given), **shifts}, tracks, [*findings, *doubles])
 
@@ -124,10 +127,18 @@ def _check(tracks: Sequence[Track], names: tuple[str, ...], given: Mapping[str, 
         raise ValueError(f"{who}; at least two cameras must see the same person at the same time")
 
 
-def _as_given(names: tuple[str, ...], given: Mapping[str, GivenStart]) -> Starts:
-    offsets_s = np.array([given[name].offset_s for name in names])
-    zero = np.zeros(len(names))
-    return Starts(names, names[0], offsets_s - offsets_s[0], zero, zero.copy(), np.ones(len(names), dtype=bool))
+def _as_given(
+    names: tuple[str, ...], given: Mapping[str, GivenStart], views: Sequence[View], findings: Sequence[Finding]
+) -> Starts:
+    """Of all cameras that see somebody, and each of which is another one."""
+    known = {c: given[name].offset_s for c, name in enumerate(names) if len(views[c].time_s)}
+    doubles = same_camera(names, views, known)
+    is_trusted = np.array([c in known and name not in {f.camera for f in doubles} for c, name in enumerate(names)])
+    reference = int(np.argmax(is_trusted))
+    offsets_s = np.array([given[name].offset_s for name in names]) - given[names[reference]].offset_s
+    zero = np.where(is_trusted, 0.0, np.nan)
+    offsets_s = np.where(is_trusted, offsets_s, np.nan)
+    return Starts(names, names[reference], offsets_s, zero, zero.copy(), is_trusted, (*findings, *doubles))
 
 
 def _as_shifts(names: tuple[str, ...], given: Mapping[str, GivenStart]) -> dict[tuple[int, int], ClockShift]:

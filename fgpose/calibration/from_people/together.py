@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.body_size import steady_radius
 from fgpose.calibration.from_people.interpolation import between_images, smaller_around
+from fgpose.calibration.from_people.start_findings import in_words
 from fgpose.calibration.from_people.starts import Starts
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.sampling import nearest, usual_step_s
@@ -43,32 +44,38 @@ def together(tracks: Sequence[Track], starts: Starts, skeleton: Skeleton, max_fr
     """
     kept = [track for track, is_trusted in zip(tracks, starts.trusted, strict=True) if is_trusted]
     if len(kept) < 2:
-        reasons = "; ".join(f"{finding.camera}: {finding.reason}" for finding in starts.findings)
-        raise ValueError(f"the videos of fewer than two cameras can be brought together in time ({reasons})")
+        why = in_words(starts.findings)
+        raise ValueError(f"the videos of fewer than two cameras can be brought together in time: {why}")
     time_s = _frame_times_s(kept, starts)
     at_s = [starts.own_s(track.camera, time_s) for track in kept]
-    pairs = list(zip(kept, at_s, strict=True))
-    points2d_px = np.stack([between_images(track.time_s, track.points2d_px, own_s) for track, own_s in pairs], axis=1)
-    confidence = np.stack([smaller_around(track.time_s, track.confidence, own_s) for track, own_s in pairs], axis=1)
-    known = np.isfinite(points2d_px).all(axis=-1) & (confidence > 0)
+    views = [seen_at(track, own_s) for track, own_s in zip(kept, at_s, strict=True)]
+    points2d_px, confidence = (np.stack([view[part] for view in views], axis=1) for part in (0, 1))
+    known = confidence > 0
     frames = _chosen(known, points2d_px, time_s, max_frames)
     if not frames.any():
         raise ValueError(
             f"no two cameras of {', '.join(track.camera for track in kept)} see the same person at the same time; "
             "walk where several cameras see you"
         )
-    points2d_px[~known], confidence[~known] = np.nan, 0.0
     points3d_m = None
     if any(track.points3d_m is not None for track in kept):
-        points3d_m = np.stack([_in_3d(track, own_s) for track, own_s in pairs], axis=1)[frames]
+        points3d_m = np.stack([view[2] for view in views], axis=1)[frames]
     names = tuple(track.camera for track in kept)
     return Walk(skeleton, names, time_s[frames], points2d_px[frames], confidence[frames], points3d_m)
 
 
-def _in_3d(track: Track, at_s: Float[np.ndarray, " frame"]) -> Float[np.ndarray, "frame joint 3"]:
+def seen_at(
+    track: Track, own_s: Float[np.ndarray, " frame"]
+) -> tuple[Float[np.ndarray, "frame joint 2"], Float[np.ndarray, "frame joint"], Float[np.ndarray, "frame joint 3"]]:
+    """Detections of a track at times by the clock of its camera: pixels and 3D, NaN = missing, and confidence."""
+    points2d_px = between_images(track.time_s, track.points2d_px, own_s)
+    confidence = smaller_around(track.time_s, track.confidence, own_s)
+    known = np.isfinite(points2d_px).all(axis=-1) & (confidence > 0)
     if track.points3d_m is None:
-        return np.full((len(at_s), track.confidence.shape[1], 3), np.nan)
-    return between_images(track.time_s, track.points3d_m, at_s)
+        points3d_m = np.full((*known.shape, 3), np.nan)
+    else:
+        points3d_m = between_images(track.time_s, track.points3d_m, own_s)
+    return np.where(known[..., None], points2d_px, np.nan), np.where(known, confidence, 0.0), points3d_m
 
 
 def _frame_times_s(tracks: Sequence[Track], starts: Starts) -> Float[np.ndarray, " frame"]:

@@ -13,6 +13,7 @@ import numpy as np
 from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
+from fgpose.geometry.intrinsics import is_of_another_size
 from fgpose.io.arrays import array_names, read_arrays
 from fgpose.io.calibration import lens_documents, live_format, npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
@@ -23,9 +24,6 @@ Size = tuple[int, int]
 
 _MAX_BYTES = 100_000_000
 _SUFFIXES = (".yml", ".yaml", ".json", ".toml", ".npz")
-# The principal point of every camera known to us lies within 5 % of the image's width of its middle. Beyond a quarter
-# the image was cut, or K is for images of another size.
-_MAX_OFF_CENTRE = 0.25
 
 
 def load_intrinsics(
@@ -81,8 +79,7 @@ def _camera(name: str, lens: Lens, size_px: Size | None) -> Camera:
     if size_px is None:
         raise ValueError(f"camera {lens.name}: it does not say for images of which size it is; give it (--size)")
     camera = Camera(name, size_px, lens.K, np.eye(4), lens.distortion, lens.lens)
-    off_centre = np.abs(camera.K[:2, 2] - (np.array(size_px) - 1) / 2) / size_px
-    if lens.size_px is None and off_centre.max() > _MAX_OFF_CENTRE:
+    if lens.size_px is None and is_of_another_size(camera):
         x, y = camera.K[:2, 2]
         raise ValueError(
             f"camera {lens.name}: the principal point ({x:.0f}, {y:.0f}) is far from the middle of an image of "

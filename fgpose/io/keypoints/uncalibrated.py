@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
-from fgpose.io.camera_names import match_cameras
+from fgpose.io.camera_names import match_cameras, named_cameras
 from fgpose.io.keypoints import live_files, people_files, recording_files
 from fgpose.io.keypoints.keypoint_files import Points3dUnit, keypoint_cameras, load_people
-from fgpose.people import PeopleObservations
+from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 # Of videos, upright or not. Rarer ones between them would be taken where somebody stays near the middle.
@@ -35,11 +36,13 @@ def load_uncalibrated(
     fps: float | None = None,
     points3d_unit: Points3dUnit = "mm",
     cameras: tuple[str, ...] = (),
+    made_with: CameraRig | None = None,
 ) -> PeopleObservations:
     """Everybody in keypoints of any format that load_people reads, of cameras without a calibration.
 
     Cameras have the names that the keypoints give them, without ``_json``. Per-view 3D is in the frame of each camera.
-    That of fgpose's own files is in the world frame of a calibration that is not known here: it is left out.
+    That of fgpose's own files is in the world of the calibration that it was made with (fgpose detect --rig), which
+    they do not contain: without made_with it is left out.
 
     Args:
         path: the folder or file.
@@ -47,6 +50,8 @@ def load_uncalibrated(
         fps: frames per second, see load_people.
         points3d_unit: of per-view 3D.
         cameras: use only these, in this order.
+        made_with: the calibration that a file of fgpose was made with. Its poses only take per-view 3D back to the
+            frames of the cameras that saw it, and only if it lies where these saw it.
 
     Warns:
         UserWarning: per-view 3D was left out.
@@ -64,8 +69,14 @@ def load_uncalibrated(
     rig = guessed_intrinsics(names, [(1, 1)] * len(names))
     people = load_people(path, rig, skeleton, fps=fps, points3d_unit=points3d_unit)
     if _is_own(path) and any(image.points3d_m is not None for image in people.images):
-        warnings.warn(f"{path}: its per-view 3D is in the world of another calibration, and not used", stacklevel=2)
-        people = _without_3d(people)
+        in_cameras = None if made_with is None else _in_camera_frames(people, made_with)
+        if in_cameras is None:
+            warnings.warn(
+                f"{path}: its per-view 3D is in the world of the calibration that it was made with, and not used "
+                "without that",
+                stacklevel=2,
+            )
+        people = _without_3d(people) if in_cameras is None else in_cameras
     return people.subset(cameras) if cameras else people
 
 
@@ -78,6 +89,42 @@ def _is_own(path: Path) -> bool:
 def _without_3d(people: PeopleObservations) -> PeopleObservations:
     images = (replace(image, points3d_m=None, covariance3d_m2=None) for image in people.images)
     return replace(people, images=tuple(images))
+
+
+def _in_camera_frames(people: PeopleObservations, made_with: CameraRig) -> PeopleObservations | None:
+    """With per-view 3D in the frames of the cameras; None if it does not lie where these saw it."""
+    try:
+        own = named_cameras(people.camera_names, made_with.names)
+    except ValueError:
+        return None
+    camera_of = {name: made_with.cameras[made_with.names.index(own[name])] for name in people.camera_names}
+    if not all(_lies_where_seen(people.by_camera[name], camera) for name, camera in camera_of.items()):
+        return None
+    return replace(people, images=tuple(_in_camera_frame(image, camera_of[image.camera]) for image in people.images))
+
+
+def _in_camera_frame(image: Detections, camera: Camera) -> Detections:
+    if image.points3d_m is None:
+        return image
+    R = camera.camera_T_world[:3, :3]
+    covariance_m2 = None if image.covariance3d_m2 is None else R @ image.covariance3d_m2 @ R.T
+    return replace(image, points3d_m=camera.to_camera_frame(image.points3d_m), covariance3d_m2=covariance_m2)
+
+
+def _lies_where_seen(images: Sequence[Detections], camera: Camera) -> bool:
+    """Whether per-view 3D is projected onto its detections, to within half of the size of the body: errors of a network
+    are a tenth of it, and another calibration puts the body elsewhere."""
+    missed = []
+    for image in images:
+        if image.points3d_m is None:
+            continue
+        seen_px, there_px = camera.undistort(image.points2d_px), camera.project(image.points3d_m)
+        for own_px, own_there_px in zip(seen_px, there_px, strict=True):
+            known = np.isfinite(own_px + own_there_px).all(axis=-1)
+            if known.sum() > 1:
+                size_px = np.linalg.norm(own_px[known].std(axis=0))
+                missed.append(np.median(np.linalg.norm(own_px - own_there_px, axis=-1)[known]) / size_px)
+    return not missed or bool(np.median(missed) < 0.5)
 
 
 def extents_px(people: PeopleObservations) -> Float[np.ndarray, "camera 2"]:

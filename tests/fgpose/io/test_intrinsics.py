@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import tomli_w
 
 import fgpose
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.geometry.intrinsics import guessed_intrinsics, is_of_another_size
 from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
 
 DATA = Path(__file__).parents[2] / "data"
@@ -204,3 +205,21 @@ def test_the_guess_is_within_40_per_cent_of_the_recordings_that_come_with_fgpose
     for rig in (fgpose.load_recording("balance_blazepose")[0], load_rig(POSE2SIM)):
         guess = guessed_intrinsics(rig.names, [camera.size_px for camera in rig.cameras])
         np.testing.assert_allclose(guess.focal_px, rig.focal_px, rtol=0.4)
+
+
+@pytest.mark.parametrize(
+    ("principal_point", "is_of_another"),
+    [
+        ((959.5, 539.5), False),
+        ((1020.0, 560.0), False),  # 3 % of the width
+        ((640.0, 360.0), True),  # of 1280 x 720
+        ((1439.0, 809.0), True),  # of 2880 x 1620
+        ((960.0, 240.0), True),  # of a part of the image
+        ((1170.0, 400.0), False),  # aside, but not to the right and down, as a lens with a shift
+    ],
+)
+def test_k_of_another_size(principal_point: tuple[float, float], is_of_another: bool) -> None:
+    camera = guessed_intrinsics(["a"], [(1920, 1080)]).cameras[0]
+    K = camera.K.copy()
+    K[:2, 2] = principal_point
+    assert is_of_another_size(replace(camera, K=K)) == is_of_another

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from calibrated_walks import FPS, SKELETON, seen_px, true_rig, write_openpose
 
 import fgpose
+from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
 from fgpose.io.keypoints import check_sizes, likely_sizes_px, load_uncalibrated, save_observations
 from fgpose.people import Detections, PeopleObservations
@@ -43,12 +45,31 @@ def test_one_camera_cannot_be_calibrated(keypoints: Path) -> None:
 
 @pytest.mark.filterwarnings("default")
 def test_3d_in_the_world_of_a_calibration_is_left_out(tmp_path: Path) -> None:
-    _, observations = fgpose.load_recording("balance_blazepose")
+    rig, observations = fgpose.load_recording("balance_blazepose")
     path = tmp_path / "seen.npz"
     save_observations(observations.frames(slice(0, 3)), path)
-    with pytest.warns(UserWarning, match=r"seen\.npz: its per-view 3D is in the world of another calibration"):
-        people = load_uncalibrated(path, observations.skeleton)
-    assert all(image.points3d_m is None for image in people.images)
+    # Without the calibration that it was made with, and with another one.
+    others = CameraRig(tuple(replace(camera, world_T_camera=np.eye(4)) for camera in rig.cameras))
+    for made_with in (None, others, rig.subset(rig.names[:2])):
+        with pytest.warns(
+            UserWarning, match=r"seen\.npz: its per-view 3D is in the world of the calibration that it was"
+        ):
+            people = load_uncalibrated(path, observations.skeleton, made_with=made_with)
+        assert all(image.points3d_m is None for image in people.images)
+
+
+def test_3d_goes_back_to_the_cameras_that_saw_it(tmp_path: Path) -> None:
+    rig, observations = fgpose.load_recording("balance_blazepose")
+    save_observations(observations.frames(slice(0, 3)), tmp_path / "seen.npz")
+    people = load_uncalibrated(tmp_path / "seen.npz", observations.skeleton, made_with=rig)
+    assert observations.points3d_m is not None
+    for c, name in enumerate(rig.names):
+        image = people.by_camera[name][2]
+        assert image.points3d_m is not None
+        expected_m = rig.cameras[c].to_camera_frame(observations.points3d_m[2, c])
+        # Files have single precision.
+        np.testing.assert_allclose(image.points3d_m[0], expected_m, atol=1e-5)
+        assert (image.points3d_m[0, :, 2] > 1.0).all()  # in front of the camera
 
 
 @pytest.mark.parametrize(

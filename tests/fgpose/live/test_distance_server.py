@@ -55,13 +55,14 @@ class Robot:
         assert self._distances.poll(round(1000 * WAITS_S))
         return {distance.link: distance for distance in decode_distances(self._distances.recv())}
 
-    def hear_fault(self, link: str, reason: str) -> None:
-        """Wait until a link has a fault; empty: until it has none."""
+    def hear_fault(self, link: str, reason: str) -> LinkDistance:
+        """Wait until a link has a fault, empty: until it has none, and return what was heard then."""
         end_s = time.monotonic() + WAITS_S
         while True:
-            fault = self.hear()[link].fault
+            heard = self.hear()[link]
+            fault = heard.fault
             if (fault is None and not reason) or (fault is not None and reason and reason in fault.reason):
-                return
+                return heard
             assert time.monotonic() < end_s, fault
 
     def close(self) -> None:
@@ -130,9 +131,12 @@ def test_frames_that_stop_are_a_fault(rig: CameraRig, skeleton: Skeleton, frame:
     with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
         server.publish(frame)
         robot.poses.send(encode_robot({}, reset=True))
-        robot.hear_fault("post", "")
+        fresh = robot.hear_fault("post", "")
         now_s[0] += 1.0
-        robot.hear_fault("post", "the data are 1.10 s old")
+        old = robot.hear_fault("post", "the data are 1.10 s old")
+    # Whoever stands beside it may have come nearer meanwhile.
+    assert old.age_s == pytest.approx(1.1, abs=1e-6)
+    assert old.distance_m < fresh.distance_m
 
 
 def test_messages_that_are_wrong_are_counted(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:

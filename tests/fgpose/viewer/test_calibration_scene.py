@@ -14,7 +14,8 @@ from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, entities, rows, stati
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.geometry.epipolar_distance import epipolar_distances_px, pairs_px
 from fgpose.people import Detections, PeopleObservations
-from fgpose.pipeline.calibration import hips_m, show_calibrated, write_calibration
+from fgpose.pipeline.calibration import show_calibrated, write_calibration
+from fgpose.pipeline.seen_walk import hips_m
 from fgpose.viewer import CalibrationScene, open_calibration_recording
 from fgpose.viewer.calibration_content import walked_outline_m
 
@@ -139,8 +140,15 @@ def test_what_is_not_known_is_left_out(tmp_path: Path, result: CalibratedFromPeo
         static_list(tmp_path / "rig.rrd", "/world/camera_sigmas", "Ellipsoids3D:centers")
 
 
-def test_nothing_is_shown_without_a_file(result: CalibratedFromPeople) -> None:
-    show_calibrated(result, open_calibration_recording(None, RIG, SKELETON))
+def test_nothing_is_shown_without_a_file(
+    result: CalibratedFromPeople, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with open_calibration_recording(None, RIG, SKELETON) as recording:
+        show_calibrated(result, recording)
+        assert not recording.wants_image(RIG.names[0], 0)
+        assert recording.viewer_url is None
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_scene_of_another_size_is_refused(tmp_path: Path) -> None:

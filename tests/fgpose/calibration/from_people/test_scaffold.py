@@ -67,7 +67,7 @@ def test_a_camera_that_shares_nothing_is_named() -> None:
     points2d_px = WALK.points2d_px.copy()
     points2d_px[:, 2] = np.nan
 
-    with pytest.raises(ValueError, match=r"cannot be placed: camera ring_2 shares at most 0 joints"):
+    with pytest.raises(ValueError, match=r"cannot be placed: ring_0, ring_1 on one side and ring_2 on the other"):
         scaffold(replace(WALK, points2d_px=points2d_px), bare(RIG))
 
 

@@ -17,9 +17,9 @@ from fgpose.calibration.from_people.unknowns import Unknowns
 from fgpose.synthetic import NO_NOISE, DetectionNoise, ring_rig, walking
 
 RIG = ring_rig(3)
-NOISE = SceneNoise(5.0, "cauchy", 2.2, bias_m=0.02, bone_m=0.02, focal=0.25, k1=0.1, offset_s=0.05)
+NOISE = SceneNoise(5.0, "cauchy", 2.2, bias_m=0.02, bone_m=0.02, focal=0.25, k1=0.1, centre=0.01, offset_s=0.05)
 FRAMES = [0, 40, 80, 120]
-UNKNOWNS = Unknowns.of(3, 6, focal=[(0, 2), (1,)], radial=[(0, 1, 2)], clocks=True)
+UNKNOWNS = Unknowns.of(3, 6, focal=[(0, 2), (1,)], radial=[(0, 1, 2)], centres=[0, 2], clocks=True)
 # The last camera is rolled by 30 degrees.
 AXES = np.array([np.eye(2), np.eye(2), [[np.sqrt(0.75), -0.5], [0.5, np.sqrt(0.75)]]])
 SEEN_FROM = SeenFrom(np.array([[0, 1, 1], [1, 0, 0], [0, 0, 1], [1, 1, 1]]), AXES)

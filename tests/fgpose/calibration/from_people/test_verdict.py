@@ -9,6 +9,7 @@ from adjusted_rigs import adjusted, moved, rig_errors
 
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
 from fgpose.calibration.from_people.coverage import Coverage
+from fgpose.calibration.from_people.focal_check import FocalCheck
 from fgpose.calibration.from_people.grounds import Grounds, gather
 from fgpose.calibration.from_people.metric import to_metric
 from fgpose.calibration.from_people.verdict import (
@@ -64,7 +65,7 @@ def good() -> Grounds:
         halves_deg=np.full(3, 0.8),
         halves_m=np.full(3, 0.05),
         coverage=well_covered(),
-        focal_estimated=~certain,
+        estimated_lenses=(),
         start_certain=certain,
         mirrored=~certain,
         handedness=0.9,
@@ -134,13 +135,15 @@ def test_rotation_and_place_are_one_finding_a_camera() -> None:
 
 
 def test_a_focal_length_needs_depth() -> None:
-    estimated, ratio = np.array([True, True, False]), each(1.2, 2.5, 1.2)
+    estimated, ratio = ((0,), (1,)), each(1.2, 2.5, 1.2)
     (finding,) = focal_undetermined(NAMES, estimated, each(0.01, 0.01, 0.0), ratio)
     assert finding.camera == "a"
     assert "walk towards it" in finding.remedy
     (finding,) = focal_undetermined(NAMES, estimated, each(0.2, 0.01, 0.0), ratio)
     assert finding.grade is Grade.FAILED
     assert "not determined" in finding.reason
+    # One of the cameras that share a lens has seen it.
+    assert not focal_undetermined(NAMES, ((0, 1),), each(0.01, 0.01, 0.0), ratio)
 
 
 def test_how_a_camera_saw_the_walk() -> None:
@@ -172,11 +175,15 @@ def test_what_holds_for_all_cameras_is_said_once() -> None:
 
 
 def test_a_focal_length_that_the_images_contradict() -> None:
-    change, sigma = each(0.4, -0.25, 0.4), each(0.02, 0.02, 0.2)
-    graded = {finding.camera: finding.grade for finding in focal_wrong(NAMES, change, sigma)}
-    assert graded == {"a": Grade.FAILED, "b": Grade.COARSE}
-    assert not focal_wrong(NAMES, None, None)
-    assert len(findings(replace(good(), focal_change=change, focal_change_sigma=sigma))) == 2
+    check = FocalCheck(change=each(0.4, -0.25, 0.09), sigma=each(0.02, 0.02, 0.02))
+    graded = {finding.camera: finding.grade for finding in focal_wrong(NAMES, check)}
+    assert graded == {"a": Grade.FAILED, "b": Grade.FAILED}  # the third follows the first
+    assert not focal_wrong(NAMES, None)
+    assert len(findings(replace(good(), focal_check=check))) == 2
+    (finding,) = focal_wrong(NAMES, FocalCheck(each(0.02, 0.0, -0.12), each(0.01, 0.01, 0.02)))
+    assert (finding.camera, finding.grade) == ("c", Grade.COARSE)
+    # Who stays in one place tells nothing of focal lengths.
+    assert not focal_wrong(NAMES, FocalCheck(each(0.8, 0.5, 0.1), each(0.06, 0.1, 0.08)))
 
 
 def test_two_cameras_are_coarse() -> None:
@@ -200,7 +207,7 @@ def test_a_walker_gives_a_good_verdict() -> None:
     rng = np.random.default_rng(0)
     first, second = (moved(found.rig, rig_errors(found.rig, 0.02, rng)) for _ in range(2))
     grounds = gather(
-        case.walk, found, four_sigmas(), (first, second), np.arange(len(case.truth_m)) % 2 == 0, NO_CAMERA, ~NO_CAMERA
+        case.walk, found, four_sigmas(), (first, second), np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA
     )
     assert findings(grounds) == ()
     assert grounds.duration_s == pytest.approx(30.0, abs=0.1)
@@ -214,9 +221,7 @@ def test_a_camera_that_was_bumped_in_the_middle_fails() -> None:
     bumped = rig_errors(case.rig, 0.0, np.random.default_rng(0))
     bumped[1, 1] += np.deg2rad(6.0)
     found = to_metric(case.walk, moved(case.rig, bumped), case.joints_m, stature_m=1.7)
-    grounds = gather(
-        case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, NO_CAMERA, ~NO_CAMERA
-    )
+    grounds = gather(case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA)
     assert {(finding.camera, finding.grade) for finding in findings(grounds)} >= {("ring_1", Grade.FAILED)}
     assert np.isnan(grounds.halves_deg).all()
 
@@ -231,5 +236,26 @@ def test_somebody_who_lies_is_not_the_vertical() -> None:
     case = adjusted(10.0, 3)
     lying = case.joints_m @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
     found = to_metric(case.walk, case.rig, lying, stature_m=1.7)
-    grounds = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), NO_CAMERA, ~NO_CAMERA)
+    grounds = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), (), ~NO_CAMERA)
     assert any("lies" in finding.reason for finding in findings(grounds))
+
+
+def test_the_cause_comes_before_what_it_does() -> None:
+    wrong = replace(
+        good(),
+        third_view_mrad=each(7, 40, 7),
+        mirrored=np.array([False, True, False]),
+        off_centre=np.array([True, False, False]),
+        halves_deg=each(5, 0, 0),
+    )
+    found = findings(wrong)
+    assert found[0].reason == "it sees the person mirrored"
+    coarse = [finding for finding in found if finding.grade is Grade.COARSE]
+    assert coarse[0].camera == "a"
+    assert coarse[0].reason.endswith("as of images of another size")
+
+
+def test_a_short_recording_is_said_once() -> None:
+    short = replace(good(), duration_s=1.7, coverage=replace(well_covered(), seen_s=np.full(3, 1.7)))
+    (finding,) = findings(short)
+    assert finding.reason == "two cameras saw the person for 1.7 s only"
