@@ -84,7 +84,7 @@ ALLOWED = {
     "zmq": {"fgpose.live"},
     "msgpack": {"fgpose.io.packing"},
     "waitress": {"fgpose.live.page_server"},
-    "json": {*FILES, "fgpose.live"},
+    "json": {*FILES, "fgpose.live", "fgpose.report"},
     **dict.fromkeys(("tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "yaml", "csv"), FILES),
 }
 

@@ -8,10 +8,13 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from fgpose.report.checks import suspicions
 from fgpose.report.finished import FinishedRecording
+from fgpose.report.series import known_quantile, root_m, sigma_m
 from fgpose.report.suspicion import Suspicion
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
@@ -91,17 +94,8 @@ def quality(recording: FinishedRecording) -> Quality:
         **_of_residuals(everybody),
         **_of_covariance(everybody),
         **_of_motion(everybody),
+        suspicions=suspicions(recording),
     )
-
-
-def sigma_m(trajectory: Trajectory) -> np.ndarray:
-    """(T, J) root of the largest eigenvalue of each joint's covariance, metres; NaN where there is none."""
-    covariance_m2 = trajectory.covariance_m2
-    result = np.full(trajectory.status.shape, np.nan)
-    if covariance_m2 is not None:
-        known = np.asarray(np.isfinite(covariance_m2).all(axis=(-1, -2)))
-        result[known] = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance_m2[known])[..., -1], 0.0))
-    return result
 
 
 def _gaps_s(trajectory: Trajectory) -> list[float]:
@@ -111,7 +105,7 @@ def _gaps_s(trajectory: Trajectory) -> list[float]:
     return [max(float(np.diff(own_s).max()) - step_s, 0.0) for own_s in seen if len(own_s) > 1]
 
 
-def _of_residuals(everybody: list[Trajectory]) -> dict[str, float]:
+def _of_residuals(everybody: list[Trajectory]) -> dict[str, Any]:
     residuals = [each.residual_px for each in everybody if each.residual_px is not None]
     if len(residuals) < len(everybody):
         names = ("views", "reprojection_px", "reprojection_q90_px", "worst_camera_px", "hallucinated_share")
@@ -130,12 +124,12 @@ def _of_residuals(everybody: list[Trajectory]) -> dict[str, float]:
     }
 
 
-def _of_covariance(everybody: list[Trajectory]) -> dict[str, float]:
+def _of_covariance(everybody: list[Trajectory]) -> dict[str, Any]:
     sigma_mm = 1000 * np.concatenate([sigma_m(each).ravel() for each in everybody])
     return {"sigma_mm": known_quantile(sigma_mm, 0.5), "sigma_q95_mm": known_quantile(sigma_mm, 0.95)}
 
 
-def _of_motion(everybody: list[Trajectory]) -> dict[str, float]:
+def _of_motion(everybody: list[Trajectory]) -> dict[str, Any]:
     def worst(figure: Callable[[Trajectory], float]) -> float:
         return known_quantile(np.array([figure(each) for each in everybody]), 1.0)
 
@@ -163,12 +157,5 @@ def _bone_asymmetry(trajectory: Trajectory) -> float:
 
 
 def _root_speed_mps(trajectory: Trajectory) -> float:
-    root_m = trajectory.positions_m[:, list(trajectory.skeleton.root)].mean(axis=1)
-    steps_m = np.linalg.norm(np.diff(root_m, axis=0), axis=-1)
+    steps_m = np.linalg.norm(np.diff(root_m(trajectory), axis=0), axis=-1)
     return known_quantile(steps_m / np.diff(trajectory.time_s), 1.0)
-
-
-def known_quantile(values: np.ndarray, q: float) -> float:
-    """Of the values that are not NaN; NaN if there is none."""
-    known = values[np.isfinite(values)]
-    return float(np.quantile(known, q)) if known.size else np.nan
