@@ -38,8 +38,8 @@ def root_m(trajectory: Trajectory) -> Float[np.ndarray, "frame 3"]:
     return trajectory.positions_m[:, list(trajectory.skeleton.root)].mean(axis=1)
 
 
-def median_of_rows(values: Float[np.ndarray, row * shape], q: float = 0.5) -> Float[np.ndarray, " row"]:
-    """Of the known values of each row; NaN where there is none."""
+def quantile_of_frames(values: Float[np.ndarray, " frame *shape"], q: float = 0.5) -> Float[np.ndarray, " frame"]:
+    """Of the known values of each frame, without interpolation; NaN where there is none."""
     rows = np.sort(values.reshape(len(values), -1), axis=1)  # NaN last
     counts = np.isfinite(rows).sum(axis=1)
     at = np.clip(np.round(q * (counts - 1)).astype(int), 0, max(rows.shape[1] - 1, 0))
