@@ -25,6 +25,7 @@ FLOORS = (
     {"monocular", "viewer", "synthetic"},
     {"assessment"},
     {"io"},
+    {"kinematics"},
     {"association"},
     {"geometry"},
     {
