@@ -34,6 +34,7 @@ from fgpose.io.keypoints import (
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
+from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
@@ -54,6 +55,7 @@ __all__ = [
     "Estimator",
     "Evaluation",
     "Fusion",
+    "JointAngles",
     "Observations",
     "PeopleEvaluation",
     "PeopleObservations",
@@ -73,6 +75,7 @@ __all__ = [
     "evaluate_people",
     "fuse",
     "guessed_intrinsics",
+    "joint_angles",
     "load_config",
     "load_intrinsics",
     "load_observations",

@@ -26,6 +26,7 @@ FLOORS = (
     {"monocular", "viewer", "synthetic"},
     {"assessment"},
     {"io"},
+    {"kinematics"},
     {"association"},
     {"geometry"},
     {

@@ -1,0 +1,62 @@
+"""What the uncertainty of joints makes of a function of them, by sigma points.
+
+A limb that is almost straight has no plane, and an angle of three points has no gradient at zero: a Jacobian would
+state nonsense there. So joints are moved by what their covariance says, both ways, and second differences count too: the
+second-order divided-difference filter (Norgaard, Poulsen and Ravn 2000).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+# Squared length of the steps in standard deviations; 3 matches the fourth moment of a normal distribution.
+_STEP_2 = 3.0
+
+
+def moved_by(covariance_m2: Float[np.ndarray, "frame joint 3 3"], joints: list[int]) -> Iterator[np.ndarray]:
+    """Deviations of the joints, (frame, joint, 3), whose outer products add up to their covariance; joints are taken for
+    independent.
+
+    Args:
+        covariance_m2: of every joint; NaN where it is unknown.
+        joints: that matter.
+    """
+    known = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
+    values, vectors = np.linalg.eigh(np.where(known, covariance_m2, 0.0)[:, joints])
+    columns = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+    columns = np.where(known[:, joints], columns, np.nan)
+    for place, joint in enumerate(joints):
+        for axis in range(3):
+            moved_m = np.zeros(covariance_m2.shape[:-1])
+            moved_m[:, joint] = columns[:, place, :, axis]
+            yield moved_m
+
+
+def rms_error_rad(
+    angles_rad: Callable[[np.ndarray], Float[np.ndarray, "frame angle"]],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    deviations_m: Iterator[Float[np.ndarray, "frame joint 3"]],
+) -> Float[np.ndarray, "frame angle"]:
+    """Root mean square error of angles: their standard deviation, and the bias that curvature makes.
+
+    Args:
+        angles_rad: of positions.
+        positions_m: as estimated.
+        deviations_m: independent ones, one standard deviation each.
+    """
+    step = np.sqrt(_STEP_2)
+    at = angles_rad(positions_m)
+    variance, bias = np.zeros_like(at), np.zeros_like(at)
+    for moved_m in deviations_m:
+        forth = _wrapped(angles_rad(positions_m + step * moved_m) - at)
+        back = _wrapped(angles_rad(positions_m - step * moved_m) - at)
+        variance += (forth - back) ** 2 / (4 * _STEP_2) + (_STEP_2 - 1) / (4 * _STEP_2**2) * (forth + back) ** 2
+        bias += (forth + back) / (2 * _STEP_2)
+    return np.sqrt(variance + bias**2)
+
+
+def _wrapped(angle_rad: np.ndarray) -> np.ndarray:
+    return (angle_rad + np.pi) % (2 * np.pi) - np.pi
