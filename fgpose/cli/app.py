@@ -22,6 +22,7 @@ from fgpose.cli.detect import Detect
 from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
 from fgpose.cli.run import Run
+from fgpose.cli.study import Study
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 
@@ -42,6 +43,7 @@ _COMMANDS = {
     "demo": Demo,
     "calibrate": Calibrate,
     "run": Run,
+    "study": Study,
     "detect": Detect,
     "smooth": Smooth,
     "track": Track,
@@ -53,7 +55,22 @@ _COMMANDS = {
     "models": Models,
     "benchmark": Benchmark,
 }
-Command = Demo | Calibrate | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
+Command = (
+    Demo
+    | Calibrate
+    | Run
+    | Study
+    | Detect
+    | Smooth
+    | Track
+    | Live
+    | Refine
+    | Info
+    | Evaluate
+    | View
+    | Models
+    | Benchmark
+)
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 

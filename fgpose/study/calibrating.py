@@ -65,8 +65,8 @@ def _from_keypoints(job: Job) -> CameraRig:
 
 
 def intrinsics_of(study: Study, names: Sequence[str], sizes_px: Sequence[tuple[int, int]]) -> CameraRig:
-    """Of the cameras with these names, as given or guessed. Raises ValueError if the file lacks one, OSError if it cannot
-    be read."""
+    """Of the cameras with these names, as given or guessed. Raises ValueError if the file lacks one, OSError if it
+    cannot be read."""
     if study.from_people.intrinsics:
         return load_intrinsics(study.file(study.from_people.intrinsics), names, sizes_px)
     return guessed_intrinsics(names, sizes_px, None)
@@ -77,9 +77,7 @@ def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig)
     known = study.from_people
     sizes = {camera.size_px for camera in intrinsics.cameras}
     focal: Focal = "known" if known.intrinsics else "shared" if len(sizes) == 1 else "each"
-    result = calibrate(
-        people, intrinsics, focal=focal, stature_m=known.stature_m, synchronised=known.synchronised
-    )
+    result = calibrate(people, intrinsics, focal=focal, stature_m=known.stature_m, synchronised=known.synchronised)
     if result.grade is Grade.FAILED:
         reasons = "; ".join(_reason(finding) for finding in result.findings if finding.grade is Grade.FAILED)
         raise ValueError(f"the calibration from people has failed: {reasons}")

@@ -8,12 +8,14 @@ import numpy as np
 
 from fgpose.estimation.smoother import smooth
 from fgpose.io.calibration import load_rig
+from fgpose.io.studies.angles import AngleTable, write_angles
 from fgpose.io.trajectories import load_people_trajectories, save_people, save_trajectory
+from fgpose.kinematics import joint_angles
 from fgpose.monocular.flips import correct_flips
 from fgpose.pipeline import PeopleSource
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.quality import quality
-from fgpose.study.job import MOTION, Job
+from fgpose.study.job import ANGLES, MOTION, Job
 from fgpose.tracking import smooth_people
 from fgpose.trajectory import Trajectory
 
@@ -62,6 +64,16 @@ def export(job: Job) -> None:
             save_trajectory(alone, path, job.study.steps.world_up)
         else:
             save_people(people, path, job.study.steps.world_up)
+
+
+def measure_angles(job: Job) -> None:
+    """The joint angles of everybody. Raises ValueError if the skeleton determines none."""
+    people = load_people_trajectories(job.path(MOTION))
+    found = {person: joint_angles(each, job.study.steps.world_up) for person, each in people.items()}
+    tables = {
+        person: AngleTable(each.names, each.time_s, each.angle_deg, each.sigma_deg) for person, each in found.items()
+    }
+    write_angles(tables, job.path(ANGLES))
 
 
 def judge(job: Job) -> None:

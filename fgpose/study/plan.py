@@ -45,7 +45,7 @@ class Plan:
             OSError: a folder cannot be read.
         """
         n_recordings = sum(1 for _ in self)
-        if n_recordings == 0 or not any(recording.trial for recording in self):
+        if not any(recording.trial for recording in self):
             raise ValueError(self._nothing())
         return n_recordings
 
@@ -64,6 +64,8 @@ class Plan:
     def _is_wanted(self, recording: Recording) -> bool:
         if not recording.trial:
             return not self.only
+        if recording.source.is_relative_to(self.study.output):
+            return False  # results of the study, not recordings
         key = recording.key
         excluded = any(fnmatchcase(key, pattern) for pattern in self.study.data.exclude)
         return not excluded and (not self.only or fnmatchcase(key, self.only))
@@ -75,6 +77,10 @@ class Plan:
         if not root.is_dir():
             return f"data.root: there is no folder {root}"
         there = ", ".join(sorted(path.name for path in root.iterdir())[:8]) or "nothing"
+        if data.exclude and any(
+            each.trial for each in replace(self, study=replace(self.study, data=replace(data, exclude=())))
+        ):
+            return f"data.exclude leaves out every recording: {', '.join(map(repr, data.exclude))}"
         if data.layout == "pose2sim":
             return f"no folder below {root} is a trial of Pose2Sim; it holds {there}"
         patterns = ", ".join(map(repr, data.keypoints or data.videos))

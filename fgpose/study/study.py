@@ -194,7 +194,9 @@ def skeleton_of(study: Study) -> str | Path:
 def _check_patterns(data: Data, of_people: bool) -> None:
     patterns = data.keypoints or data.videos
     if not patterns:
-        raise ValueError('data.keypoints is missing: a pattern as "{subject}/{session}/{trial}.parquet"; or data.videos')
+        raise ValueError(
+            'data.keypoints is missing: a pattern as "{subject}/{session}/{trial}.parquet"; or data.videos'
+        )
     key = "keypoints" if data.keypoints else "videos"
     for text in patterns:
         known = Pattern.parse(text, f"data.{key}").placeholders

@@ -27,11 +27,6 @@ class Event:
     others: Mapping[str, str] = field(default_factory=dict)
     """The other columns."""
 
-    def is_of(self, subject: str, session: str, trial: str) -> bool:
-        """Whether it happened in this recording."""
-        names = dict(zip(_NAMES, (subject, session, trial), strict=True))
-        return all(names[name] == value for name, value in self.whose.items())
-
 
 def read_events(path: Path) -> tuple[Event, ...]:
     """The rows of a CSV or TSV file, whose first line names the columns: event, time_s, and some of subject, session,

@@ -13,8 +13,8 @@ from fgpose.io.tables import write_table
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Write a table, as .parquet or .csv, by the extension. Its columns are those of any row, in the order in which they
-    first occur; what a row lacks is empty.
+    """Write a table, as .parquet or .csv, by the extension. Its columns are those of any row, in the order in which
+    they first occur; what a row lacks is empty.
 
     Raises:
         OSError: the file cannot be written; the message names it.
