@@ -11,7 +11,9 @@ from fgpose.report.plots import heat_map, lines
 from fgpose.report.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.report.solution_checks import sigma_ratio
 
-NO_COVARIANCE = "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."
+NO_COVARIANCE = (
+    "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."
+)
 # From sure to unsure: pale where nothing is to be looked at.
 _SIGMA_PALETTE = ("#d8e9ec", "#bcd9dd", "#f2cfa9", "#e8975a", "#d55e00", "#9c3f00")
 _BONES_SHOWN = 4
@@ -28,7 +30,10 @@ def sigma_section(recording: FinishedRecording) -> Section:
     blocks: list[Block] = []
     for called, trajectory in people_shown(recording):
         sigma_mm = 1000 * sigma_m(trajectory)
-        curves = {"median of the joints": quantile_of_frames(sigma_mm), "worst joint": quantile_of_frames(sigma_mm, 1.0)}
+        curves = {
+            "median of the joints": quantile_of_frames(sigma_mm),
+            "worst joint": quantile_of_frames(sigma_mm, 1.0),
+        }
         caption = titled("Sigma over time", called)
         blocks.append(lines(curves, trajectory.time_s, "sigma / mm", caption, from_zero=True, peaks=True))
         rows = {joint: sigma_mm[:, j] for j, joint in enumerate(trajectory.skeleton.joints)}
@@ -68,7 +73,9 @@ def bone_section(recording: FinishedRecording) -> Section:
     """Lengths over time, and left against right."""
     intro = "Bones keep their lengths: what changes here is error. Deviations are from the median of each bone."
     if not recording.main.skeleton.bones:
-        missing = f"Skeleton {recording.main.skeleton.name} has no bones: give one that has (TRC and C3D files hold none)."
+        missing = (
+            f"Skeleton {recording.main.skeleton.name} has no bones: give one that has (TRC and C3D files hold none)."
+        )
         return Section("Bone lengths", "bones", [Note(missing, is_missing=True)])
     blocks: list[Block] = []
     for called, trajectory in people_shown(recording):
@@ -78,7 +85,9 @@ def bone_section(recording: FinishedRecording) -> Section:
         order = np.argsort(-np.nan_to_num(np.array(spread)))
         deviations = {skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5) for b in order[:12].tolist()}  # fmt: skip
         caption = titled("Deviation of the bones that vary most; click on the legend for more", called)
-        blocks.append(lines(deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280))
+        blocks.append(
+            lines(deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280)
+        )
         blocks.append(_bone_table(called, trajectory.skeleton, lengths_mm))
     return Section("Bone lengths", "bones", blocks, intro)
 

@@ -120,7 +120,13 @@ def heat_map(
     return Plot(plot, caption, plot.height or 0)
 
 
-_BAR = {"width": 10, "padding": 4, "title_text_font_size": "11px", "background_fill_color": None, "bar_line_color": None}
+_BAR = {
+    "width": 10,
+    "padding": 4,
+    "title_text_font_size": "11px",
+    "background_fill_color": None,
+    "bar_line_color": None,
+}
 
 
 def _extent_s(time_s: Float[np.ndarray, " frame"]) -> tuple[float, float]:
@@ -161,7 +167,9 @@ def lines(
         band = gathered(bands[name]) if bands and name in bands else None
         _curve(plot, data, band, COLOURS[n % len(COLOURS)], name, visible=n < shown, legend=len(series) > 1)
     unit = y_label.rpartition(" / ")[2]
-    plot.add_tools(HoverTool(tooltips=[("", "@name"), ("time", "@t{0.00} s"), ("", f"@y{{0.0[0]}} {unit}")], mode="mouse"))
+    plot.add_tools(
+        HoverTool(tooltips=[("", "@name"), ("time", "@t{0.00} s"), ("", f"@y{{0.0[0]}} {unit}")], mode="mouse")
+    )
     plot.x_range = Range1d(begin_s, begin_s + width_s)
     if from_zero:
         plot.y_range.start = 0  # pyright: ignore[reportAttributeAccessIssue]

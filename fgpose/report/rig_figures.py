@@ -22,7 +22,9 @@ def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
     plan = _view(recording, (0, 1), "y / m")
     side = _view(recording, (0, 2), "z / m")
     return (
-        Plot(plan, "Plan: cameras, the way of the hips, and how many cameras see each place at their height", _HEIGHT_PX),
+        Plot(
+            plan, "Plan: cameras, the way of the hips, and how many cameras see each place at their height", _HEIGHT_PX
+        ),
         Plot(side, "Side: cameras, and where the joints were (5th to 95th centile of each)", _HEIGHT_PX // 2 + 60),
     )
 

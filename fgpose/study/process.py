@@ -130,7 +130,8 @@ def _redo(
                 done[step.name] = DoneStep(wanted[step.name], _new_files(job, step.run))
         texts = dict.fromkeys(" ".join(str(each.message).split()) for each in caught)
         row = job.row or (old.row if old is not None else {})
-        save_state(replace(new, steps=done, row=row, warnings=tuple(texts)), job.folder)
+        in_order = {name: done[name] for name in wanted}
+        save_state(replace(new, steps=in_order, row=row, warnings=tuple(texts)), job.folder)
         _replace(folder, job.folder)
     finally:
         shutil.rmtree(job.folder, ignore_errors=True)

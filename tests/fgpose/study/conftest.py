@@ -21,6 +21,7 @@ keypoints = "{subject}/{session}/{trial}.npz"
 calibration = "{subject}/{session}/Calib.toml"
 skeleton = "h36m_17"
 [steps]
+angles = false
 formats = []
 """
 N_FRAMES = 10
