@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, TextIO, Union
 
+from fgpose.cli.angles import Angles
 from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.calibrate import Calibrate
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
@@ -48,12 +49,28 @@ _COMMANDS = {
     "live": Live,
     "refine": Refine,
     "info": Info,
+    "angles": Angles,
     "evaluate": Evaluate,
     "view": View,
     "models": Models,
     "benchmark": Benchmark,
 }
-Command = Demo | Calibrate | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
+Command = (
+    Demo
+    | Calibrate
+    | Run
+    | Detect
+    | Smooth
+    | Track
+    | Live
+    | Refine
+    | Info
+    | Angles
+    | Evaluate
+    | View
+    | Models
+    | Benchmark
+)
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 
