@@ -1,8 +1,13 @@
 """What the uncertainty of joints makes of a function of them, by sigma points.
 
 A limb that is almost straight has no plane, and an angle of three points has no gradient at zero: a Jacobian would
-state nonsense there. So joints are moved by what their covariance says, both ways, and second differences count too: the
-second-order divided-difference filter (Norgaard, Poulsen and Ravn 2000).
+state nonsense there. So joints are moved by what their covariance says, both ways, and second differences count too:
+the second-order divided-difference filter (Norgaard, Poulsen and Ravn 2000).
+
+Joints are taken for independent. Their errors are not, for bones couple them: but with the whole covariance of a frame,
+from the graph, the share of errors within one standard deviation changed by at most 2 % for every angle but lateral
+bending of the trunk (63 to 70 % on occluded recordings of the benchmark, 68 to 76 % on clean ones), because bones
+couple joints along themselves and an angle depends on what is across them.
 """
 
 from __future__ import annotations
@@ -17,14 +22,13 @@ _STEP_2 = 3.0
 
 
 def moved_by(covariance_m2: Float[np.ndarray, "frame joint 3 3"], joints: list[int]) -> Iterator[np.ndarray]:
-    """Deviations of the joints, (frame, joint, 3), whose outer products add up to their covariance; joints are taken for
-    independent.
+    """Deviations of the joints, (frame, joint, 3), whose outer products add up to the covariance of independent joints.
 
     Args:
         covariance_m2: of every joint; NaN where it is unknown.
         joints: that matter.
     """
-    known = np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True)
+    known = np.asarray(np.isfinite(covariance_m2).all(axis=(-2, -1), keepdims=True))
     values, vectors = np.linalg.eigh(np.where(known, covariance_m2, 0.0)[:, joints])
     columns = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
     columns = np.where(known[:, joints], columns, np.nan)

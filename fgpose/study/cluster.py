@@ -53,13 +53,15 @@ def workers(resources: Resources) -> Iterator[Client]:
 @contextmanager
 def _silent() -> Iterator[None]:
     """Dask says on stderr of each worker that dies; the outcome of its recording says so too."""
-    logger = logging.getLogger("distributed")
-    before = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.core")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         yield
     finally:
-        logger.setLevel(before)
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager
@@ -148,7 +150,10 @@ class Stream:
 
     def _n_free(self) -> int:
         """Workers without a recording; one where none is there just now, for they come back."""
-        n_threads = sum(self.client.nthreads().values())
+        try:
+            n_threads = sum(self.client.nthreads().values())
+        except OSError:
+            raise SchedulerLostError(_LOST) from None
         return max(n_threads, 1) - len(self._at_work)
 
     def _next(self, n_free: int) -> list[Future]:

@@ -8,9 +8,8 @@ import numpy as np
 
 from fgpose.estimation.smoother import smooth
 from fgpose.io.calibration import load_rig
-from fgpose.io.studies.angles import AngleTable, write_angles
+from fgpose.io.kinematics import save_kinematics
 from fgpose.io.trajectories import load_people_trajectories, save_people, save_trajectory
-from fgpose.kinematics import joint_angles
 from fgpose.monocular.flips import correct_flips
 from fgpose.pipeline import PeopleSource
 from fgpose.report.finished import FinishedRecording
@@ -18,6 +17,9 @@ from fgpose.report.quality import quality
 from fgpose.study.job import ANGLES, MOTION, Job
 from fgpose.tracking import smooth_people
 from fgpose.trajectory import Trajectory
+
+# Of these C3D also holds the points.
+_KINEMATICS = ("mot", "bvh", "c3d")
 
 
 def estimate(job: Job) -> None:
@@ -59,7 +61,9 @@ def export(job: Job) -> None:
     people = load_people_trajectories(job.path(MOTION))
     for name in job.study.steps.formats:
         path = job.path(MOTION).with_suffix(f".{name}")
-        if len(people) == 1:
+        if name in _KINEMATICS:
+            save_kinematics(people, path, job.study.steps.world_up)
+        elif len(people) == 1:
             (alone,) = people.values()
             save_trajectory(alone, path, job.study.steps.world_up)
         else:
@@ -67,13 +71,8 @@ def export(job: Job) -> None:
 
 
 def measure_angles(job: Job) -> None:
-    """The joint angles of everybody. Raises ValueError if the skeleton determines none."""
-    people = load_people_trajectories(job.path(MOTION))
-    found = {person: joint_angles(each, job.study.steps.world_up) for person, each in people.items()}
-    tables = {
-        person: AngleTable(each.names, each.time_s, each.angle_deg, each.sigma_deg) for person, each in found.items()
-    }
-    write_angles(tables, job.path(ANGLES))
+    """Joint angles, speeds and heights of everybody. Raises ValueError if the skeleton determines none."""
+    save_kinematics(load_people_trajectories(job.path(MOTION)), job.path(ANGLES), job.study.steps.world_up)
 
 
 def judge(job: Job) -> None:

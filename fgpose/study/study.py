@@ -10,7 +10,7 @@ from fgpose.config import Config, checked_fields, parse_toml
 from fgpose.study.pattern import Pattern
 
 Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
-Format = Literal["trc", "c3d", "npz"]
+Format = Literal["trc", "c3d", "mot", "bvh", "npz"]
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Steps:
     people: Literal["auto", "all", "1"] = "auto"
     """all: tell everybody apart. 1: the person who is seen most. auto: all where an image shows more than one."""
     angles: bool = True
-    """Joint angles."""
+    """Joint angles, speeds and heights."""
     formats: tuple[Format, ...] = ("trc",)
-    """Written beside the parquet files."""
+    """Written beside the parquet files: trc and mot for OpenSim, bvh for Blender, c3d with segment rotations."""
     world_up: Literal["z", "y"] = "z"
     """Axis of the calibration's world that points up."""
 
