@@ -71,16 +71,15 @@ def run_study(
         workers=n_workers or study.resources.workers,
     )
     result = StudyResult(study.output)
-    with _alone(study.output):
-        with workers(resources) as client:
-            try:
-                for outcome in run(client, study, plan):
-                    _note(result, outcome)
-                    if on_outcome:
-                        on_outcome(outcome, n_recordings)
-            finally:
-                # Also of what was finished before an interruption.
-                _put_together(result, Plan(study), events)
+    with _alone(study.output), workers(resources) as client:
+        try:
+            for outcome in run(client, study, plan):
+                _note(result, outcome)
+                if on_outcome:
+                    on_outcome(outcome, n_recordings)
+        finally:
+            # Also of what was finished before an interruption.
+            _put_together(result, Plan(study), events)
     return result
 
 
