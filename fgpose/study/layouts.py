@@ -25,8 +25,8 @@ def in_folders(study: Study, pattern: str) -> Iterator[Recording]:
     kind: Kind = "keypoints" if study.data.keypoints else "videos"
     for source, names in Pattern(pattern).matches(study.root):
         calibration, problem = _calibration(study, names)
-        whose = (names.get(name, _ALL) for name in PLACEHOLDERS)
-        yield Recording(*whose, source, kind, calibration, problem)
+        subject, session, trial = (names.get(name, _ALL) for name in PLACEHOLDERS)
+        yield Recording(subject, session, trial, source, kind, calibration, problem)
 
 
 def _calibration(study: Study, names: dict[str, str]) -> tuple[Path | None, str]:
