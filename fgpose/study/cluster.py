@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from fgpose.cores import n_cores
 from fgpose.study.process import Outcome, failed, process
@@ -110,7 +110,7 @@ def _check_workers(client: Client, address: str) -> None:
             f"`dask worker {address} --nthreads 1` starts one"
         ) from None
     own = version("fgpose")
-    for worker, found in client.run(_version).items():
+    for worker, found in cast(dict[str, str], client.run(_version)).items():
         if found != own:
             raise ValueError(f"worker {worker} has {found or 'no fgpose'}, this is fgpose {own}: install the same")
 
@@ -131,7 +131,7 @@ class Stream:
     study: Study
     recordings: Iterator[Recording]
     work: Callable[[Study, Recording], Outcome] = process
-    _at_work: dict[str, Recording] = field(default_factory=dict)
+    _at_work: dict[Any, Recording] = field(default_factory=dict)
     _n_begun: int = 0
 
     def outcomes(self) -> Iterator[Outcome]:
@@ -151,7 +151,7 @@ class Stream:
     def _n_free(self) -> int:
         """Workers without a recording; one where none is there just now, for they come back."""
         try:
-            n_threads = sum(self.client.nthreads().values())
+            n_threads = sum(cast(dict[str, int], self.client.nthreads()).values())
         except OSError:
             raise SchedulerLostError(_LOST) from None
         return max(n_threads, 1) - len(self._at_work)

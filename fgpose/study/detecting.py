@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import os
-from functools import lru_cache
-from pathlib import Path
 
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import save_people_observations
 from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detected import Detected
-from fgpose.monocular.network import Network
+from fgpose.monocular.detection import detect as run_network
 from fgpose.monocular.sources import Sources, find_clips, open_sources
+from fgpose.study.calibrating import from_people, intrinsics_of
 from fgpose.study.job import CAMERAS, DETECTED, Job
-from fgpose.study.study import Detect, Study
+from fgpose.study.networks import network
 
 
 def detect(job: Job) -> None:
@@ -32,24 +31,6 @@ def detect(job: Job) -> None:
     save_rig(detected.rig, job.path(CAMERAS))
 
 
-def network(study: Study) -> Network:
-    """The network of a study, opened once in a process. Raises ValueError and OSError as open_network."""
-    return _network(study.detect, study.base)
-
-
-@lru_cache(maxsize=1)
-def _network(settings: Detect, base: Path) -> Network:
-    from fgpose.monocular.networks import open_network
-
-    file = base / settings.model
-    return open_network(
-        file if file.is_file() else settings.model,
-        kind=settings.network,
-        detector=base / settings.detector if settings.detector else None,
-        max_people=settings.max_people,
-    )
-
-
 def _with_rig(job: Job) -> Sources:
     data = job.study.data
     assert job.recording.calibration is not None
@@ -58,15 +39,11 @@ def _with_rig(job: Job) -> Sources:
 
 
 def _detected(job: Job, sources: Sources) -> Detected:
-    from fgpose.monocular.detection import detect
-
     # One thread: the other cores have recordings of their own.
-    return detect(sources, network(job.study), cache=cache_folder() / "detections", jobs=1)
+    return run_network(sources, network(job.study), cache=cache_folder() / "detections", jobs=1)
 
 
 def _calibrated(job: Job) -> Detected:
-    from fgpose.study.calibrating import from_people, intrinsics_of
-
     data = job.study.data
     clips = find_clips(job.recording.source, fps=data.fps, cameras=data.cameras)
     rig = intrinsics_of(job.study, [clip.name for clip in clips], [clip.size_px for clip in clips])

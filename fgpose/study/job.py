@@ -9,6 +9,7 @@ from typing import Any
 from fgpose.io.skeletons import load_skeleton
 from fgpose.pipeline import PeopleSource, Source, load_people_source, load_source
 from fgpose.skeleton import Skeleton
+from fgpose.study.networks import network
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study, skeleton_of
 
@@ -52,8 +53,6 @@ class Job:
     @property
     def skeleton(self) -> Skeleton:
         if self.recording.kind == "videos":
-            from fgpose.study.detecting import network
-
             return network(self.study).skeleton
         return load_skeleton(skeleton_of(self.study))
 

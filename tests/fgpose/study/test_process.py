@@ -217,6 +217,6 @@ def test_joint_angles(edited: Callable[[str, str], Path]) -> None:
     outcome = run(file)
     assert outcome.ran == ("estimate", "angles", "judge")
     part = load_study(file).output / "angles" / "subject=S01" / "session=A" / "run.parquet"
-    table = pq.read_table(part, partitioning=None)
+    table = pq.ParquetFile(part).read()
     assert {"recording", "trial", "time_s", "person", "name", "value", "sigma", "unit"} <= set(table.column_names)
     assert "left_knee_flexion" in table["name"].to_pylist()
