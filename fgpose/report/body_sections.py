@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
 from fgpose.report.camera_sections import people_shown, titled
@@ -10,8 +11,11 @@ from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import heat_map, lines
 from fgpose.report.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.report.solution_checks import sigma_ratio
+from fgpose.skeleton import Skeleton
 
-NO_COVARIANCE = "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."
+NO_COVARIANCE = (
+    "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."
+)
 # From sure to unsure: pale where nothing is to be looked at.
 _SIGMA_PALETTE = ("#d8e9ec", "#bcd9dd", "#f2cfa9", "#e8975a", "#d55e00", "#9c3f00")
 _BONES_SHOWN = 4
@@ -20,15 +24,18 @@ _BONES_SHOWN = 4
 def sigma_section(recording: FinishedRecording) -> Section:
     """Standard deviation of the joints over time."""
     intro = (
-        "The standard deviation of each joint along the axis in which it is largest, from the covariance of the result: "
-        "where it is high, the position rests on bones and motion rather than on cameras."
+        "The standard deviation of each joint along the axis in which it is largest, from the covariance: where "
+        " it is high, the position rests on bones and motion rather than on cameras."
     )
     if all(trajectory.covariance_m2 is None for trajectory in recording.people.values()):
         return Section("Uncertainty", "sigma", [Note(NO_COVARIANCE, is_missing=True)])
     blocks: list[Block] = []
     for called, trajectory in people_shown(recording):
         sigma_mm = 1000 * sigma_m(trajectory)
-        curves = {"median of the joints": quantile_of_frames(sigma_mm), "worst joint": quantile_of_frames(sigma_mm, 1.0)}
+        curves = {
+            "median of the joints": quantile_of_frames(sigma_mm),
+            "worst joint": quantile_of_frames(sigma_mm, 1.0),
+        }
         caption = titled("Sigma over time", called)
         blocks.append(lines(curves, trajectory.time_s, "sigma / mm", caption, from_zero=True, peaks=True))
         rows = {joint: sigma_mm[:, j] for j, joint in enumerate(trajectory.skeleton.joints)}
@@ -39,8 +46,8 @@ def sigma_section(recording: FinishedRecording) -> Section:
     ratio = sigma_ratio(recording)
     if np.isfinite(ratio):
         blocks.append(Note(
-            f"Against residuals: sigma is {ratio:.2f} times that of one frame alone, by the reprojection errors as they "
-            "are. Between 1/3 and 3 the two fit; smoothing makes it smaller than one."
+            f"Against residuals: sigma is {ratio:.2f} times that of one frame alone, by the reprojection errors "
+            "as they are. Between 1/3 and 3 the two fit; smoothing makes it smaller than one."
         ))  # fmt: skip
     return Section("Uncertainty", "sigma", blocks, intro)
 
@@ -68,7 +75,9 @@ def bone_section(recording: FinishedRecording) -> Section:
     """Lengths over time, and left against right."""
     intro = "Bones keep their lengths: what changes here is error. Deviations are from the median of each bone."
     if not recording.main.skeleton.bones:
-        missing = f"Skeleton {recording.main.skeleton.name} has no bones: give one that has (TRC and C3D files hold none)."
+        missing = (
+            f"Skeleton {recording.main.skeleton.name} has no bones: give one that has (TRC and C3D files hold none)."
+        )
         return Section("Bone lengths", "bones", [Note(missing, is_missing=True)])
     blocks: list[Block] = []
     for called, trajectory in people_shown(recording):
@@ -76,14 +85,19 @@ def bone_section(recording: FinishedRecording) -> Section:
         lengths_mm = 1000 * skeleton.bone_lengths(trajectory.positions_m)
         spread = [known_quantile(np.abs(own - known_quantile(own, 0.5)), 0.9) for own in lengths_mm.T]
         order = np.argsort(-np.nan_to_num(np.array(spread)))
-        deviations = {skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5) for b in order[:12].tolist()}  # fmt: skip
+        deviations = {
+            skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5)
+            for b in order[:12].tolist()
+        }
         caption = titled("Deviation of the bones that vary most; click on the legend for more", called)
-        blocks.append(lines(deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280))
+        blocks.append(
+            lines(deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280)
+        )
         blocks.append(_bone_table(called, trajectory.skeleton, lengths_mm))
     return Section("Bone lengths", "bones", blocks, intro)
 
 
-def _bone_table(called: str, skeleton, lengths_mm: np.ndarray) -> Table:  # noqa: ANN001
+def _bone_table(called: str, skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"]) -> Table:
     number_of = {frozenset(bone): b for b, bone in enumerate(skeleton.bones)}
     rows = []
     done = set()
