@@ -21,6 +21,7 @@ from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
 from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
+from fgpose.cli.report import Report
 from fgpose.cli.run import Run
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
@@ -49,11 +50,27 @@ _COMMANDS = {
     "refine": Refine,
     "info": Info,
     "evaluate": Evaluate,
+    "report": Report,
     "view": View,
     "models": Models,
     "benchmark": Benchmark,
 }
-Command = Demo | Calibrate | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
+Command = (
+    Demo
+    | Calibrate
+    | Run
+    | Detect
+    | Smooth
+    | Track
+    | Live
+    | Refine
+    | Info
+    | Evaluate
+    | Report
+    | View
+    | Models
+    | Benchmark
+)
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 
