@@ -108,7 +108,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,live,benchmark,study]" --group dev
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,live,benchmark,study,report]" --group dev
 	touch $@
 
 clean:

@@ -22,6 +22,7 @@ from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
 from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
+from fgpose.cli.report import Report
 from fgpose.cli.run import Run
 from fgpose.cli.study import Study
 from fgpose.cli.view import View
@@ -53,6 +54,7 @@ _COMMANDS = {
     "info": Info,
     "angles": Angles,
     "evaluate": Evaluate,
+    "report": Report,
     "view": View,
     "models": Models,
     "benchmark": Benchmark,
@@ -70,6 +72,7 @@ Command = (
     | Info
     | Angles
     | Evaluate
+    | Report
     | View
     | Models
     | Benchmark

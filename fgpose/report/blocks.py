@@ -54,6 +54,8 @@ class Plot:
     """Of Bokeh."""
     caption: str
     height_px: int
+    half: bool = False
+    """Whether it takes half the width of the page, beside the next one."""
 
 
 @dataclass(frozen=True)
@@ -104,6 +106,8 @@ class Section:
     anchor: str
     blocks: Sequence[Block] = field(default_factory=tuple)
     intro: str = ""
+    short: str = ""
+    """The title in the list of sections, if it is too long for that."""
 
 
 def number(value: float | int | None, digits: int = 1, unit: str = "", *, worst: float = np.nan) -> Cell:
@@ -115,7 +119,8 @@ def number(value: float | int | None, digits: int = 1, unit: str = "", *, worst:
     if value is None or not np.isfinite(value):
         return Cell("–", key=float("-inf"))
     shade = float(np.clip(2 * value / worst - 1, 0, 1)) if np.isfinite(worst) and worst > 0 else 0.0
-    return Cell(f"{value:.{digits}f}{unit}", shade, float(value))
+    text = f"{value:.{digits}f}{unit}"
+    return Cell(text.removeprefix("-") if float(f"{value:.{digits}f}") == 0 else text, shade, float(value))
 
 
 def percent(share: float, digits: int = 0, *, bad_below: float = np.nan) -> Cell:

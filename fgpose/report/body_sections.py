@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
 from fgpose.report.camera_sections import people_shown, titled
@@ -10,6 +11,7 @@ from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import heat_map, lines
 from fgpose.report.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.report.solution_checks import sigma_ratio
+from fgpose.skeleton import Skeleton
 
 NO_COVARIANCE = (
     "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."
@@ -22,8 +24,8 @@ _BONES_SHOWN = 4
 def sigma_section(recording: FinishedRecording) -> Section:
     """Standard deviation of the joints over time."""
     intro = (
-        "The standard deviation of each joint along the axis in which it is largest, from the covariance of the result: "
-        "where it is high, the position rests on bones and motion rather than on cameras."
+        "The standard deviation of each joint along the axis in which it is largest, from the covariance: where "
+        " it is high, the position rests on bones and motion rather than on cameras."
     )
     if all(trajectory.covariance_m2 is None for trajectory in recording.people.values()):
         return Section("Uncertainty", "sigma", [Note(NO_COVARIANCE, is_missing=True)])
@@ -44,8 +46,8 @@ def sigma_section(recording: FinishedRecording) -> Section:
     ratio = sigma_ratio(recording)
     if np.isfinite(ratio):
         blocks.append(Note(
-            f"Against residuals: sigma is {ratio:.2f} times that of one frame alone, by the reprojection errors as they "
-            "are. Between 1/3 and 3 the two fit; smoothing makes it smaller than one."
+            f"Against residuals: sigma is {ratio:.2f} times that of one frame alone, by the reprojection errors "
+            "as they are. Between 1/3 and 3 the two fit; smoothing makes it smaller than one."
         ))  # fmt: skip
     return Section("Uncertainty", "sigma", blocks, intro)
 
@@ -83,7 +85,10 @@ def bone_section(recording: FinishedRecording) -> Section:
         lengths_mm = 1000 * skeleton.bone_lengths(trajectory.positions_m)
         spread = [known_quantile(np.abs(own - known_quantile(own, 0.5)), 0.9) for own in lengths_mm.T]
         order = np.argsort(-np.nan_to_num(np.array(spread)))
-        deviations = {skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5) for b in order[:12].tolist()}  # fmt: skip
+        deviations = {
+            skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5)
+            for b in order[:12].tolist()
+        }
         caption = titled("Deviation of the bones that vary most; click on the legend for more", called)
         blocks.append(
             lines(deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280)
@@ -92,7 +97,7 @@ def bone_section(recording: FinishedRecording) -> Section:
     return Section("Bone lengths", "bones", blocks, intro)
 
 
-def _bone_table(called: str, skeleton, lengths_mm: np.ndarray) -> Table:  # noqa: ANN001
+def _bone_table(called: str, skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"]) -> Table:
     number_of = {frozenset(bone): b for b, bone in enumerate(skeleton.bones)}
     rows = []
     done = set()

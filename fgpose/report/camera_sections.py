@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
 from fgpose.report.camera_checks import together_px
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.plots import COLOURS, gathered, heat_map, lines, plain_figure
+from fgpose.report.plots import COLOURS, heat_map, lines, models, plain_figure
 from fgpose.report.rig_figures import plan_and_side
 from fgpose.report.series import known_quantile, quantile_of_frames
 from fgpose.trajectory import Trajectory
@@ -45,8 +45,10 @@ def seen_section(recording: FinishedRecording) -> Section:
             rows = {joint: views[:, j] for j, joint in enumerate(trajectory.skeleton.joints[:_MAX_JOINTS])}
             caption = titled("Number of cameras that see each joint; fewer than two do not determine it", called)
             n_cameras = len(trajectory.camera_names)
-            blocks.append(heat_map(rows, trajectory.time_s, SEEN_PALETTE, (0, n_cameras), "cameras / ", caption))
-    return Section("What the cameras saw", "seen", blocks)
+            blocks.append(
+                heat_map(rows, trajectory.time_s, SEEN_PALETTE, (0, n_cameras), "cameras / ", caption, counts=True)
+            )
+    return Section("What the cameras saw", "seen", blocks, short="Seen")
 
 
 def reprojection_section(recording: FinishedRecording) -> Section:
@@ -57,7 +59,9 @@ def reprojection_section(recording: FinishedRecording) -> Section:
         "small where cameras agree, which is not yet a proof that they are right."
     )
     if residual_px is None:
-        return Section("Reprojection errors", "reprojection", [Note(NO_RESIDUALS, is_missing=True)])
+        return Section(
+            "Reprojection errors", "reprojection", [Note(NO_RESIDUALS, is_missing=True)], short="Reprojection"
+        )
     blocks: list[Block] = [_per_camera(recording, residual_px), _per_joint(recording, residual_px)]
     for called, trajectory in people_shown(recording):
         if trajectory.residual_px is not None:
@@ -67,7 +71,7 @@ def reprojection_section(recording: FinishedRecording) -> Section:
             caption = titled("Median reprojection error of each camera over time", called)
             blocks.append(lines(medians, trajectory.time_s, "reprojection error / px", caption, from_zero=True))
     blocks.append(_histogram(recording.camera_names, residual_px))
-    return Section("Reprojection errors", "reprojection", blocks, intro)
+    return Section("Reprojection errors", "reprojection", blocks, intro, short="Reprojection")
 
 
 def _per_camera(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Table:
@@ -75,8 +79,8 @@ def _per_camera(recording: FinishedRecording, residual_px: Float[np.ndarray, "fr
         "", "share of joints and frames with a detection", "half of the errors are smaller", "90 % are smaller",
         "share of the detections that are more probably hallucinated than not",
     )  # fmt: skip
-    visibility = [each.visibility for each in recording.people.values()]
-    judged = None if any(each is None for each in visibility) else np.concatenate([each for each in visibility if each is not None])  # fmt: skip
+    visibility = [each.visibility for each in recording.people.values() if each.visibility is not None]
+    judged = np.concatenate(visibility) if len(visibility) == len(recording.people) else None
     medians = [known_quantile(residual_px[:, c], 0.5) for c in range(len(recording.camera_names))]
     rows = []
     for c, name in enumerate(recording.camera_names):
@@ -97,16 +101,18 @@ def _per_joint(recording: FinishedRecording, residual_px: Float[np.ndarray, "fra
     ])  # fmt: skip
     worst = 4 * known_quantile(medians, 0.5)
     rows = [
-        (Cell(joint), *(number(value, worst=worst) for value in medians[j]), number(known_quantile(residual_px[:, :, j], 0.5)))
+        (
+            Cell(joint),
+            *(number(value, worst=worst) for value in medians[j]),
+            number(known_quantile(residual_px[:, :, j], 0.5)),
+        )
         for j, joint in enumerate(joints)
-    ]  # fmt: skip
+    ]
     caption = "Median reprojection error of each joint, px; coloured from twice the median of all on"
     return Table(("joint", *recording.camera_names, "all"), tuple(rows), caption)
 
 
 def _histogram(names: tuple[str, ...], residual_px: Float[np.ndarray, "frame camera joint"]) -> Plot:
-    from bokeh.models import HoverTool
-
     limit_px = 1.5 * known_quantile(residual_px, 0.95)
     edges_px = np.linspace(0, limit_px if limit_px > 0 else 1.0, 60)
     plot = plain_figure("reprojection error / px", "density / 1/px", 240)
@@ -119,8 +125,8 @@ def _histogram(names: tuple[str, ...], residual_px: Float[np.ndarray, "frame cam
                 (edges_px[1:] + edges_px[:-1]) / 2, density, color=COLOURS[c % len(COLOURS)], line_width=1.8,
                 legend_label=name, name=name,
             )  # fmt: skip
-    plot.y_range.start = 0  # pyright: ignore[reportAttributeAccessIssue]
-    plot.add_tools(HoverTool(tooltips=[("", "$name"), ("error", "$x{0.0} px")], mode="mouse"))
+    plot.y_range.start = 0
+    plot.add_tools(models().HoverTool(tooltips=[("", "$name"), ("error", "$x{0.0} px")], mode="mouse"))
     plot.legend.click_policy = "hide"
     plot.legend.background_fill_color = plot.legend.border_line_color = None
     caption = "Distribution of the reprojection errors of each camera; the last few per cent are cut off"
@@ -132,7 +138,7 @@ def camera_section(recording: FinishedRecording) -> Section:
     rig = recording.rig
     if rig is None:
         missing = "No calibration was given (--rig FILE), so cameras, covered volume and clocks cannot be shown."
-        return Section("Cameras, calibration and clocks", "cameras", [Note(missing, is_missing=True)])
+        return Section("Cameras, calibration and clocks", "cameras", [Note(missing, is_missing=True)], short="Cameras")
     rows = []
     for camera in rig.cameras:
         offset_ms, sigma_s = 1000 * camera.time_offset_s, recording.offset_sigma_s.get(camera.name, np.nan)
@@ -149,7 +155,7 @@ def camera_section(recording: FinishedRecording) -> Section:
     if not recording.offset_sigma_s:
         blocks.append(Note("The clocks are those of the calibration; they were not estimated from this motion.", True))
     blocks += _verdict(recording)
-    return Section("Cameras, calibration and clocks", "cameras", blocks)
+    return Section("Cameras, calibration and clocks", "cameras", blocks, short="Cameras")
 
 
 def _verdict(recording: FinishedRecording) -> list[Block]:
@@ -161,8 +167,3 @@ def _verdict(recording: FinishedRecording) -> list[Block]:
     ]
     columns = ("camera", "verdict", "reason", "remedy")
     return [Table(columns, tuple(rows), "Verdict of the calibration from people", numeric=(False,) * 4)]
-
-
-def sampled_way(points_m: Float[np.ndarray, "frame 3"]) -> Float[np.ndarray, "bin 3"]:
-    """A way over the floor, in few points."""
-    return gathered(points_m, 500)

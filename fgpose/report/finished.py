@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from fgpose.association.track import TrackEvent
 from fgpose.calibration.from_people.calibrated import Finding
@@ -37,6 +38,8 @@ class FinishedRecording:
     """Of the tracks of people."""
     videos: Path | None = None
     """Folder of the videos, or of the folders of images, of the cameras."""
+    world_up: Literal["z", "y"] = "z"
+    """Which axis of the world points up."""
     made_from: Mapping[str, str] = field(default_factory=dict)
     """What it was made from and with, as it is to be read: {"Keypoints": "pose/", ...}."""
 
@@ -69,6 +72,11 @@ class FinishedRecording:
     @property
     def camera_names(self) -> tuple[str, ...]:
         return self.main.camera_names or (self.rig.names if self.rig is not None else ())
+
+    @property
+    def axes(self) -> tuple[int, int, int]:
+        """Of the world: two of the floor, and the one that points up; a right-handed frame."""
+        return (0, 1, 2) if self.world_up == "z" else (2, 0, 1)
 
     def called(self, person: int) -> str:
         """How a person is named; nothing where there is only one."""

@@ -28,9 +28,10 @@ def origin_section(recording: FinishedRecording) -> Section:
         blocks.append(Note("The settings were not stored with the result.", is_missing=True))
     else:
         changed = changed_settings(trajectory.config)
-        blocks.append(Note(f"Settings that differ from the defaults: {', '.join(changed)}." if changed else "All settings are the defaults."))  # fmt: skip
+        differ = f"Settings that differ from the defaults: {', '.join(changed)}."
+        blocks.append(Note(differ if changed else "All settings are the defaults."))
         blocks.append(Text("All settings", config_to_toml(trajectory.config)))
-    return Section("What was recorded, and with what", "origin", blocks)
+    return Section("What was recorded, and with what", "origin", blocks, short="Origin")
 
 
 def changed_settings(config: Config) -> list[str]:

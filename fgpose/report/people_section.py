@@ -6,7 +6,7 @@ import numpy as np
 
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.plots import COLOURS, time_figure
+from fgpose.report.plots import COLOURS, models, time_figure
 from fgpose.report.series import known_quantile, root_m, sigma_m
 
 _MAX_EVENTS = 200
@@ -26,16 +26,14 @@ def people_section(recording: FinishedRecording) -> Section | None:
         blocks.append(Table(columns, tuple(rows), "Events of the tracks", numeric=numeric, identifier="events"))
     else:
         blocks.append(Note("The events of the tracks were not stored with the result.", is_missing=True))
-    return Section("People and identities", "people", blocks)
+    return Section("People and identities", "people", blocks, short="People")
 
 
 def _lives(recording: FinishedRecording) -> Plot:
-    from bokeh.models import HoverTool
-
     names = [f"person {person}" for person in recording.people][::-1]
     height_px = 24 * len(names) + 70
     plot = time_figure("", height_px)
-    bars = {"y": [], "left": [], "right": [], "name": [], "colour": []}
+    bars: dict[str, list[object]] = {"y": [], "left": [], "right": [], "name": [], "colour": []}
     for n, (person, trajectory) in enumerate(recording.people.items()):
         known = np.isfinite(root_m(trajectory)).all(axis=1)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2)
@@ -44,8 +42,8 @@ def _lives(recording: FinishedRecording) -> Plot:
             for key, value in zip(bars, (*values, f"person {person}", COLOURS[n % len(COLOURS)]), strict=True):
                 bars[key].append(value)
     plot.hbar("y", height=0.6, left="left", right="right", color="colour", source=bars)
-    plot.add_tools(HoverTool(tooltips=[("", "@name"), ("from", "@left{0.00} s"), ("to", "@right{0.00} s")]))
-    events = {"x": [], "y": [], "what": [], "why": []}
+    plot.add_tools(models().HoverTool(tooltips=[("", "@name"), ("from", "@left{0.00} s"), ("to", "@right{0.00} s")]))
+    events: dict[str, list[object]] = {"x": [], "y": [], "what": [], "why": []}
     order = list(recording.people)
     for event in recording.events:
         if event.person in recording.people:
@@ -53,7 +51,7 @@ def _lives(recording: FinishedRecording) -> Plot:
             for key, value in zip(events, row, strict=True):
                 events[key].append(value)
     dots = plot.scatter("x", "y", size=9, marker="diamond", color="#e69f00", line_color="#555", source=events)
-    plot.add_tools(HoverTool(renderers=[dots], tooltips=[("@what", "@x{0.00} s"), ("", "@why")]))
+    plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("@what", "@x{0.00} s"), ("", "@why")]))
     plot.yaxis.ticker = list(range(len(names)))
     plot.yaxis.major_label_overrides = dict(enumerate(names))
     plot.ygrid.grid_line_color = None

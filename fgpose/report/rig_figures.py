@@ -8,39 +8,38 @@ from jaxtyping import Float
 from fgpose.geometry.camera import Camera
 from fgpose.report.blocks import Plot
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.plots import COLOURS, gathered, plain_figure
+from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, models, plain_figure
 from fgpose.report.series import known_quantile, root_m
 from fgpose.report.solution_checks import views_of
+from fgpose.sampling import spread_evenly
 
 _HEIGHT_PX = 420
 _CELLS = 44  # of the map of the covered volume, along each side
 _WAY_POINTS = 500
+_POSES = 5
 
 
 def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
-    """Plan (x, y) with the floor that cameras see, and side view (x, z). The world's z is taken to be up."""
-    plan = _view(recording, (0, 1), "y / m")
-    side = _view(recording, (0, 2), "z / m")
+    """Plan, with the floor that cameras see, and side view."""
+    across, along, up = recording.axes
+    plan, side = _view(recording, (across, along)), _view(recording, (across, up))
     return (
-        Plot(
-            plan, "Plan: cameras, the way of the hips, and how many cameras see each place at their height", _HEIGHT_PX
-        ),
-        Plot(side, "Side: cameras, and where the joints were (5th to 95th centile of each)", _HEIGHT_PX // 2 + 60),
+        Plot(plan, "Plan: the way of the hips, and how many cameras see each place", _HEIGHT_PX, half=True),
+        Plot(side, f"Side: {_POSES} poses of the recording", _HEIGHT_PX, half=True),
     )
 
 
-def _view(recording: FinishedRecording, axes: tuple[int, int], y_label: str):  # noqa: ANN202 (a figure of Bokeh)
-    from bokeh.models import HoverTool
-
+def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
     rig = recording.rig
     assert rig is not None
-    is_plan = axes[1] == 1
-    plot = plain_figure("x / m", y_label, _HEIGHT_PX if is_plan else _HEIGHT_PX // 2 + 60, match_aspect=True)
+    is_plan = axes[1] == recording.axes[1]
+    x_label, y_label = (f"{'xyz'[axis]} / m" for axis in axes)
+    plot = plain_figure(x_label, y_label, _HEIGHT_PX, match_aspect=True)
     reach_m = 0.25 * max(np.ptp([camera.position_m for camera in rig.cameras], axis=0).max(), 1.0)
     if is_plan:
         _covered(plot, recording)
     else:
-        _joints(plot, recording, axes)
+        _poses(plot, recording, axes)
     for n, (person, trajectory) in enumerate(recording.people.items()):
         way_m = gathered(root_m(trajectory), _WAY_POINTS)
         colour = COLOURS[n % len(COLOURS)]
@@ -56,7 +55,7 @@ def _view(recording: FinishedRecording, axes: tuple[int, int], y_label: str):  #
     data = {"x": places_m[:, axes[0]], "y": places_m[:, axes[1]], "name": list(rig.names)}
     dots = plot.scatter("x", "y", size=9, color="#d55e00", source=data)
     plot.text("x", "y", "name", source=data, x_offset=8, y_offset=-4, text_font_size="12px", text_color="#8a8f98")
-    plot.add_tools(HoverTool(renderers=[dots], tooltips=[("", "@name"), ("", "@x{0.00} m, @y{0.00} m")]))
+    plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("", "@name"), ("", "@x{0.00} m, @y{0.00} m")]))
     plot.xgrid.grid_line_color = plot.ygrid.grid_line_color
     plot.xgrid.grid_line_alpha = 0.5
     return plot
@@ -70,37 +69,33 @@ def _frustum_m(camera: Camera, reach_m: float) -> list[Float[np.ndarray, 3]]:
     return list(camera.to_world_frame(rays * reach_m))
 
 
-def _covered(plot, recording: FinishedRecording) -> None:  # noqa: ANN001 (a figure of Bokeh)
+def _covered(plot: Figure, recording: FinishedRecording) -> None:
     """How many cameras see each place at the height of the hips."""
-    from bokeh.models import ColorBar, LinearColorMapper
-
     rig = recording.rig
     assert rig is not None
     ways_m = np.concatenate([root_m(trajectory) for trajectory in recording.people.values()])
     places_m = np.array([camera.position_m for camera in rig.cameras])
     everything_m = np.concatenate([places_m, ways_m[np.isfinite(ways_m).all(axis=1)]])
     low, high = everything_m.min(axis=0) - 0.3, everything_m.max(axis=0) + 0.3
-    x_m, y_m = (np.linspace(low[axis], high[axis], _CELLS) for axis in range(2))
-    height_m = known_quantile(ways_m[:, 2], 0.5)
-    grid = np.stack([*np.meshgrid(x_m, y_m), np.full((_CELLS, _CELLS), height_m)], axis=-1)
+    across, along, up = recording.axes
+    grid = np.empty((_CELLS, _CELLS, 3))
+    grid[..., across], grid[..., along] = np.meshgrid(*(np.linspace(low[a], high[a], _CELLS) for a in (across, along)))
+    grid[..., up] = known_quantile(ways_m[:, up], 0.5)
     views = views_of(grid.reshape(-1, 3), rig).reshape(_CELLS, _CELLS)
     views[views < 1] = np.nan
     palette = [f"rgba(11, 110, 134, {0.08 + 0.5 * share:.2f})" for share in np.linspace(0, 1, rig.n_cameras)]
-    mapper = LinearColorMapper(palette, low=0.5, high=rig.n_cameras + 0.5, nan_color="rgba(0, 0, 0, 0)")
-    place = {"x": low[0], "y": low[1], "dw": high[0] - low[0], "dh": high[1] - low[1]}
+    mapper = models().LinearColorMapper(palette, low=0.5, high=rig.n_cameras + 0.5, nan_color="rgba(0, 0, 0, 0)")
+    size = high - low
+    place = {"x": low[across], "y": low[along], "dw": size[across], "dh": size[along]}
     plot.image([views.astype(np.float32)], **place, color_mapper=mapper)
-    bar = ColorBar(color_mapper=mapper, title="cameras", width=10, background_fill_color=None, bar_line_color=None)
-    bar.ticker.desired_num_ticks = rig.n_cameras  # pyright: ignore[reportAttributeAccessIssue, reportOptionalMemberAccess]
-    plot.add_layout(bar, "right")
+    plot.add_layout(colour_bar(mapper, "cameras"), "right")
 
 
-def _joints(plot, recording: FinishedRecording, axes: tuple[int, int]) -> None:  # noqa: ANN001 (a figure of Bokeh)
-    """The box in which each joint of the main person was."""
+def _poses(plot: Figure, recording: FinishedRecording, axes: tuple[int, int]) -> None:
+    """The main person at some moments."""
     skeleton, positions_m = recording.main.skeleton, recording.main.positions_m
-    boxes = {"left": [], "right": [], "bottom": [], "top": [], "name": []}
-    for j, joint in enumerate(skeleton.joints):
-        sides = [known_quantile(positions_m[:, j, axis], q) for axis in axes for q in (0.05, 0.95)]
-        for key, side in zip(("left", "right", "bottom", "top"), sides, strict=True):
-            boxes[key].append(side)
-        boxes["name"].append(joint)
-    plot.quad(source=boxes, fill_color="#0b6e86", fill_alpha=0.08, line_color="#0b6e86", line_alpha=0.25)
+    whole = np.flatnonzero(np.isfinite(positions_m).all(axis=(1, 2)))
+    frames = whole[spread_evenly(len(whole), _POSES)] if len(whole) else whole
+    bones = [*skeleton.bones, *skeleton.lines]
+    ends = [[positions_m[frame, list(bone), axis].tolist() for frame in frames for bone in bones] for axis in axes]
+    plot.multi_line(*ends, color="#0b6e86", line_width=1.5, line_alpha=0.8)

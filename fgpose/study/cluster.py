@@ -66,7 +66,7 @@ def _silent() -> Iterator[None]:
 
 @contextmanager
 def _local(resources: Resources) -> Iterator[Any]:
-    import dask
+    from dask import config
     from distributed import LocalCluster
 
     settings = {
@@ -76,13 +76,14 @@ def _local(resources: Resources) -> Iterator[Any]:
     }
     memory = "auto" if resources.memory_gb is None else f"{resources.memory_gb}GB"
     with (
-        dask.config.set(settings),
+        config.set(settings),
         LocalCluster(
             n_workers=resources.workers or n_cores(),
             threads_per_worker=1,
             processes=True,
             memory_limit=memory,
-            dashboard_address=None,
+            # None: there is none, which its annotation does not know.
+            dashboard_address=cast(str, None),
             silence_logs=logging.CRITICAL,
         ) as cluster,
     ):
