@@ -102,6 +102,7 @@ class Demo:
         )
 
     def _run_study(self) -> None:
+        from fgpose.cli.report import Report
         from fgpose.cli.study import Study, run_and_print
         from fgpose.study import load_study
         from fgpose.study.demo_data import write_demo_study
@@ -111,6 +112,7 @@ class Demo:
             file = write_demo_study(self.output / "demo_study")
         console.print(f"{file}: 12 recordings of 5 s, of which one is damaged", soft_wrap=True)
         output = run_and_print(load_study(file), Study(file=file)).output
+        Report(results=output).run()
         _print_lines(console, _study_lines(file, output))
 
     def _run_calibrate(self) -> int:
@@ -233,6 +235,7 @@ def _study_lines(file: Path, output: Path) -> list[tuple[str, str]]:
     return [
         (f"{shown}/motion", f"all joints as one table: pandas.read_parquet('{shown}/motion')"),
         (f"{shown}/angles", f'joint angles, in DuckDB: duckdb.sql("{query}")'),
+        (f"{shown}/report.html", "all recordings as a page, those unlike the others first: open it in a browser"),
         (f"{shown}/quality.csv", "a row for each recording, for any spreadsheet"),
         (str(file), f"what was done; nothing is done twice: {_program('fgpose')} study {file}"),
     ]

@@ -9,7 +9,7 @@ from importlib.metadata import version
 
 from fgpose.study.calibrating import recalibrate
 from fgpose.study.detecting import detect
-from fgpose.study.estimating import estimate, export, judge, measure_angles
+from fgpose.study.estimating import estimate, export, judge, measure_angles, report
 from fgpose.study.job import Job
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
@@ -73,6 +73,13 @@ STEPS = (
         after=("estimate",),
     ),
     Step("judge", judge, lambda s: (), after=("estimate", "calibrate")),
+    Step(
+        "report",
+        report,
+        lambda s: s.steps.world_up,
+        lambda study, recording: study.steps.report,
+        after=("estimate", "calibrate"),
+    ),
 )
 
 

@@ -13,6 +13,7 @@ from fgpose.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_ri
 _CLIPS = {"boxing": "cmu_02_05", "sword": "cmu_02_07_a"}
 # Of the person whose motion was captured: subjects of three sizes.
 _SIZES = {"S01": 1.0, "S02": 0.94, "S03": 1.06}
+_FIRST_S = 2.0  # in the clips: before, little happens
 _SESSIONS = ("morning", "evening")
 _BROKEN = ("S03", "evening", "sword")
 """Its file ends in the middle, as after a copy that was interrupted."""
@@ -26,16 +27,18 @@ keypoints = "{subject}/{session}/{trial}.parquet"
 calibration = "{subject}/{session}/Calib.toml"
 skeleton = "h36m_17"
 events = "events.tsv"
+
+[steps]
 """
 
 
-def write_demo_study(folder: Path, duration_s: float = 5.0, first_s: float = 2.0) -> Path:
+def write_demo_study(folder: Path, duration_s: float = 5.0, *, report: bool = True) -> Path:
     """Three subjects with two sessions of two trials each, of which one is damaged; calibrations and events.
 
     Args:
         folder: where it is written.
         duration_s: of each recording.
-        first_s: from where on in the clips.
+        report: whether there will be a page of each recording.
 
     Returns:
         The study file.
@@ -51,7 +54,7 @@ def write_demo_study(folder: Path, duration_s: float = 5.0, first_s: float = 2.0
             save_rig(rig, folder / subject / session / "Calib.toml")
             for trial, clip in _CLIPS.items():
                 positions_m, fps = embedded_motion(clip)
-                first = round((first_s + 0.5 * seed) * fps) % max(len(positions_m) - round(duration_s * fps), 1)
+                first = round((_FIRST_S + 0.5 * seed) * fps) % max(len(positions_m) - round(duration_s * fps), 1)
                 part_m = size * positions_m[first : first + round(duration_s * fps)]
                 scene = simulate(part_m, skeleton, rig, fps, DetectionNoise(), Occlusion(), seed)
                 path = folder / subject / session / f"{trial}.parquet"
@@ -61,5 +64,5 @@ def write_demo_study(folder: Path, duration_s: float = 5.0, first_s: float = 2.0
                 events += [f"{subject}\t{session}\t{trial}\tgo\t{0.5 + 0.1 * seed:g}"]
                 seed += 1
     write_text(folder / "events.tsv", "\n".join(events) + "\n")
-    write_text(folder / "study.toml", _STUDY)
+    write_text(folder / "study.toml", f"{_STUDY}report = {str(report).lower()}\n")
     return folder / "study.toml"

@@ -14,7 +14,9 @@ from fgpose.monocular.flips import correct_flips
 from fgpose.pipeline import PeopleSource
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.quality import quality
-from fgpose.study.job import ANGLES, MOTION, Job
+from fgpose.report.report import write_report
+from fgpose.report.results import load_finished
+from fgpose.study.job import ANGLES, MOTION, REPORT, Job
 from fgpose.tracking import smooth_people
 from fgpose.trajectory import Trajectory
 
@@ -80,5 +82,18 @@ def judge(job: Job) -> None:
     people = load_people_trajectories(job.path(MOTION))
     found = quality(FinishedRecording(job.recording.key, people, load_rig(job.calibration)))
     numbers = {name: value for name, value in found.numbers.items() if name != "name"}
-    text = "; ".join(f"{each.subject}: {each.reason}" if each.subject else each.reason for each in found.suspicions)
-    job.row.update(numbers, suspicions=text)
+    job.row.update(numbers, suspicions="; ".join(each.reason for each in found.suspicions))
+
+
+def report(job: Job) -> None:
+    """The page of the recording."""
+    write_report(
+        load_finished(
+            job.path(MOTION),
+            title=job.recording.key,
+            rig=job.calibration,
+            videos=job.recording.source if job.recording.kind == "videos" else None,
+            world_up=job.study.steps.world_up,
+        ),
+        job.path(REPORT),
+    )

@@ -17,7 +17,7 @@ DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""
 SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
 """The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
-MOTION, ANGLES = "motion.parquet", "angles.parquet"
+MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,8 @@ class Steps:
     """all: tell everybody apart. 1: the person who is seen most. auto: all where an image shows more than one."""
     angles: bool = True
     """Joint angles, speeds and heights."""
+    report: bool = False
+    """A page (HTML) of each recording, about 1 MB; `fgpose report` makes those that are missing."""
     formats: tuple[Format, ...] = ("trc",)
     """Written beside the parquet files: trc and mot for OpenSim, bvh for Blender, c3d with segment rotations."""
     world_up: Literal["z", "y"] = "z"

@@ -26,6 +26,7 @@ COMMANDS = (
     "demo",
     "calibrate",
     "run",
+    "study",
     "detect",
     "smooth",
     "track",
