@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rich.progress import Task
 
     from fgpose.study import Outcome, Plan, Recording, StudyResult
-    from fgpose.study.run import OnOutcome
+    from fgpose.study.run import OnBegin, OnOutcome
     from fgpose.study.study import Study as StudyFile
 
 FAILED = 1
@@ -78,12 +78,13 @@ def run_and_print(study: StudyFile, options: Study) -> StudyResult:
     """Run a study with a progress bar, and say what came of it."""
     from fgpose.study import run_study
 
-    with _progress() as on_outcome:
+    with _progress() as (on_begin, on_outcome):
         result = run_study(
             study,
             scheduler=options.scheduler,
             n_workers=options.workers,
             only=options.only,
+            on_begin=on_begin,
             on_outcome=on_outcome,
         )
     _print_result(new_console(), result)
@@ -123,8 +124,9 @@ def _steps(study: StudyFile, recording: Recording) -> tuple[str, str]:
 
 
 @contextmanager
-def _progress() -> Iterator[OnOutcome]:
-    """A bar with the rate and the time left, and a line for each recording that fails."""
+def _progress() -> Iterator[tuple[OnBegin, OnOutcome]]:
+    """A bar with the rate and the time left, once it is known how many there are, and a line for each recording that
+    fails."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
 
@@ -140,15 +142,23 @@ def _progress() -> Iterator[OnOutcome]:
         TimeRemainingColumn(elapsed_when_finished=True),
     )
     # The time of one recording says little where workers take turns: the rate is that of the last half hour.
-    with Progress(*columns, console=new_console(stderr=True), speed_estimate_period=1800) as bar:
-        number = bar.add_task("recordings", total=None)
+    bar = Progress(*columns, console=new_console(stderr=True), speed_estimate_period=1800)
+    number = bar.add_task("recordings", total=None)
 
-        def on_outcome(outcome: Outcome, n_recordings: int) -> None:
-            if outcome.status == "failed":
-                bar.console.print(f"failed: {outcome.recording.key}: {outcome.reason}", soft_wrap=True)
-            bar.update(number, advance=1, total=n_recordings)
+    def on_begin(n_recordings: int) -> None:
+        bar.update(number, total=n_recordings)
+        bar.start()
 
-        yield on_outcome
+    def on_outcome(outcome: Outcome) -> None:
+        if outcome.status == "failed":
+            bar.console.print(f"failed: {outcome.recording.key}: {outcome.reason}", soft_wrap=True)
+        bar.update(number, advance=1)
+
+    try:
+        yield on_begin, on_outcome
+    finally:
+        if bar.live.is_started:
+            bar.stop()
 
 
 def _print_result(console: Console, result: StudyResult) -> None:

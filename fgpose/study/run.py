@@ -18,8 +18,10 @@ from fgpose.study.process import Outcome
 from fgpose.study.study import Study
 from fgpose.study.tables import EVENTS, Tables, events_of
 
-OnOutcome = Callable[[Outcome, int], None]
-"""Called with each outcome as it comes, and the number of recordings in all."""
+OnBegin = Callable[[int], None]
+"""Called with the number of recordings once the workers are there."""
+OnOutcome = Callable[[Outcome], None]
+"""Called with each outcome as it comes."""
 
 
 @dataclass
@@ -43,6 +45,7 @@ def run_study(
     scheduler: str = "",
     n_workers: int | None = None,
     only: str = "",
+    on_begin: OnBegin | None = None,
     on_outcome: OnOutcome | None = None,
 ) -> StudyResult:
     """Do what is due of every recording, and put the results together.
@@ -54,6 +57,7 @@ def run_study(
         scheduler: address of a Dask scheduler, instead of that of the study.
         n_workers: processes on this machine, instead of those of the study.
         only: pattern of subject/session/trial.
+        on_begin: told of how many recordings there are.
         on_outcome: told of each recording.
 
     Raises:
@@ -72,11 +76,13 @@ def run_study(
     )
     result = StudyResult(study.output)
     with _alone(study.output), workers(resources) as client:
+        if on_begin:
+            on_begin(n_recordings)
         try:
             for outcome in run(client, study, plan):
                 _note(result, outcome)
                 if on_outcome:
-                    on_outcome(outcome, n_recordings)
+                    on_outcome(outcome)
         finally:
             # Also of what was finished before an interruption.
             _put_together(result, Plan(study), events)

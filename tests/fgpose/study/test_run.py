@@ -177,7 +177,7 @@ def test_a_scheduler_that_does_not_answer_is_an_error(study_file: Path, monkeypa
 def test_two_studies_do_not_write_into_one_folder(study_file: Path) -> None:
     study = load_study(study_file)
 
-    def run_again(outcome: Outcome, n_recordings: int) -> None:
+    def run_again(outcome: Outcome) -> None:
         with pytest.raises(OSError, match="another fgpose study is at work"):
             run_study(study, n_workers=1)
 
@@ -221,7 +221,7 @@ def test_a_killed_scheduler_loses_nothing_finished(study_file: Path, tmp_path: P
         address = json_address(file)
         outcomes = []
 
-        def kill(outcome: Outcome, n_recordings: int) -> None:
+        def kill(outcome: Outcome) -> None:
             outcomes.append(outcome.status)
             if len(outcomes) == 2:
                 at_work.kill()
