@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
+import signal
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any, cast
@@ -85,9 +87,23 @@ def _local(resources: Resources) -> Iterator[Any]:
             # None: there is none, which its annotation does not know.
             dashboard_address=cast(str, None),
             silence_logs=logging.CRITICAL,
+            preload=["fgpose.study.worker_process"],
         ) as cluster,
     ):
-        yield cluster
+        try:
+            yield cluster
+        except BaseException:
+            _kill(cluster)
+            raise
+
+
+def _kill(cluster: Any) -> None:
+    """End the workers at once. Dask would wait for their recordings, of which nothing is left half done anyway."""
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(nanny.pid, signal.SIGKILL)
 
 
 def _connected(address: str) -> Client:
