@@ -80,6 +80,13 @@ def save_kinematics(
     people = {0: people} if isinstance(people, Trajectory) else people
     if not people:
         raise ValueError(f"{path}: there is nobody to be written")
+    try:
+        return _write(people, path, world_up)
+    except ValueError as error:
+        raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+
+
+def _write(people: Mapping[int, Trajectory], path: Path, world_up: UpAxis) -> tuple[Path, ...]:
     if path.suffix.lower() == ".parquet":
         _write_parquet(people, path, world_up)
         return (path,)

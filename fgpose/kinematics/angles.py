@@ -49,7 +49,7 @@ class JointAngles:
 
 def angle_names(skeleton: Skeleton) -> tuple[str, ...]:
     """The angles that the joints of a skeleton determine; none for one without limbs."""
-    return tuple(angles_of(points_of(np.zeros((skeleton.n_joints, 3)), landmarks(skeleton))))
+    return tuple(angles_of(points_of(np.zeros((0, skeleton.n_joints, 3)), landmarks(skeleton))))
 
 
 def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> JointAngles:

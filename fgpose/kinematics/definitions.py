@@ -156,7 +156,7 @@ def _shoulder(points: Points, side: str) -> Iterator[tuple[str, Angle]]:
     plane = np.arctan2(-y[..., 0], -y[..., 2])
     elevation = np.arctan2(np.hypot(y[..., 0], y[..., 2]), y[..., 1])
     yield f"{side}_shoulder_elevation", (elevation, True)
-    yield f"{side}_shoulder_plane_of_elevation", (plane, raised)
+    yield f"{side}_shoulder_elevation_plane", (plane, raised)
     if forearm is None:
         return
     bent_to, sine = bend(upper_arm, forearm)
