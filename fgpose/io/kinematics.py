@@ -175,6 +175,8 @@ def load_angles(path: str | Path) -> dict[int, JointAngles]:
         is_angle = np.array([each == "angle" for each in kinds], dtype=bool)[kind]
         table = table.filter(is_angle)
         person = numbers(table, "person")
+        if not (np.isfinite(person) & (person >= 0) & (person == np.floor(person))).all():
+            raise ValueError("a row whose person is no number from 0")
         return {int(who): _angles_of(table.filter(person == who)) for who in dict.fromkeys(person.tolist())}
     except ValueError as error:
         raise ValueError(f"{path}: not readable joint angles: {error}") from None
