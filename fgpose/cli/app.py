@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, TextIO, Union
 
+from fgpose.cli.angles import Angles
 from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.calibrate import Calibrate
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
@@ -49,6 +50,7 @@ _COMMANDS = {
     "live": Live,
     "refine": Refine,
     "info": Info,
+    "angles": Angles,
     "evaluate": Evaluate,
     "report": Report,
     "view": View,
@@ -66,6 +68,7 @@ Command = (
     | Refine
     | Info
     | Evaluate
+    | Angles
     | Report
     | View
     | Models

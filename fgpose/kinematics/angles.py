@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
-from fgpose.kinematics.landmarks import landmarks, points_of
-from fgpose.kinematics.propagation import moved_by, rms_error_rad
+from fgpose.kinematics.landmarks import landmarks, points_of, z_up
+from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -48,7 +50,7 @@ class JointAngles:
 
 def angle_names(skeleton: Skeleton) -> tuple[str, ...]:
     """The angles that the joints of a skeleton determine; none for one without limbs."""
-    return tuple(angles_of(points_of(np.zeros((skeleton.n_joints, 3)), landmarks(skeleton))))
+    return tuple(angles_of(points_of(np.zeros((0, skeleton.n_joints, 3)), landmarks(skeleton))))
 
 
 def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> JointAngles:
@@ -61,27 +63,64 @@ def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> J
     Raises:
         ValueError: the skeleton determines no angle.
     """
-    names = angle_names(trajectory.skeleton)
-    if not names:
-        raise ValueError(f"skeleton {trajectory.skeleton.name} determines no joint angle: {_LACKS}")
-    axes = [0, 1, 2] if world_up == "z" else [2, 0, 1]
-    joints = landmarks(trajectory.skeleton)
-    positions_m = trajectory.positions_m[..., axes]
-
-    def angles_rad(positions_m: np.ndarray) -> Float[np.ndarray, "frame angle"]:
-        return np.stack([angle for angle, _ in angles_of(points_of(positions_m, joints)).values()], axis=-1)
-
-    determined = np.stack(
-        [np.broadcast_to(where, len(positions_m)) for _, where in angles_of(points_of(positions_m, joints)).values()],
-        axis=-1,
-    )
-    angle_rad = np.where(determined, angles_rad(positions_m), np.nan)
-    sigma_rad = np.full_like(angle_rad, np.nan)
+    angles = angles_deg(trajectory, world_up)
+    angle_deg = np.stack(list(angles.values()), axis=-1)
+    sigma_deg = np.full_like(angle_deg, np.nan)
     if trajectory.covariance_m2 is not None:
-        used = sorted({joint for indices in joints.values() for joint in indices})
-        deviations_m = moved_by(trajectory.covariance_m2[..., axes, :][..., axes], used)
-        sigma_rad = np.where(determined, rms_error_rad(angles_rad, positions_m, deviations_m), np.nan)
-    return JointAngles(names, trajectory.time_s, np.rad2deg(angle_rad), np.rad2deg(sigma_rad))
+        covariance_m2 = z_up(z_up(trajectory.covariance_m2, world_up).swapaxes(-1, -2), world_up)
+        sigma_rad = _sigma_rad(z_up(trajectory.positions_m, world_up), covariance_m2, _joints(trajectory))
+        sigma_deg = np.rad2deg(np.stack([sigma_rad[name] for name in angles], axis=-1))
+        sigma_deg[np.isnan(angle_deg)] = np.nan
+    return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg)
 
 
-_LACKS = "it has no hip, knee and ankle, and no shoulder, elbow and wrist"
+def _sigma_rad(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"],
+    joints: dict[str, tuple[int, ...]],
+) -> dict[str, Float[np.ndarray, " frame"]]:
+    """Of every angle; joints err independently."""
+    points, total_rad2 = (
+        points_of(positions_m, joints),
+        defaultdict[str, np.ndarray](lambda: np.zeros(len(positions_m))),
+    )
+    for joint in sorted({joint for indices in joints.values() for joint in indices}):
+        moved = {name: indices for name, indices in joints.items() if joint in indices}
+
+        def angles_rad(position_m: np.ndarray, joint=joint, moved=moved) -> dict[str, Float[np.ndarray, " frame"]]:
+            change_m = position_m - positions_m[:, joint]
+            around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
+            return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
+
+        for name, added_rad2 in mean_squares_rad2(angles_rad, positions_m[:, joint], covariance_m2[:, joint]).items():
+            total_rad2[name] = total_rad2[name] + added_rad2
+    return {name: np.sqrt(rad2) for name, rad2 in total_rad2.items()}
+
+
+def angles_deg(
+    trajectory: Trajectory, world_up: Literal["z", "y"] = "z", *, arms_in_zxy: bool = False
+) -> dict[str, Float[np.ndarray, " frame"]]:
+    """The angles of joint_angles by name, without their standard deviations, which take longer; NaN = not determined.
+
+    Args:
+        trajectory: of one person.
+        world_up: which axis of its world points up.
+        arms_in_zxy: with the angles of definitions.arms_in_zxy as well.
+
+    Raises:
+        ValueError: the skeleton determines no angle.
+    """
+    points = points_of(z_up(trajectory.positions_m, world_up), _joints(trajectory))
+    angles = angles_of(points) | (definitions.arms_in_zxy(points) if arms_in_zxy else {})
+    return {name: np.where(determined, np.rad2deg(angle), np.nan) for name, (angle, determined) in angles.items()}
+
+
+def _joints(trajectory: Trajectory) -> dict[str, tuple[int, ...]]:
+    """Landmarks of the skeleton. Raises ValueError if they determine no angle."""
+    skeleton = trajectory.skeleton
+    if not angle_names(skeleton):
+        raise ValueError(
+            f"skeleton {skeleton.name} determines no joint angle: it has neither hip, knee and ankle of a side nor "
+            f"shoulder, elbow and wrist, but {', '.join(skeleton.joints)}"
+        )
+    return landmarks(skeleton)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -15,9 +16,14 @@ Points = Mapping[str, Float[np.ndarray, "*frames 3"]]
 # Each landmark is the mean of the joints of the first line that the skeleton has.
 _OF_A_SIDE = {
     **{name: ((name,),) for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "heel", "ear")},
-    "toe": (("big_toe", "small_toe"), ("big_toe",), ("foot_index",)),
+    "toe": (("big_toe", "small_toe"), ("big_toe",), ("foot_index",), ("foot",)),
 }
 _OF_THE_MIDLINE = {"head": (("head",), ("head_top",), ("left_ear", "right_ear"), ("nose",))}
+
+
+def z_up(vectors: Float[np.ndarray, "*points 3"], world_up: Literal["z", "y"]) -> Float[np.ndarray, "*points 3"]:
+    """Vectors of a world with y up (x to the left, z forward) or z up, in one with z up (x forward, y to the left)."""
+    return vectors[..., [2, 0, 1]] if world_up == "y" else vectors
 
 
 def landmarks(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
@@ -25,7 +31,7 @@ def landmarks(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
 
     They are hip, knee, ankle, shoulder, elbow, wrist, heel, ear and toe of both sides (left_hip), and head.
     """
-    wanted = dict(_OF_THE_MIDLINE)
+    wanted: dict[str, tuple[tuple[str, ...], ...]] = dict(_OF_THE_MIDLINE)
     for side in ("left", "right"):
         for name, choices in _OF_A_SIDE.items():
             wanted[f"{side}_{name}"] = tuple(tuple(f"{side}_{joint}" for joint in joints) for joints in choices)

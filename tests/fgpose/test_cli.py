@@ -31,6 +31,7 @@ COMMANDS = (
     "track",
     "refine",
     "info",
+    "angles",
     "evaluate",
     "view",
     "models",

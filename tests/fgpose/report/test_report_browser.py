@@ -39,6 +39,7 @@ _DRAWN = """(() => {
 @contextmanager
 def opened(path: Path) -> Iterator[Browser]:
     with browser("about:blank") as page:
+        page.call("Page.enable")
         page.call("Network.enable")
         page.call("Network.emulateNetworkConditions", offline=True, latency=0, downloadThroughput=0, uploadThroughput=0)
         page.call("Page.addScriptToEvaluateOnNewDocument", source=_LISTEN)
