@@ -99,6 +99,7 @@ def test_a_browser_sorts_and_filters_a_study(rig: CameraRig, skeleton: Skeleton,
     )
     with opened(tmp_path / "study.html") as page:
         first = page.value(rows)
+        pictures = page.value("[...document.querySelectorAll('td svg')].every((svg) => svg.getBBox().width > 100)")
         heading = "[...document.querySelectorAll('th button')].find((button) => button.innerText.startsWith('sigma'))"
         page.value(f"{heading}.click()")
         falling, arrow = page.value(rows), page.value(f"{heading}.closest('th').getAttribute('aria-sort')")
@@ -110,7 +111,6 @@ def test_a_browser_sorts_and_filters_a_study(rig: CameraRig, skeleton: Skeleton,
         )
         filtered, count = page.value(rows), page.value("document.querySelector('output').innerText")
         complaints, drawn = page.value("complaints"), page.value(_DRAWN)
-        pictures = page.value("[...document.querySelectorAll('td svg')].every((svg) => svg.getBBox().width > 100)")
     assert first[0] == "S09/walk"
     assert falling == [f"S{n:02}/walk" for n in (*range(8, -1, -1), 9)]
     assert arrow == "descending"
