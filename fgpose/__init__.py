@@ -31,6 +31,7 @@ from fgpose.io.keypoints import (
     save_observations,
     save_people_observations,
 )
+from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
@@ -76,6 +77,7 @@ __all__ = [
     "fuse",
     "guessed_intrinsics",
     "joint_angles",
+    "load_angles",
     "load_config",
     "load_intrinsics",
     "load_observations",
@@ -91,6 +93,7 @@ __all__ = [
     "refine",
     "refine_bumped",
     "refine_rig",
+    "save_kinematics",
     "save_observations",
     "save_people",
     "save_people_observations",

@@ -35,7 +35,7 @@ class Report:
     keypoints: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="(default: none)")] = None
     """Detections that the result of one person was made from: they tell late cameras, and are drawn in the pictures."""
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
-    """Frames per second of the keypoints, unless their file contains times."""
+    """Frames per second of the keypoints, unless their file contains times, and of folders of images."""
     videos: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: none)")] = None
     """Videos of the cameras, for pictures of the worst moments."""
     world_up: Literal["z", "y"] = "z"

@@ -80,6 +80,13 @@ def save_kinematics(
     people = {0: people} if isinstance(people, Trajectory) else people
     if not people:
         raise ValueError(f"{path}: there is nobody to be written")
+    try:
+        return _write(people, path, world_up)
+    except ValueError as error:
+        raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
+
+
+def _write(people: Mapping[int, Trajectory], path: Path, world_up: UpAxis) -> tuple[Path, ...]:
     if path.suffix.lower() == ".parquet":
         _write_parquet(people, path, world_up)
         return (path,)
@@ -168,6 +175,8 @@ def load_angles(path: str | Path) -> dict[int, JointAngles]:
         is_angle = np.array([each == "angle" for each in kinds], dtype=bool)[kind]
         table = table.filter(is_angle)
         person = numbers(table, "person")
+        if not (np.isfinite(person) & (person >= 0) & (person == np.floor(person))).all():
+            raise ValueError("a row whose person is no number from 0")
         return {int(who): _angles_of(table.filter(person == who)) for who in dict.fromkeys(person.tolist())}
     except ValueError as error:
         raise ValueError(f"{path}: not readable joint angles: {error}") from None

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.atomic import write_text
+from fgpose.io.content import read_content
 
 
 def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
@@ -32,27 +33,32 @@ def read_mot(path: Path) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[
         ValueError: it lacks its header or a number, or its angles are in radians; the message names the line.
         OSError: it cannot be read.
     """
-    from fgpose.io.content import read_content
+    try:
+        return _parsed(read_content(path).decode("utf-8-sig"))
+    except ValueError as error:
+        raise ValueError(f"{path}: not a readable motion file of OpenSim: {error}") from None
 
-    lines = [line.strip() for line in read_content(path).decode("utf-8-sig").splitlines()]
+
+def _parsed(text: str) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:
+    lines = [line.strip() for line in text.splitlines()]
     if "endheader" not in lines:
-        raise ValueError(f"{path}: not a motion file of OpenSim: it has no line endheader")
+        raise ValueError("it has no line endheader")
     end = lines.index("endheader")
     if "inDegrees=yes" not in [line.replace(" ", "") for line in lines[:end]]:
-        raise ValueError(f"{path}: angles in degrees are needed (inDegrees=yes)")
+        raise ValueError("angles in degrees are needed (inDegrees=yes)")
     rows = [(number, line.split()) for number, line in enumerate(lines[end + 1 :], end + 2) if line]
     names = rows[0][1] if rows else []
     if names[:1] != ["time"] or len(set(names)) < len(names):
-        raise ValueError(f"{path}: after endheader the names of the columns are needed, time first, no name twice")
-    table = np.array([_numbers(cells, number, names, path) for number, cells in rows[1:]]).reshape(-1, len(names))
+        raise ValueError("after endheader the names of the columns are needed, time first, no name twice")
+    table = np.array([_numbers(cells, number, names) for number, cells in rows[1:]]).reshape(-1, len(names))
     return dict(zip(names[1:], table[:, 1:].T, strict=True)), table[:, 0]
 
 
-def _numbers(cells: list[str], number: int, names: list[str], path: Path) -> list[float]:
+def _numbers(cells: list[str], number: int, names: list[str]) -> list[float]:
     try:
         values = [float(cell) for cell in cells]
     except ValueError as error:
-        raise ValueError(f"{path}: line {number}: {error}") from None
+        raise ValueError(f"line {number}: {error}") from None
     if len(values) != len(names):
-        raise ValueError(f"{path}: line {number} has {len(values)} of {len(names)} columns")
+        raise ValueError(f"line {number} has {len(values)} of {len(names)} columns")
     return values

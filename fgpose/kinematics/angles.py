@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,7 +12,7 @@ from jaxtyping import Float
 from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
 from fgpose.kinematics.landmarks import landmarks, points_of, z_up
-from fgpose.kinematics.propagation import moved_by, rms_error_rad
+from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
@@ -49,7 +50,7 @@ class JointAngles:
 
 def angle_names(skeleton: Skeleton) -> tuple[str, ...]:
     """The angles that the joints of a skeleton determine; none for one without limbs."""
-    return tuple(angles_of(points_of(np.zeros((skeleton.n_joints, 3)), landmarks(skeleton))))
+    return tuple(angles_of(points_of(np.zeros((0, skeleton.n_joints, 3)), landmarks(skeleton))))
 
 
 def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> JointAngles:
@@ -62,20 +63,38 @@ def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> J
     Raises:
         ValueError: the skeleton determines no angle.
     """
-    joints, positions_m = _joints(trajectory), z_up(trajectory.positions_m, world_up)
-
-    def angles_rad(positions_m: np.ndarray) -> Float[np.ndarray, "frame angle"]:
-        return np.stack([angle for angle, _ in angles_of(points_of(positions_m, joints)).values()], axis=-1)
-
     angles = angles_deg(trajectory, world_up)
     angle_deg = np.stack(list(angles.values()), axis=-1)
     sigma_deg = np.full_like(angle_deg, np.nan)
     if trajectory.covariance_m2 is not None:
-        used = sorted({joint for indices in joints.values() for joint in indices})
         covariance_m2 = z_up(z_up(trajectory.covariance_m2, world_up).swapaxes(-1, -2), world_up)
-        error_rad = rms_error_rad(angles_rad, positions_m, moved_by(covariance_m2, used))
-        sigma_deg = np.where(np.isfinite(angle_deg), np.rad2deg(error_rad), np.nan)
+        sigma_rad = _sigma_rad(z_up(trajectory.positions_m, world_up), covariance_m2, _joints(trajectory))
+        sigma_deg = np.rad2deg(np.stack([sigma_rad[name] for name in angles], axis=-1))
+        sigma_deg[np.isnan(angle_deg)] = np.nan
     return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg)
+
+
+def _sigma_rad(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"],
+    joints: dict[str, tuple[int, ...]],
+) -> dict[str, Float[np.ndarray, " frame"]]:
+    """Of every angle; joints err independently."""
+    points, total_rad2 = (
+        points_of(positions_m, joints),
+        defaultdict[str, np.ndarray](lambda: np.zeros(len(positions_m))),
+    )
+    for joint in sorted({joint for indices in joints.values() for joint in indices}):
+        moved = {name: indices for name, indices in joints.items() if joint in indices}
+
+        def angles_rad(position_m: np.ndarray, joint=joint, moved=moved) -> dict[str, Float[np.ndarray, " frame"]]:
+            change_m = position_m - positions_m[:, joint]
+            around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
+            return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
+
+        for name, added_rad2 in mean_squares_rad2(angles_rad, positions_m[:, joint], covariance_m2[:, joint]).items():
+            total_rad2[name] = total_rad2[name] + added_rad2
+    return {name: np.sqrt(rad2) for name, rad2 in total_rad2.items()}
 
 
 def angles_deg(

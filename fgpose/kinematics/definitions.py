@@ -9,7 +9,8 @@ and with it the flexion of the trunk against the pelvis; inversion of the foot; 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -42,24 +43,17 @@ _OFF_AXIS_DEG = 10.0
 _SIDES = ("left", "right")
 
 
-def angles_of(points: Points) -> dict[str, Angle]:
+def angles_of(points: Points, of: Collection[str] | None = None) -> dict[str, Angle]:
     """Every angle that these landmarks determine, by name: trunk first, then limb by limb, left before right.
 
     Args:
         points: of one or many frames, in a world with z up.
+        of: names of landmarks; angles that depend on none of them may be left out.
     """
     found: dict[str, Angle] = {}
-    if points.keys() >= set(TRUNK):
-        found |= dict(_trunk(points))
-        for side in _SIDES:
-            found |= dict(_hip(points, side))
-            found |= dict(_knee_and_ankle(points, side))
-        for side in _SIDES:
-            found |= dict(_shoulder(points, side))
-            found |= dict(_elbow(points, side))
-        return found
-    for side in _SIDES:
-        found |= dict(_knee_and_ankle(points, side)) | dict(_elbow(points, side))
+    for needed, helpful, family in _FAMILIES:
+        if points.keys() >= set(needed) and (of is None or not set(of).isdisjoint(needed + helpful)):
+            found |= dict(family(points))
     return found
 
 
@@ -156,7 +150,7 @@ def _shoulder(points: Points, side: str) -> Iterator[tuple[str, Angle]]:
     plane = np.arctan2(-y[..., 0], -y[..., 2])
     elevation = np.arctan2(np.hypot(y[..., 0], y[..., 2]), y[..., 1])
     yield f"{side}_shoulder_elevation", (elevation, True)
-    yield f"{side}_shoulder_plane_of_elevation", (plane, raised)
+    yield f"{side}_shoulder_elevation_plane", (plane, raised)
     if forearm is None:
         return
     bent_to, sine = bend(upper_arm, forearm)
@@ -196,3 +190,19 @@ def _trunk(points: Points) -> Iterator[tuple[str, Angle]]:
         turned = away_from(np.array([0.0, 1.0, 0.0]), ears, _OFF_AXIS_DEG)
         yield "head_rotation", (np.arctan2(ears[..., 0], ears[..., 2]), turned)
         yield "head_lateral_bending", (np.arcsin(np.clip(-ears[..., 1], -1.0, 1.0)), True)
+
+
+def _families_of(*sides: str) -> Iterator[_Family]:
+    for side in sides:
+        hip, knee, ankle, foot = f"{side}_hip", f"{side}_knee", f"{side}_ankle", (f"{side}_heel", f"{side}_toe")
+        yield (*TRUNK, knee), (ankle,), partial(_hip, side=side)
+        yield (knee, ankle), (hip, *foot), partial(_knee_and_ankle, side=side)
+    for side in sides:
+        shoulder, elbow, wrist = f"{side}_shoulder", f"{side}_elbow", f"{side}_wrist"
+        yield (*TRUNK, elbow), (wrist,), partial(_shoulder, side=side)
+        yield (shoulder, elbow, wrist), (), partial(_elbow, side=side)
+
+
+_Family = tuple[tuple[str, ...], tuple[str, ...], Callable[[Points], Iterator[tuple[str, Angle]]]]
+# Landmarks that a family of angles needs, those with which it has more angles, and its angles.
+_FAMILIES: tuple[_Family, ...] = ((TRUNK, ("left_ear", "right_ear"), _trunk), *_families_of("left", "right"))

@@ -14,7 +14,7 @@ from fgpose.skeleton import Skeleton
 def speeds_m_s(
     positions_m: Float[np.ndarray, "frame ... 3"], time_s: Float[np.ndarray, " frame"]
 ) -> Float[np.ndarray, "frame ..."]:
-    """Speed of every joint by second-order central differences (one-sided at both ends); NaN beside a gap.
+    """Speed of every joint by second-order central differences (one-sided at both ends); NaN in a gap and beside it.
 
     Raises:
         ValueError: the times do not increase.
@@ -23,7 +23,9 @@ def speeds_m_s(
         raise ValueError("time_s must increase to have speeds")
     if len(time_s) < 2:
         return np.full(positions_m.shape[:-1], np.nan)
-    return np.linalg.norm(np.gradient(positions_m, time_s, axis=0), axis=-1)
+    known = np.isfinite(positions_m).all(axis=-1)
+    # At even times the difference of the neighbours says nothing of the frame itself.
+    return np.where(known, np.linalg.norm(np.gradient(positions_m, time_s, axis=0), axis=-1), np.nan)
 
 
 def centre_m(positions_m: Float[np.ndarray, "*frames joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "*frames 3"]:

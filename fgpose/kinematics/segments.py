@@ -29,7 +29,7 @@ def unit(vectors: Vectors) -> Vectors:
     return np.divide(vectors, length, out=np.full(vectors.shape, np.nan), where=length > 0)
 
 
-def across(vectors: Vectors, axis: Vectors) -> Vectors:
+def across(vectors: Vectors, axis: Float[np.ndarray, "*#frames 3"]) -> Vectors:
     """The part of vectors that is perpendicular to an axis of length 1."""
     return vectors - np.sum(vectors * axis, axis=-1, keepdims=True) * axis
 
@@ -81,7 +81,7 @@ def bend(long_axis: Vectors, distal: Vectors) -> tuple[Vectors, Float[np.ndarray
     return unit(off), np.linalg.norm(off, axis=-1)
 
 
-def away_from(axis: Vectors, vectors: Vectors, least_deg: float) -> Bool[np.ndarray, "*frames"]:
+def away_from(axis: Float[np.ndarray, "*#frames 3"], vectors: Vectors, least_deg: float) -> Bool[np.ndarray, "*frames"]:
     """Whether vectors are at least so far from being parallel to an axis. Both have length 1."""
     with np.errstate(invalid="ignore"):
         return np.linalg.norm(np.cross(axis, vectors), axis=-1) > np.sin(np.deg2rad(least_deg))

@@ -20,7 +20,9 @@ class Cell:
     """What it is sorted by; by default the text."""
     href: str = ""
     svg: str = ""
-    """A small picture instead of the text, which describes it."""
+    """A small picture instead of the text."""
+    is_long: bool = False
+    """Whether the text is sentences, of which the first lines are shown."""
 
 
 @dataclass(frozen=True)

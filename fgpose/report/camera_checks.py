@@ -71,7 +71,7 @@ def disagreeing_cameras(recording: FinishedRecording) -> list[Suspicion]:
                 "Was it moved since the calibration? Smooth again with --refine-calibration, or calibrate it anew; "
                 "with --estimate-time-offsets too if its clock may differ."
             )
-            found.append(Suspicion(name, reason, remedy, _share_of(residual_px, camera) ** 0.5))
+            found.append(Suspicion(name, reason, remedy, 0.4 + 0.4 * _share_of(residual_px, camera)))
     return found
 
 
@@ -98,7 +98,7 @@ def blind_cameras(recording: FinishedRecording) -> list[Suspicion]:
     found = []
     for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
         if share < _BLIND_RATIO * usual:
-            reason = f"camera {name} sees {share:.0%} of the joints, the others {usual:.0%} (median)"
+            reason = f"camera {name} sees {100 * share:.0f} % of the joints, the others {100 * usual:.0f} % (median)"
             remedy = "Look at its images: is the person in them, sharp, and not hidden? Turn or move the camera."
             found.append(Suspicion(name, reason, remedy, 0.5 * (usual - share)))
     return found
@@ -116,7 +116,8 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Suspicion]:
     for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
         if share > max(_HALLUCINATING_RATIO * usual, _HALLUCINATING_SHARE):
             reason = (
-                f"{share:.0%} of the detections of camera {name} are probably hallucinated, {usual:.0%} of the others'"
+                f"{100 * share:.0f} % of the detections of camera {name} are probably hallucinated, "
+                f"{100 * usual:.0f} % of the others'"
             )
             remedy = "Something hides the person there, or the camera disagrees: look at its images first."
             found.append(Suspicion(name, reason, remedy, 0.5 * share))
@@ -135,7 +136,7 @@ def swapping_cameras(recording: FinishedRecording) -> list[Suspicion]:
     return [
         Suspicion(
             name,
-            f"camera {name} exchanges left and right in {share:.1%} of the pairs of joints that lie apart in its image",
+            f"camera {name} exchanges left and right in {100 * share:.1f} % of the pairs that lie apart in its image",
             "fgpose corrects whole poses that are turned; if errors remain there, use a network that looks at more of "
             "the image, or leave the camera out (--cameras) for this recording.",
             0.5 * float(share),

@@ -40,13 +40,13 @@ def seen_section(recording: FinishedRecording) -> Section:
             seen = np.isfinite(trajectory.residual_px)
             shares = {name: 100 * seen[:, c].mean(axis=1) for c, name in enumerate(trajectory.camera_names)}
             caption = titled("Share of the joints that each camera sees", called)
-            blocks.append(heat_map(shares, trajectory.time_s, SEEN_PALETTE, (0, 100), "seen / %", caption))
+            blocks.append(heat_map(shares, trajectory.time_s, SEEN_PALETTE, (0.0, 100.0), "seen / %", caption))
             views = seen.sum(axis=1).astype(float)
             rows = {joint: views[:, j] for j, joint in enumerate(trajectory.skeleton.joints[:_MAX_JOINTS])}
             caption = titled("Number of cameras that see each joint; fewer than two do not determine it", called)
-            n_cameras = len(trajectory.camera_names)
+            n_cameras = float(len(trajectory.camera_names))
             blocks.append(
-                heat_map(rows, trajectory.time_s, SEEN_PALETTE, (0, n_cameras), "cameras / ", caption, counts=True)
+                heat_map(rows, trajectory.time_s, SEEN_PALETTE, (0.0, n_cameras), "cameras / ", caption, counts=True)
             )
     return Section("What the cameras saw", "seen", blocks, short="Seen")
 

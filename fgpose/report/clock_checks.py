@@ -116,7 +116,7 @@ def missing_frames(recording: FinishedRecording) -> list[Suspicion]:
     longest = int(np.argmax(steps_s))
     share = float(steps_s[missed].sum() / steps_s.sum())
     reason = (
-        f"frames are missing at {int(missed.sum())} moments, {share:.1%} of the time; the longest for "
+        f"frames are missing at {int(missed.sum())} moments, {100 * share:.1f} % of the time; the longest for "
         f"{steps_s[longest]:.2f} s at {trajectory.time_s[longest]:.1f} s"
     )
     return [

@@ -38,6 +38,8 @@ class FinishedRecording:
     """Of the tracks of people."""
     videos: Path | None = None
     """Folder of the videos, or of the folders of images, of the cameras."""
+    images_hz: float | None = None
+    """Images per second, where folders of images are given; overrides what videos say."""
     world_up: Literal["z", "y"] = "z"
     """Which axis of the world points up."""
     made_from: Mapping[str, str] = field(default_factory=dict)

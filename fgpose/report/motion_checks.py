@@ -75,7 +75,8 @@ def unobservable(recording: FinishedRecording) -> list[Suspicion]:
         joints = [joint for joint, share in zip(trajectory.skeleton.joints, shares, strict=True) if share > 0]
         if joints:
             named = ", ".join(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
-            reason = f"{_of(recording, person, '')}nothing determines {named} in up to {shares.max():.0%} of the frames"
+            where = f"in up to {100 * shares.max():.0f} % of the frames"
+            reason = f"{_of(recording, person, '')}nothing determines {named} {where}"
             remedy = "There are no numbers there. Add cameras, or a skeleton without these joints."
             found.append(Suspicion(recording.called(person), reason, remedy, float(shares.mean())))
     return found

@@ -26,6 +26,8 @@ OUTLIER_Z = 3.5
 """Iglewicz and Hoaglin (1993): how to detect and handle outliers."""
 # With fewer, every recording is an outlier or none.
 _LEAST = 5
+# Of the median: recordings that are nearly all alike have no outlier that differs by less than 3.5 %.
+_LEAST_SPREAD = 0.01
 
 
 @dataclass(frozen=True)
@@ -45,6 +47,7 @@ def robust_z(values: Float[np.ndarray, " recording"]) -> Float[np.ndarray, " rec
         return np.full(values.shape, np.nan)
     difference = values - np.median(values[known])
     spread = 1.4826 * float(np.median(np.abs(difference[known]))) or 1.2533 * float(np.mean(np.abs(difference[known])))
+    spread = max(spread, _LEAST_SPREAD * abs(float(np.median(values[known]))))
     return difference / spread if spread > 0 else np.where(known, 0.0, np.nan)
 
 

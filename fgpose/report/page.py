@@ -79,7 +79,7 @@ def _json(model: Any) -> str:
     from bokeh.embed import json_item
 
     # "</script>" in a name would end the script that holds it.
-    return json.dumps(json_item(model)).replace("</", "<\\/")
+    return json.dumps(json_item(model)).replace("<", "\\u003c")
 
 
 def _bokeh() -> str:

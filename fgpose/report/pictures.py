@@ -15,7 +15,8 @@ from fgpose.report.blocks import Picture
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.moments import WorstMoment
 
-_WIDTH_PX = 320
+_WIDTH_PX = 260
+_ASPECT = 4 / 3  # height to width: people stand
 _QUALITY = 72  # of JPEG: the smallest at which lines of two pixels stay clean
 _MARGIN = 0.35  # of the size of the person, around them
 _RESULT, _DETECTED, _WORST = (255, 255, 255), (86, 180, 233), (230, 120, 0)  # red, green, blue
@@ -30,7 +31,7 @@ def pictures(recording: FinishedRecording, moments: Sequence[WorstMoment]) -> di
     """
     assert recording.rig is not None
     assert recording.videos is not None
-    sources = open_sources(recording.videos, recording.rig)
+    sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
     found: dict[WorstMoment, list[Picture]] = {moment: [] for moment in moments}
     for c, (camera, clip) in enumerate(zip(sources.rig.cameras, sources.clips, strict=True)):
         numbers = {moment: _image_number(clip, moment.time_s + camera.time_offset_s) for moment in moments}
@@ -71,7 +72,7 @@ def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, 
 def _cut(
     image: np.ndarray, joints_px: Float[np.ndarray, "joint 2"], detected_px: Float[np.ndarray, "joint 2"] | None
 ) -> tuple[np.ndarray, float, Float[np.ndarray, 2]]:
-    """The person with a margin, 4 by 3; its scale, and where it begins in the image. All of it if nobody is there."""
+    """The person with a margin, in the shape of a portrait; its scale, and where it begins in the image."""
     import cv2
 
     size = np.array(image.shape[1::-1], dtype=float)
@@ -81,8 +82,8 @@ def _cut(
     ]
     low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.zeros(2), size)
     middle, side = (low + high) / 2, (high - low) * (1 + _MARGIN)
-    width = min(max(side[0], side[1] * 4 / 3, 64.0), size[0], size[1] * 4 / 3)
-    wanted = np.array([width, width * 3 / 4])
+    width = min(max(side[0], side[1] / _ASPECT, 64.0), size[0], size[1] / _ASPECT)
+    wanted = np.array([width, width * _ASPECT])
     origin = np.clip(middle - wanted / 2, 0, np.maximum(size - wanted, 0)).round()
     x, y = origin.astype(int)
     part = image[y : y + int(wanted[1]), x : x + int(wanted[0])]

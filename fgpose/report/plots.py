@@ -16,7 +16,7 @@ COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8
 TIME_AXIS = "time"
 """Tag of figures whose x axis is the time of the recording: page.js links them."""
 _MAX_COLUMNS = 900  # of a picture of values over time: as many as a page has pixels
-_ROW_PX = 22
+_ROW_PX, _LOW_ROW_PX, _MANY_ROWS = 22, 16, 20
 _FRAME_PX = 64  # axis, labels and toolbar
 
 
@@ -118,7 +118,7 @@ def heat_map(
         value: what the values are, as a tooltip shows it: "share seen / %".
         counts: whether they are whole numbers from the lower limit to the upper.
     """
-    height_px = _ROW_PX * len(rows) + _FRAME_PX
+    height_px = (_ROW_PX if len(rows) <= _MANY_ROWS else _LOW_ROW_PX) * len(rows) + _FRAME_PX
     plot = time_figure("", max(height_px, 130))
     begin_s, width_s = _extent_s(time_s)
     names = list(rows)[::-1]

@@ -79,7 +79,7 @@ def load_finished(
         title: how the recording is called, by default as the file.
         rig: file of the calibration; by default the one that a run wrote beside the result, if it did.
         keypoints: what the cameras saw of one person.
-        fps: of the keypoints, if their file has no times.
+        fps: of the keypoints, if their file has no times, and of folders of images.
         videos: folder of the videos.
         world_up: which axis of the world points up.
 
@@ -104,6 +104,7 @@ def load_finished(
         rig=cameras,
         observations=observations,
         videos=videos,
+        images_hz=fps,
         world_up=world_up,
         made_from=made_from,
     )

@@ -48,7 +48,7 @@ def outside(recording: FinishedRecording) -> list[Suspicion]:
         share = float(np.mean(views_of(root_m(trajectory)[known], recording.rig) < 2))
         if share > _OUTSIDE_SHARE:
             who = recording.called(person) or "the person"
-            reason = f"{who} is outside of the volume that two cameras see in {share:.0%} of the frames"
+            reason = f"{who} is outside of the volume that two cameras see in {100 * share:.0f} % of the frames"
             remedy = "Leave these frames out; turn the cameras to where people walk, or keep people inside."
             found.append(Suspicion(recording.called(person), reason, remedy, share))
     return found

@@ -127,16 +127,10 @@ def _table(
     columns: Mapping[str, Float[np.ndarray, " recording"]],
     scores: Sequence[Outlier],
 ) -> Table:
-    headings = ("recording", "way and seen", "status", "z", *(heading for _, heading, *_ in _COLUMNS), "in words")
-    n_empty = len(_COLUMNS) + 1
-    rows = [
-        (
-            Cell(each.name, href=each.report),
-            Cell(""),
-            Cell(each.status, 1.0),
-            *n_empty * [number(None)],
-            Cell(each.reason),
-        )
+    headings = ("recording", "way and seen", "status", "z", "in words", *(heading for _, heading, *_ in _COLUMNS))
+    unknown = len(_COLUMNS) * [number(None)]
+    rows: list[tuple[Cell, ...]] = [
+        (_linked(each), Cell(""), Cell(each.status, 1.0), number(None), Cell(each.reason, is_long=True), *unknown)
         for each in others
     ]
     for n in sorted(range(len(done)), key=lambda n: -scores[n].z):
@@ -146,13 +140,17 @@ def _table(
         ]
         unlike = f"{_WORDS[score.measure]} unlike the others. ".capitalize() if score.z >= OUTLIER_Z else ""
         rows.append((
-            Cell(each.name, href=each.report), Cell("", svg=each.picture, key=-scores[n].z), Cell(each.status),
-            number(score.z, 1, worst=2 * OUTLIER_Z), *numbers, Cell(f"{unlike}{each.reason}"),
+            _linked(each), Cell("", svg=each.picture, key=-score.z), Cell(each.status),
+            number(score.z, 1, worst=2 * OUTLIER_Z), Cell(f"{unlike}{each.reason}", is_long=True), *numbers,
         ))  # fmt: skip
-    numeric = (False, False, False, True, *len(_COLUMNS) * (True,), False)
+    numeric = (False, False, False, True, False, *len(_COLUMNS) * (True,))
     hints = ("", "way of the hips over the floor; share of joints seen by two cameras over time", "", _INTRO)
     hints += tuple("" for _ in range(len(headings) - len(hints)))
     return Table(headings, tuple(rows), "", numeric, hints, identifier="recordings-table")
+
+
+def _linked(recording: StudyRecording) -> Cell:
+    return Cell(recording.name, href=recording.report)
 
 
 def _shaded(cell: Cell, name: str, score: Outlier) -> Cell:
