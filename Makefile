@@ -11,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-calibrate demo-live docs pictures test test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-quick soak live-soak format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-quick soak live-soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -31,6 +31,10 @@ demo-calibrate: $(STAMP)
 # The live system, for half a minute, on these videos in place of cameras.
 demo-live: $(STAMP)
 	$(BIN)/fgpose demo --live --output out
+
+# A study of twelve recordings made from motion capture: data set, tables and report.
+demo-study: $(STAMP)
+	$(BIN)/fgpose demo --study --output out
 
 test: lint pytest benchmark-quick
 	$(MAKE) --no-print-directory -j2 types docs wheel
@@ -121,7 +125,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,live,benchmark]" --group dev
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,live,benchmark,study,report]" --group dev
 	touch $@
 
 clean:
