@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+MATRIX := python3.11 python3.12 python3.13
 PEER := $(VENV)/bench/.installed
 # One process per core, each with one thread: the tests' matrices are too small to share.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocesses auto --dist worksteal
@@ -10,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-calibrate demo-live test check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-quick soak live-soak format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-quick soak live-soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -31,8 +32,28 @@ demo-calibrate: $(STAMP)
 demo-live: $(STAMP)
 	$(BIN)/fgpose demo --live --output out
 
+# A study of twelve recordings made from motion capture: data set, tables and report.
+demo-study: $(STAMP)
+	$(BIN)/fgpose demo --study --output out
+
 test: lint pytest benchmark-quick
-	$(MAKE) --no-print-directory -j2 types wheel
+	$(MAKE) --no-print-directory -j2 types docs wheel
+
+# The fast tests on every Python that fgpose supports and that is installed, each in an environment of its own.
+test-matrix:
+	@for python in $(MATRIX); do \
+		$$python -c "" 2> /dev/null || { echo "$$python is not installed: not tested"; continue; }; \
+		$(MAKE) --no-print-directory PYTHON=$$python VENV=.venv-$$python quick-tests || exit 1; \
+	done
+
+# The documentation, in out/site/index.html. It opens without a network.
+docs: $(STAMP)
+	$(BIN)/sphinx-build --quiet --fail-on-warning -d out/doctrees docs out/site
+	$(BIN)/python docs/check_site.py out/site
+
+# The pictures of the concepts, from what fgpose gives now.
+pictures: $(STAMP)
+	for picture in graph occlusion clocks calibration uncertainty; do $(BIN)/python docs/pictures/$$picture.py || exit 1; done
 
 # While working: `make test` without the slow tests, the network and the checks of shapes; the types of the library are
 # checked meanwhile.
@@ -104,7 +125,7 @@ $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,sound,live,benchmark]" --group dev
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,sound,live,benchmark,study,report]" --group dev
 	touch $@
 
 clean:

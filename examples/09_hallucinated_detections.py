@@ -1,7 +1,7 @@
 """Which detections are hallucinated: what the hidden Markov model of visibility says, beside the truth.
 
 What one learns: reading the posterior of each detection, switching the model off, and what that does to a joint.
-Needs fgpose[benchmark]. Makes the figure of the README:
+Needs fgpose[benchmark]. Makes a figure of the documentation:
 
     python examples/09_hallucinated_detections.py --output docs/visibility.png
 """

@@ -31,9 +31,11 @@ from fgpose.io.keypoints import (
     save_observations,
     save_people_observations,
 )
+from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
+from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
@@ -54,6 +56,7 @@ __all__ = [
     "Estimator",
     "Evaluation",
     "Fusion",
+    "JointAngles",
     "Observations",
     "PeopleEvaluation",
     "PeopleObservations",
@@ -73,6 +76,8 @@ __all__ = [
     "evaluate_people",
     "fuse",
     "guessed_intrinsics",
+    "joint_angles",
+    "load_angles",
     "load_config",
     "load_intrinsics",
     "load_observations",
@@ -88,6 +93,7 @@ __all__ = [
     "refine",
     "refine_bumped",
     "refine_rig",
+    "save_kinematics",
     "save_observations",
     "save_people",
     "save_people_observations",

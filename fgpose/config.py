@@ -9,6 +9,7 @@ import numbers
 import re
 import reprlib
 import tomllib
+import types
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -190,11 +191,22 @@ def _convert(kind: Any, value: Any, name: str) -> Any:
         if value not in choices:
             raise ValueError(f"{name} must be one of {', '.join(map(str, choices))}, got {reprlib.repr(value)}")
         return value
+    if isinstance(kind, types.UnionType):
+        (kind,) = (each for each in typing.get_args(kind) if each is not type(None))
+        return None if value is None else _convert(kind, value, name)
+    if typing.get_origin(kind) is tuple:
+        return _several(typing.get_args(kind)[0], value, name)
     if kind in (int, float):
         return _number(kind, value, name)
     if type(value) is not kind:
         raise ValueError(f"{name} must be a {kind.__name__}, got {reprlib.repr(value)}")
     return value
+
+
+def _several(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
+    """A list of values; one alone may stand for a list of it."""
+    values = value if isinstance(value, list | tuple) else [value]
+    return tuple(_convert(kind, each, name) for each in values)
 
 
 def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float:

@@ -17,14 +17,16 @@ SOURCES = {"fgpose": ROOT / "fgpose", "fgpose_factors": ROOT / "factors" / "fgpo
 # The house, from the top floor down. A module imports its own room and the floors below, never one above or beside it.
 FLOORS = (
     {"cli"},
-    {"benchmark", "live"},
+    {"benchmark", "live", "study"},
     {"pipeline"},
+    {"report"},
     {"tracking"},
     {"calibration"},
     {"estimation"},
     {"monocular", "viewer", "synthetic"},
     {"assessment"},
     {"io"},
+    {"kinematics"},
     {"association"},
     {"geometry"},
     {
@@ -69,6 +71,7 @@ ESTIMATION_FLOORS = (
 GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}
 MESSAGES = {"fgpose.live.outputs"}
 FILES = {"fgpose.io", "fgpose.config", "fgpose.benchmark"}
+CLUSTER = {"fgpose.study.cluster"}
 STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
 ALLOWED = {
@@ -77,11 +80,14 @@ ALLOWED = {
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
     "av": {"fgpose.live.sources", "fgpose.monocular.sound"},
     "tyro": {"fgpose.cli"},
+    **dict.fromkeys(("distributed", "dask"), CLUSTER),
+    "bokeh": {"fgpose.report"},
+    "jinja2": {"fgpose.report"},
     **dict.fromkeys(("pylsl", "mcap", "rosbags"), MESSAGES),
     "zmq": {"fgpose.live"},
     "msgpack": {"fgpose.io.packing"},
     "waitress": {"fgpose.live.page_server"},
-    "json": {*FILES, "fgpose.live"},
+    "json": {*FILES, "fgpose.live", "fgpose.report"},
     **dict.fromkeys(("tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "yaml", "csv"), FILES),
 }
 
@@ -174,7 +180,7 @@ def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) ->
 
 
 def test_only_the_top_knows_the_pipeline_and_the_command_line() -> None:
-    tops = {"fgpose.pipeline", "fgpose.cli"}
+    tops = {"fgpose.pipeline", "fgpose.cli", "fgpose.study"}
     users = {name for name, names in IMPORTS.items() if within_any(names, tops)}
     assert not [name for name in users if not within(name, {*tops, "fgpose.__main__"}) and name != "fgpose"]
 
@@ -211,6 +217,10 @@ def test_importing_fgpose_stays_light() -> None:
         "mcap",
         "rosbags",
         "av",
+        "distributed",
+        "dask",
+        "bokeh",
+        "jinja2",
     )
     command = f"import sys, fgpose; print(*[name for name in {heavy} if name in sys.modules])"
     environment = os.environ | {"PYTHONPATH": os.pathsep.join((str(ROOT), str(ROOT / "factors")))}

@@ -219,3 +219,15 @@ def test_live_without_cameras(tmp_path: Path):
     # As noisy as detections of one person, whose error is 15 to 25 mm; late where the computer is slow.
     assert numbers("mean error # mm", printed)[0] < 60
     assert output.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_study(tmp_path: Path):
+    # Dask's own, when its processes end.
+    printed = run("14_study.py", "--output", str(tmp_path / "study"), "--seconds", "0.5", ignore="ResourceWarning")
+    assert "11 done, 1 failed" in printed
+    assert "1 failed, 11 unchanged" in printed
+    assert printed.count("failed: S03/evening/sword: ") == 2
+    for subject in ("S01", "S02", "S03"):
+        # Of somebody who stands with bent knees.
+        assert 0 < numbers(rf"{subject}: largest flexion of the left knee # degrees", printed)[0] < 120

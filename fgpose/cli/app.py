@@ -14,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, TextIO, Union
 
+from fgpose.cli.angles import Angles
 from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.calibrate import Calibrate
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
@@ -21,7 +22,9 @@ from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
 from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
+from fgpose.cli.report import Report
 from fgpose.cli.run import Run
+from fgpose.cli.study import Study
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 
@@ -42,18 +45,38 @@ _COMMANDS = {
     "demo": Demo,
     "calibrate": Calibrate,
     "run": Run,
+    "study": Study,
     "detect": Detect,
     "smooth": Smooth,
     "track": Track,
     "live": Live,
     "refine": Refine,
     "info": Info,
+    "angles": Angles,
     "evaluate": Evaluate,
+    "report": Report,
     "view": View,
     "models": Models,
     "benchmark": Benchmark,
 }
-Command = Demo | Calibrate | Run | Detect | Smooth | Track | Live | Refine | Info | Evaluate | View | Models | Benchmark
+Command = (
+    Demo
+    | Calibrate
+    | Run
+    | Study
+    | Detect
+    | Smooth
+    | Track
+    | Live
+    | Refine
+    | Info
+    | Angles
+    | Evaluate
+    | Report
+    | View
+    | Models
+    | Benchmark
+)
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 
 

@@ -34,7 +34,9 @@ class Demo:
     from the videos of two people, and writes demo_people.*. With --live such videos are played in real time in place of
     cameras, over RTSP where GStreamer's server is installed, to the live system; it serves a status page meanwhile, and
     writes demo_live.rrd and demo_live.fgpose. With --calibrate the calibration of these videos but for the lenses is
-    thrown away and found again from the man in them; writes demo_calibrated.toml and demo_calibrated.rrd.
+    thrown away and found again from the man in them; writes demo_calibrated.toml and demo_calibrated.rrd. With --study
+    a small data set is made from motion capture that comes with fgpose, and all its recordings are estimated
+    (fgpose study); one of them is damaged on purpose.
 
     Example: fgpose demo --output out
     """
@@ -58,6 +60,9 @@ class Demo:
     calibrate: Annotated[bool, FlagCreatePairsOff] = False
     """Calibrate the cameras from the man in the videos."""
 
+    study: Annotated[bool, FlagCreatePairsOff] = False
+    """Make a study of twelve recordings."""
+
     duration_s: Annotated[float, arg(metavar="S")] = 25.0
     """How long --live runs."""
 
@@ -68,7 +73,9 @@ class Demo:
         return 0
 
     def _run(self) -> None:
-        if self.live:
+        if self.study:
+            self._run_study()
+        elif self.live:
             self._run_live()
         elif self.people:
             self._run_from_videos("demo_people", "Demo_MultiPerson", _TWO)
@@ -93,6 +100,20 @@ class Demo:
                 ("", f"smooth it: {fgpose} smooth {session} --rig {session} --skeleton blazepose_33 -o {self.output}"),
             ],
         )
+
+    def _run_study(self) -> None:
+        from fgpose.cli.report import Report
+        from fgpose.cli.study import Study, run_and_print
+        from fgpose.study import load_study
+        from fgpose.study.demo_data import write_demo_study
+
+        console = new_console()
+        with new_console(stderr=True).status("making recordings from motion capture"):
+            file = write_demo_study(self.output / "demo_study")
+        console.print(f"{file}: 12 recordings of 5 s, of which one is damaged", soft_wrap=True)
+        output = run_and_print(load_study(file), Study(file=file)).output
+        Report(results=output).run()
+        _print_lines(console, _study_lines(file, output))
 
     def _run_calibrate(self) -> int:
         from fgpose.cli.calibrate import Calibrate
@@ -204,6 +225,20 @@ def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> 
         (str(trc), "positions for OpenSim: File > Preview Experimental Data..."),
     ]
     _print_lines(console, lines)
+
+
+def _study_lines(file: Path, output: Path) -> list[tuple[str, str]]:
+    """How to open the results of a study."""
+    shown = output.relative_to(Path.cwd()) if output.is_relative_to(Path.cwd()) else output
+    where = "WHERE name = 'left_knee_flexion' GROUP BY ALL ORDER BY subject"
+    query = f"SELECT subject, session, trial, max(value) FROM '{shown}/angles/**/*.parquet' {where}"
+    return [
+        (f"{shown}/motion", f"all joints as one table: pandas.read_parquet('{shown}/motion')"),
+        (f"{shown}/angles", f'joint angles, in DuckDB: duckdb.sql("{query}")'),
+        (f"{shown}/report.html", "all recordings as a page, those unlike the others first: open it in a browser"),
+        (f"{shown}/quality.csv", "a row for each recording, for any spreadsheet"),
+        (str(file), f"what was done; nothing is done twice: {_program('fgpose')} study {file}"),
+    ]
 
 
 def _print_lines(console: Console, lines: list[tuple[str, str]]) -> None:

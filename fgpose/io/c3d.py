@@ -13,12 +13,14 @@ from fgpose.io.arrays import checked, texts
 from fgpose.io.atomic import Check, replacing
 from fgpose.io.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
 from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
+from fgpose.kinematics.poses import SegmentPoses
 from fgpose.trajectory import Trajectory
 
 _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 # The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
 _MAX_FRAMES = 65535
 _MAX_INTERVAL_DEVIATION = 0.01  # time stamps rounded to 0.1 ms at 100 Hz deviate by this much
+_ROTATION_BYTES = 17 * 4  # a 4x4 matrix and its reliability, 32 bit each
 _SCREEN = {"z": ("+X", "+Z"), "y": ("+Z", "+Y")}
 
 
@@ -31,12 +33,20 @@ def require_ezc3d() -> ModuleType:
     return ezc3d
 
 
-def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> None:
+def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses: SegmentPoses | None = None) -> None:
     """Write positions in millimetres (32 bit), world axes unchanged; gaps are NaN with residual -1.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
     file has no times, only a rate and the number of its first frame: the rate is one over the median interval (1 for
     a single frame), and a UserWarning is given where the true times differ noticeably from what this implies.
+
+    Args:
+        trajectory: of one person.
+        path: the file.
+        world_up: which axis of its world points up.
+        poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
+            (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
+            (in millimetres) to the world. NaN where a rotation is not determined.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -60,11 +70,26 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> Non
     parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
     for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[world_up], strict=True):
         file.add_parameter("POINT", name, axis)
-    with replacing(path, _holds(trajectory)) as temporary:
+    if poses is not None:
+        file["data"]["rotations"] = _rotations(poses, world_up)
+        file.add_parameter("ROTATION", "LABELS", [f"{segment.name}_4X4" for segment in poses.segments])
+        file.add_parameter("ROTATION", "RATE", [rate_hz])
+    with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
         file.write(str(temporary))
 
 
-def _holds(trajectory: Trajectory) -> Check:
+def _rotations(poses: SegmentPoses, world_up: UpAxis) -> Float[np.ndarray, "4 4 segment frame"]:
+    matrices = np.zeros((*poses.origin_m.shape[:2], 4, 4))
+    matrices[..., :3, :3] = np.where(poses.determined[..., None, None], poses.world_R_segment, np.nan)
+    matrices[..., :3, 3] = poses.origin_m * 1000.0
+    if world_up == "y":  # poses have z up
+        matrices[..., :3, :] = to_y_up(matrices[..., :3, :].swapaxes(-1, -2), "z").swapaxes(-1, -2)
+    matrices[..., 3, 3] = 1.0
+    matrices[np.isnan(matrices).any(axis=(-2, -1))] = np.nan
+    return matrices.transpose(2, 3, 1, 0)
+
+
+def _holds(trajectory: Trajectory, n_rotations: int) -> Check:
     """Needed because ezc3d does not report a full disk."""
 
     def check(path: Path) -> None:
@@ -72,7 +97,9 @@ def _holds(trajectory: Trajectory) -> Check:
         found = check_size(path)
         if found != expected and found.n_frames is not None:
             raise ValueError(f"its header counts {found}, not {expected}")
-        if path.stat().st_size % BLOCK_BYTES:
+        # Rotations follow the points; ezc3d fills the last block of the points, but not that of the rotations.
+        rotation_bytes = trajectory.n_frames * n_rotations * _ROTATION_BYTES
+        if (path.stat().st_size - rotation_bytes) % BLOCK_BYTES:
             raise ValueError("its last block is not full")
 
     return check

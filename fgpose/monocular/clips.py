@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -83,6 +83,31 @@ class Clip:
                     f"{where}: the image is {width} x {height}, the first is {self.size_px[0]} x {self.size_px[1]}"
                 )
             yield picture
+
+    def images_at(self, numbers: Sequence[int]) -> dict[int, Image]:
+        """Some of the images by number, of those that there are, in one pass. Numbers increase.
+
+        Raises:
+            ValueError: an image cannot be read; the message names the file.
+        """
+        if self.files:
+            return {number: _read_image(self.files[number]) for number in numbers if number < len(self.files)}
+        found: dict[int, Image] = {}
+        video = _open_video(self.path)
+        try:
+            position = -1
+            for number in numbers:
+                # Grabbed, not sought, as in _of_video; only what is wanted is converted.
+                while position < number and video.grab():
+                    position += 1
+                if position < number:
+                    break
+                read, image = video.retrieve()
+                if read:
+                    found[number] = _rgb(image)
+        finally:
+            video.release()
+        return found
 
     def times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
         """Time of each of the first images, given the stamps that they were read with.

@@ -19,7 +19,9 @@ from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
+from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.live_recordings import RecordedImage, images_document, start_document
+from fgpose.io.mot import read_mot
 from fgpose.io.packing import packed
 from fgpose.io.record_files import MAGIC, as_record
 from fgpose.io.skeletons import load_skeleton
@@ -29,7 +31,7 @@ from fgpose.monocular.network import People
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import LIMBS, Skeleton
-from fgpose.synthetic import motion_from_npz, ring_rig
+from fgpose.synthetic import motion_from_npz, ring_rig, walking
 from fgpose.trajectory import Convergence, Status, Trajectory
 
 TESTS = Path(__file__).parents[2]
@@ -75,6 +77,17 @@ def trajectory() -> Trajectory:
         config=Config(),
         visibility=rng.uniform(size=(N_FRAMES, 2, STICK.n_joints)),
     )
+
+
+def walk() -> Trajectory:
+    """With a trunk and limbs, which have angles."""
+    positions_m = walking(N_FRAMES, 50.0)
+    status = np.full(positions_m.shape[:2], Status.OBSERVED)
+    return Trajectory(load_skeleton("h36m_17"), np.arange(N_FRAMES) / 50, positions_m, status)
+
+
+def _kinematics(extension: str) -> Callable[[Path], Any]:
+    return lambda folder: save_kinematics(walk(), folder / f"angles{extension}")
 
 
 def assert_same(actual: Any, expected: Any) -> None:
@@ -345,6 +358,8 @@ FORMATS = {
         Format("trajectory trc", "text", _result(".trc"), _one(load_trajectory)),
         Format("trajectory c3d", "c3d", _result(".c3d"), _one(load_trajectory)),
         Format("people trajectories parquet", "parquet", _make_people_trajectories, _one(load_people_trajectories)),
+        Format("angles parquet", "parquet", _kinematics(".parquet"), _one(load_angles)),
+        Format("angles mot", "text", _kinematics(".mot"), _one(read_mot)),
         Format("rig toml", "toml", lambda folder: save_rig(rig(), folder / "rig.toml"), _one(load_rig)),
         Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
         Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),

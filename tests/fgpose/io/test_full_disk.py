@@ -9,12 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_files import recording, rig, trajectory
+from small_files import recording, rig, trajectory, walk
 
 from fgpose.benchmark.predictions import Prediction, save_predictions
 from fgpose.io.atomic import replacing, write_bytes
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
+from fgpose.io.kinematics import save_kinematics
 from fgpose.io.trajectories import save_trajectory
 from fgpose.viewer import open_recording
 
@@ -32,6 +33,10 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "result.npz": lambda path: save_trajectory(trajectory(), path),
     "result.trc": lambda path: save_trajectory(trajectory(), path),
     "result.c3d": lambda path: save_trajectory(trajectory(), path),
+    "angles.parquet": lambda path: save_kinematics(walk(), path),
+    "angles.mot": lambda path: save_kinematics(walk(), path),
+    "angles.bvh": lambda path: save_kinematics(walk(), path),
+    "angles.c3d": lambda path: save_kinematics(walk(), path),
     "rig.toml": lambda path: save_rig(rig(), path),
     "rig.npz": lambda path: save_rig(rig(), path),
     "seen.npz": lambda path: save_observations(recording(), path),

@@ -1,0 +1,80 @@
+"""Joint angles of a result. The docstring is what --help prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from tyro.conf import Positional, UseAppendAction, arg
+
+from fgpose.cli.options import new_console
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from fgpose.kinematics.angles import JointAngles
+
+
+@dataclass(frozen=True, kw_only=True)
+class Angles:
+    """Joint angles of a result, by the recommendations of the ISB: prints their ranges, and writes them.
+
+    Flexion, adduction, internal rotation and dorsiflexion are positive, as are bending and obliquity to the right and
+    rotation to the left. A straight knee or elbow has flexion 0; the shoulder's plane of elevation is 0 in abduction
+    and 90 in forward flexion. Where joints do not determine an angle (hip rotation of a straight leg), there is a gap.
+
+    Each -o FILE is written as its extension says: .parquet has angles, speeds and heights with their standard
+    deviations, one row for each; .mot has the coordinates of OpenSim; .bvh is for Blender; .c3d has the rotations of
+    the segments beside the points. Of several people, each has files of its own (walk_person1.mot), but all are in one
+    .parquet.
+
+    Example: fgpose angles out/walk.parquet -o walk.mot -o walk.bvh
+    """
+
+    file: Positional[Path]
+    """A result, or any trajectory file: parquet, npz, TRC, C3D."""
+    output: Annotated[UseAppendAction[tuple[Path, ...]], arg(metavar="FILE", aliases=("-o",))] = ()
+    """File to be written: .parquet, .mot, .bvh or .c3d. May be given several times."""
+    world_up: Literal["z", "y"] = "z"
+    """Axis of the result's world that points up."""
+
+    def run(self) -> None:
+        from fgpose.io.kinematics import check_kinematics_output, save_kinematics
+        from fgpose.io.trajectories import load_people_trajectories
+        from fgpose.kinematics.angles import joint_angles
+
+        for path in self.output:
+            check_kinematics_output(path)
+        people, console = load_people_trajectories(self.file, world_up=self.world_up), new_console()
+        for person, trajectory in people.items():
+            try:
+                angles = joint_angles(trajectory, self.world_up)
+            except ValueError as error:
+                raise ValueError(f"{self.file}: {error}") from None
+            whose = f"person {person}, " if len(people) > 1 else ""
+            console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
+            console.print(ranges_table(angles))
+        for path in self.output:
+            for written in save_kinematics(people, path, self.world_up):
+                console.print(f"wrote {written}", soft_wrap=True)
+
+
+def ranges_table(angles: JointAngles) -> Table:
+    """One row per angle: least, median and greatest value, mean standard deviation, and in how many frames it is
+    determined."""
+    from fgpose.cli.tables import new_table
+
+    table = new_table("angle [deg]", "min", "median", "max", "sigma", "known [%]")
+    for index, name in enumerate(angles.names):
+        angle_deg, sigma_deg = angles.angle_deg[:, index], angles.sigma_deg[:, index]
+        known_deg, known_sigma_deg = angle_deg[np.isfinite(angle_deg)], sigma_deg[np.isfinite(sigma_deg)]
+        cells = ["-"] * 4
+        if len(known_deg):
+            cells[:3] = [f"{value:.1f}" for value in np.percentile(known_deg, (0, 50, 100))]
+        if len(known_sigma_deg):
+            cells[3] = f"{known_sigma_deg.mean():.1f}"
+        share = 100 * len(known_deg) / len(angle_deg) if len(angle_deg) else 0.0
+        table.add_row(name.replace("_", " "), *cells, f"{share:.0f}")
+    return table

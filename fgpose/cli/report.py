@@ -1,0 +1,94 @@
+"""fgpose report: a finished recording or study as a page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from tyro.conf import Positional, arg
+
+from fgpose.cli.options import new_console, progress_bar
+
+
+@dataclass(frozen=True, kw_only=True)
+class Report:
+    """Say in one HTML file what a result is worth, and what is suspicious: a recording, or all of a study.
+
+    The file opens in any browser, without a network. Of a recording: what each camera saw, reprojection errors,
+    uncertainty, bone lengths, joint angles, cameras, people, the worst moments. Of a study: one table of all
+    recordings, those unlike the others first, with the report of each. What is not known is said in the file.
+
+    Example: fgpose report out --rig Calib.toml --videos videos
+    """
+
+    results: Annotated[Positional[Path], arg(metavar="OUT")]
+    """Output folder of fgpose run, smooth, track or study; or one file of a trajectory."""
+    output: Annotated[
+        Path | None, arg(metavar="FILE", aliases=("-o",), help_behavior_hint="(default: OUT/report.html)")
+    ] = None
+    """The file to be written."""
+    name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: the only one)")] = None
+    """Which result of the folder, if it has several."""
+    rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: NAME_calibration.toml)")] = None
+    """Calibration of the cameras that the result was made with."""
+    keypoints: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="(default: none)")] = None
+    """Detections that the result of one person was made from: they tell late cameras, and are drawn in the pictures."""
+    fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
+    """Frames per second of the keypoints, unless their file contains times, and of folders of images."""
+    videos: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: none)")] = None
+    """Videos of the cameras, for pictures of the worst moments."""
+    world_up: Literal["z", "y"] = "z"
+    """Axis of the calibration's world that points up."""
+    recordings: bool = True
+    """Of a study: also write the report of each recording, where there is none that is newer than its result."""
+
+    def run(self) -> None:
+        from fgpose.report.study_results import is_study
+
+        if not self.results.exists():
+            raise ValueError(f"{self.results}: there is no such file or folder")
+        if self.results.is_dir() and is_study(self.results):
+            self._study()
+        else:
+            self._recording()
+
+    def _study(self) -> None:
+        from fgpose.io.atomic import check_writable
+        from fgpose.report import write_study_report
+        from fgpose.report.study_results import load_study
+
+        path = self._path(self.results)
+        check_writable(path.parent)
+        with progress_bar("reporting", "recordings") as progress:
+            recordings = load_study(self.results, reports=self.recordings, page=path, progress=progress)
+        write_study_report(recordings, path, self.results.resolve().name)
+        new_console().print(f"wrote {path}", soft_wrap=True)
+
+    def _recording(self) -> None:
+        from fgpose.io.atomic import check_writable
+        from fgpose.report import write_report
+        from fgpose.report.results import find_result, load_finished
+
+        result = find_result(self.results, self.name)
+        path = self._path(result.parent)
+        check_writable(path.parent)
+        with new_console(stderr=True).status("judging the result"):
+            recording = load_finished(
+                result,
+                rig=self.rig,
+                keypoints=self.keypoints,
+                fps=self.fps,
+                videos=self.videos,
+                world_up=self.world_up,
+            )
+            judged = write_report(recording, path)
+        console = new_console()
+        for number, suspicion in enumerate(judged.suspicions, 1):
+            console.print(f"{number}. {suspicion.reason}. {suspicion.remedy}", soft_wrap=True)
+        if not judged.suspicions:
+            console.print("nothing is suspicious")
+        console.print(f"wrote {path}", soft_wrap=True)
+
+    def _path(self, folder: Path) -> Path:
+        return self.output or folder / "report.html"

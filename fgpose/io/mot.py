@@ -1,0 +1,64 @@
+"""MOT, the motion file of OpenSim: coordinates of a model over time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.atomic import write_text
+from fgpose.io.content import read_content
+
+
+def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
+    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres; NaN where unknown.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    table = np.column_stack([np.asarray(time_s, dtype=float), *coordinates.values()])
+    header = ["Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", ""]
+    header += ["Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader"]
+    # Tabs, and numbers as short as they read back the same.
+    rows = ["\t".join(repr(value) if value == value else "NaN" for value in row) for row in table.tolist()]
+    write_text(path, "\n".join([*header, "\t".join(["time", *coordinates]), *rows]) + "\n")
+
+
+def read_mot(path: Path) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:
+    """Coordinates in degrees and metres by name, and the times, of a motion file of OpenSim (.mot, .sto).
+
+    Raises:
+        ValueError: it lacks its header or a number, or its angles are in radians; the message names the line.
+        OSError: it cannot be read.
+    """
+    try:
+        return _parsed(read_content(path).decode("utf-8-sig"))
+    except ValueError as error:
+        raise ValueError(f"{path}: not a readable motion file of OpenSim: {error}") from None
+
+
+def _parsed(text: str) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:
+    lines = [line.strip() for line in text.splitlines()]
+    if "endheader" not in lines:
+        raise ValueError("it has no line endheader")
+    end = lines.index("endheader")
+    if "inDegrees=yes" not in [line.replace(" ", "") for line in lines[:end]]:
+        raise ValueError("angles in degrees are needed (inDegrees=yes)")
+    rows = [(number, line.split()) for number, line in enumerate(lines[end + 1 :], end + 2) if line]
+    names = rows[0][1] if rows else []
+    if names[:1] != ["time"] or len(set(names)) < len(names):
+        raise ValueError("after endheader the names of the columns are needed, time first, no name twice")
+    table = np.array([_numbers(cells, number, names) for number, cells in rows[1:]]).reshape(-1, len(names))
+    return dict(zip(names[1:], table[:, 1:].T, strict=True)), table[:, 0]
+
+
+def _numbers(cells: list[str], number: int, names: list[str]) -> list[float]:
+    try:
+        values = [float(cell) for cell in cells]
+    except ValueError as error:
+        raise ValueError(f"line {number}: {error}") from None
+    if len(values) != len(names):
+        raise ValueError(f"line {number} has {len(values)} of {len(names)} columns")
+    return values

@@ -1,0 +1,32 @@
+"""Tables whose rows are dictionaries, as parquet and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from fgpose.io.atomic import write_text
+from fgpose.io.tables import write_table
+
+
+def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Write a table, as .parquet or .csv, by the extension. Its columns are those of any row, in the order in which
+    they first occur; what a row lacks is empty.
+
+    Raises:
+        OSError: the file cannot be written; the message names it.
+    """
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    if path.suffix == ".parquet":
+        import pyarrow as pa
+
+        write_table(path, pa.table({name: [row.get(name) for row in rows] for name in columns}))
+        return
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_text(path, text.getvalue())

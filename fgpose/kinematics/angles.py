@@ -1,0 +1,126 @@
+"""Joint angles of a trajectory, each with its standard deviation."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.kinematics import definitions
+from fgpose.kinematics.definitions import angles_of
+from fgpose.kinematics.landmarks import landmarks, points_of, z_up
+from fgpose.kinematics.propagation import mean_squares_rad2
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class JointAngles:
+    """Joint angles over time, see definitions.py for what each is.
+
+    Raises:
+        ValueError: the arrays' shapes disagree.
+    """
+
+    names: tuple[str, ...]
+    """left_knee_flexion, trunk_lateral_bending."""
+    time_s: Float[np.ndarray, " frame"]
+    angle_deg: Float[np.ndarray, "frame angle"]
+    """NaN = not determined."""
+    sigma_deg: Float[np.ndarray, "frame angle"]
+    """NaN where the trajectory has no covariance."""
+
+    def __post_init__(self) -> None:
+        shape = (len(self.time_s), len(self.names))
+        for name in ("angle_deg", "sigma_deg"):
+            array = getattr(self, name)
+            if array.shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {array.shape}")
+            array.setflags(write=False)
+
+    def __getitem__(self, name: str) -> Float[np.ndarray, " frame"]:
+        """An angle by name, degrees. Raises ValueError for an unknown name."""
+        if name not in self.names:
+            raise ValueError(f"there is no angle {name!r}; there are {', '.join(self.names)}")
+        return self.angle_deg[:, self.names.index(name)]
+
+
+def angle_names(skeleton: Skeleton) -> tuple[str, ...]:
+    """The angles that the joints of a skeleton determine; none for one without limbs."""
+    return tuple(angles_of(points_of(np.zeros((0, skeleton.n_joints, 3)), landmarks(skeleton))))
+
+
+def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> JointAngles:
+    """The joint angles that the trajectory's skeleton determines.
+
+    Args:
+        trajectory: of one person.
+        world_up: which axis of its world points up.
+
+    Raises:
+        ValueError: the skeleton determines no angle.
+    """
+    angles = angles_deg(trajectory, world_up)
+    angle_deg = np.stack(list(angles.values()), axis=-1)
+    sigma_deg = np.full_like(angle_deg, np.nan)
+    if trajectory.covariance_m2 is not None:
+        covariance_m2 = z_up(z_up(trajectory.covariance_m2, world_up).swapaxes(-1, -2), world_up)
+        sigma_rad = _sigma_rad(z_up(trajectory.positions_m, world_up), covariance_m2, _joints(trajectory))
+        sigma_deg = np.rad2deg(np.stack([sigma_rad[name] for name in angles], axis=-1))
+        sigma_deg[np.isnan(angle_deg)] = np.nan
+    return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg)
+
+
+def _sigma_rad(
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"],
+    joints: dict[str, tuple[int, ...]],
+) -> dict[str, Float[np.ndarray, " frame"]]:
+    """Of every angle; joints err independently."""
+    points, total_rad2 = (
+        points_of(positions_m, joints),
+        defaultdict[str, np.ndarray](lambda: np.zeros(len(positions_m))),
+    )
+    for joint in sorted({joint for indices in joints.values() for joint in indices}):
+        moved = {name: indices for name, indices in joints.items() if joint in indices}
+
+        def angles_rad(position_m: np.ndarray, joint=joint, moved=moved) -> dict[str, Float[np.ndarray, " frame"]]:
+            change_m = position_m - positions_m[:, joint]
+            around = points | {name: points[name] + change_m / len(indices) for name, indices in moved.items()}
+            return {name: angle for name, (angle, _) in angles_of(around, moved).items()}
+
+        for name, added_rad2 in mean_squares_rad2(angles_rad, positions_m[:, joint], covariance_m2[:, joint]).items():
+            total_rad2[name] = total_rad2[name] + added_rad2
+    return {name: np.sqrt(rad2) for name, rad2 in total_rad2.items()}
+
+
+def angles_deg(
+    trajectory: Trajectory, world_up: Literal["z", "y"] = "z", *, arms_in_zxy: bool = False
+) -> dict[str, Float[np.ndarray, " frame"]]:
+    """The angles of joint_angles by name, without their standard deviations, which take longer; NaN = not determined.
+
+    Args:
+        trajectory: of one person.
+        world_up: which axis of its world points up.
+        arms_in_zxy: with the angles of definitions.arms_in_zxy as well.
+
+    Raises:
+        ValueError: the skeleton determines no angle.
+    """
+    points = points_of(z_up(trajectory.positions_m, world_up), _joints(trajectory))
+    angles = angles_of(points) | (definitions.arms_in_zxy(points) if arms_in_zxy else {})
+    return {name: np.where(determined, np.rad2deg(angle), np.nan) for name, (angle, determined) in angles.items()}
+
+
+def _joints(trajectory: Trajectory) -> dict[str, tuple[int, ...]]:
+    """Landmarks of the skeleton. Raises ValueError if they determine no angle."""
+    skeleton = trajectory.skeleton
+    if not angle_names(skeleton):
+        raise ValueError(
+            f"skeleton {skeleton.name} determines no joint angle: it has neither hip, knee and ankle of a side nor "
+            f"shoulder, elbow and wrist, but {', '.join(skeleton.joints)}"
+        )
+    return landmarks(skeleton)

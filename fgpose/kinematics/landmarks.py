@@ -1,0 +1,50 @@
+"""Points of the body that segments are made of, whatever the skeleton calls them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.skeleton import Skeleton
+
+Points = Mapping[str, Float[np.ndarray, "*frames 3"]]
+"""Positions in the world frame, metres, by the name of the landmark: left_hip, right_toe."""
+
+# Each landmark is the mean of the joints of the first line that the skeleton has.
+_OF_A_SIDE = {
+    **{name: ((name,),) for name in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "heel", "ear")},
+    "toe": (("big_toe", "small_toe"), ("big_toe",), ("foot_index",), ("foot",)),
+}
+_OF_THE_MIDLINE = {"head": (("head",), ("head_top",), ("left_ear", "right_ear"), ("nose",))}
+
+
+def z_up(vectors: Float[np.ndarray, "*points 3"], world_up: Literal["z", "y"]) -> Float[np.ndarray, "*points 3"]:
+    """Vectors of a world with y up (x to the left, z forward) or z up, in one with z up (x forward, y to the left)."""
+    return vectors[..., [2, 0, 1]] if world_up == "y" else vectors
+
+
+def landmarks(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:
+    """The joints whose mean each landmark is, of the landmarks that a skeleton has.
+
+    They are hip, knee, ankle, shoulder, elbow, wrist, heel, ear and toe of both sides (left_hip), and head.
+    """
+    wanted: dict[str, tuple[tuple[str, ...], ...]] = dict(_OF_THE_MIDLINE)
+    for side in ("left", "right"):
+        for name, choices in _OF_A_SIDE.items():
+            wanted[f"{side}_{name}"] = tuple(tuple(f"{side}_{joint}" for joint in joints) for joints in choices)
+    found = {}
+    for name, choices in wanted.items():
+        joints = next((joints for joints in choices if set(joints) <= set(skeleton.joints)), None)
+        if joints:
+            found[name] = tuple(skeleton.joints.index(joint) for joint in joints)
+    return found
+
+
+def points_of(
+    positions_m: Float[np.ndarray, "*frames joint 3"], joints: Mapping[str, tuple[int, ...]]
+) -> dict[str, Float[np.ndarray, "*frames 3"]]:
+    """Positions of landmarks; NaN where one of their joints is."""
+    return {name: positions_m[..., list(indices), :].mean(axis=-2) for name, indices in joints.items()}

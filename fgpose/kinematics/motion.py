@@ -1,0 +1,46 @@
+"""How fast joints move, and how high they are."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.kinematics.landmarks import z_up
+from fgpose.skeleton import Skeleton
+
+
+def speeds_m_s(
+    positions_m: Float[np.ndarray, "frame ... 3"], time_s: Float[np.ndarray, " frame"]
+) -> Float[np.ndarray, "frame ..."]:
+    """Speed of every joint by second-order central differences (one-sided at both ends); NaN in a gap and beside it.
+
+    Raises:
+        ValueError: the times do not increase.
+    """
+    if not (np.diff(time_s) > 0).all():
+        raise ValueError("time_s must increase to have speeds")
+    if len(time_s) < 2:
+        return np.full(positions_m.shape[:-1], np.nan)
+    known = np.isfinite(positions_m).all(axis=-1)
+    # At even times the difference of the neighbours says nothing of the frame itself.
+    return np.where(known, np.linalg.norm(np.gradient(positions_m, time_s, axis=0), axis=-1), np.nan)
+
+
+def centre_m(positions_m: Float[np.ndarray, "*frames joint 3"], skeleton: Skeleton) -> Float[np.ndarray, "*frames 3"]:
+    """The root of the body, metres: the pelvis, or the middle of the hips."""
+    return positions_m[..., list(skeleton.root), :].mean(axis=-2)
+
+
+def heights_m(
+    positions_m: Float[np.ndarray, "*points 3"], world_up: Literal["z", "y"] = "z", floor_m: float = 0.0
+) -> Float[np.ndarray, "*points"]:
+    """Heights above the floor.
+
+    Args:
+        positions_m: in the world frame.
+        world_up: which axis of it points up.
+        floor_m: height of the floor on that axis.
+    """
+    return z_up(positions_m, world_up)[..., 2] - floor_m

@@ -1,0 +1,181 @@
+"""What is suspicious of single cameras: calibration, view, and what the network does there."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.from_people.calibrated import Grade
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.series import known_quantile
+from fgpose.report.suspicion import Suspicion
+
+# A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
+_DISAGREES_RATIO = 2.0
+# It sees less than half of what is usual in this recording.
+_BLIND_RATIO = 0.5
+# The model of visibility expects some hallucinations everywhere: three times as many as the other cameras have is a
+# property of the view. Below a twentieth they do no harm.
+_HALLUCINATING_RATIO, _HALLUCINATING_SHARE = 3.0, 0.05
+# As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
+_SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
+# Swapped labels leave, at both joints, the distance between the two; to within what detections err usually.
+_SWAP_TOLERANCE = 0.25
+
+
+def few_cameras(recording: FinishedRecording) -> list[Suspicion]:
+    """With two cameras every detection that is wrong along the epipolar line goes unnoticed."""
+    n_cameras = len(recording.camera_names)
+    if not 0 < n_cameras < 3:
+        return []
+    return [
+        Suspicion(
+            "",
+            f"{n_cameras} camera{'s' if n_cameras > 1 else ''}: nothing contradicts a detection that is wrong, so "
+            "residuals say little about errors",
+            "Add cameras: four or more that see the person from different sides.",
+            0.8,
+        )
+    ]
+
+
+def calibration_findings(recording: FinishedRecording) -> list[Suspicion]:
+    """What the calibration from people said of itself."""
+    weight = {Grade.FAILED: 1.0, Grade.COARSE: 0.5}
+    return [
+        Suspicion(finding.camera, f"calibration {finding.grade.value}: {finding.reason}", finding.remedy, weight[grade])
+        for finding in recording.findings
+        if (grade := finding.grade) in weight
+    ]
+
+
+def disagreeing_cameras(recording: FinishedRecording) -> list[Suspicion]:
+    """A camera whose reprojection errors are much larger than those of the others, in view of its resolution."""
+    residual_px = together_px(recording)
+    if residual_px is None or residual_px.shape[1] < 3:
+        return []
+    median_px = np.array([known_quantile(of_camera, 0.5) for of_camera in np.moveaxis(residual_px, 1, 0)])
+    # As angles, where the focal lengths are known: cameras differ in resolution.
+    scale = 1.0 if recording.rig is None else np.median(recording.rig.focal_px) / recording.rig.focal_px
+    compared = median_px * scale
+    found = []
+    for camera, name in enumerate(recording.camera_names):
+        usual = known_quantile(np.delete(compared, camera), 0.5)
+        if compared[camera] > _DISAGREES_RATIO * usual:
+            constant = _constant_part(recording, camera)
+            reason = (
+                f"camera {name} disagrees with the others: its median reprojection error is "
+                f"{median_px[camera]:.1f} px, {compared[camera] / usual:.1f} times theirs{constant}"
+            )
+            remedy = (
+                "Was it moved since the calibration? Smooth again with --refine-calibration, or calibrate it anew; "
+                "with --estimate-time-offsets too if its clock may differ."
+            )
+            found.append(Suspicion(name, reason, remedy, 0.4 + 0.4 * _share_of(residual_px, camera)))
+    return found
+
+
+def _constant_part(recording: FinishedRecording, camera: int) -> str:
+    """What a turned camera leaves, where the detections are known."""
+    if recording.rig is None or not recording.observations:
+        return ""
+    parts = [
+        recording.rig.cameras[camera].undistort(seen.points2d_px[:, camera])
+        - recording.rig.cameras[camera].project(recording.people[person].positions_m)
+        for person, seen in recording.observations.items()
+    ]
+    errors_px = np.concatenate([part.reshape(-1, 2) for part in parts])
+    x_px, y_px = (known_quantile(errors_px[:, axis], 0.5) for axis in range(2))
+    return f", ({x_px:+.1f}, {y_px:+.1f}) px of it the same everywhere"
+
+
+def blind_cameras(recording: FinishedRecording) -> list[Suspicion]:
+    """A camera that sees far less than the others."""
+    residual_px = together_px(recording)
+    if residual_px is None or residual_px.shape[1] < 2:
+        return []
+    shares = np.isfinite(residual_px).mean(axis=(0, 2))
+    found = []
+    for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
+        if share < _BLIND_RATIO * usual:
+            reason = f"camera {name} sees {100 * share:.0f} % of the joints, the others {100 * usual:.0f} % (median)"
+            remedy = "Look at its images: is the person in them, sharp, and not hidden? Turn or move the camera."
+            found.append(Suspicion(name, reason, remedy, 0.5 * (usual - share)))
+    return found
+
+
+def hallucinating_cameras(recording: FinishedRecording) -> list[Suspicion]:
+    """A camera many of whose detections are more probably hallucinated than not."""
+    judged = [each.visibility for each in recording.people.values() if each.visibility is not None]
+    if not judged:
+        return []
+    visibility = np.concatenate(judged)
+    known = np.isfinite(visibility)
+    shares = ((visibility < 0.5) & known).sum(axis=(0, 2)) / np.maximum(known.sum(axis=(0, 2)), 1)
+    found = []
+    for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
+        if share > max(_HALLUCINATING_RATIO * usual, _HALLUCINATING_SHARE):
+            reason = (
+                f"{100 * share:.0f} % of the detections of camera {name} are probably hallucinated, "
+                f"{100 * usual:.0f} % of the others'"
+            )
+            remedy = "Something hides the person there, or the camera disagrees: look at its images first."
+            found.append(Suspicion(name, reason, remedy, 0.5 * share))
+    return found
+
+
+def swapping_cameras(recording: FinishedRecording) -> list[Suspicion]:
+    """A camera in which the network exchanges left and right."""
+    if recording.rig is None or together_px(recording) is None:
+        return []
+    swapped, judged = np.zeros(recording.rig.n_cameras), np.zeros(recording.rig.n_cameras)
+    for trajectory in recording.people.values():
+        own_swapped, own_judged = swapped_pairs(recording, trajectory.positions_m, trajectory.residual_px)
+        swapped, judged = swapped + own_swapped.sum(axis=(0, 2)), judged + own_judged.sum(axis=(0, 2))
+    shares = swapped / np.maximum(judged, 1)
+    return [
+        Suspicion(
+            name,
+            f"camera {name} exchanges left and right in {100 * share:.1f} % of the pairs that lie apart in its image",
+            "fgpose corrects whole poses that are turned; if errors remain there, use a network that looks at more of "
+            "the image, or leave the camera out (--cameras) for this recording.",
+            0.5 * float(share),
+        )
+        for name, share in zip(recording.camera_names, shares, strict=True)
+        if share > _SWAPPED_SHARE
+    ]
+
+
+def swapped_pairs(
+    recording: FinishedRecording,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    residual_px: Float[np.ndarray, "frame camera joint"] | None,
+) -> tuple[Bool[np.ndarray, "frame camera pair"], Bool[np.ndarray, "frame camera pair"]]:
+    """Which pairs of left and right look exchanged, and which could be judged: both errors are the distance between the
+    two joints in the image."""
+    assert recording.rig is not None
+    assert residual_px is not None
+    left, right = np.array(recording.main.skeleton.left_right, dtype=int).reshape(-1, 2).T
+    projected_px = recording.rig.project(positions_m)
+    apart_px = np.linalg.norm(projected_px[:, :, left] - projected_px[:, :, right], axis=-1)
+    errors_px = np.stack([residual_px[:, :, left], residual_px[:, :, right]])
+    judged = np.isfinite(errors_px).all(axis=0) & (apart_px > _MIN_SWAP_PX)
+    like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
+    return np.asarray(judged & like), np.asarray(judged)
+
+
+def together_px(recording: FinishedRecording) -> Float[np.ndarray, "frame camera joint"] | None:
+    """Reprojection errors of everybody, one after the other; None where some have none."""
+    residuals = [each.residual_px for each in recording.people.values() if each.residual_px is not None]
+    return np.concatenate(residuals) if len(residuals) == len(recording.people) else None
+
+
+def _share_of(residual_px: Float[np.ndarray, "frame camera joint"], camera: int) -> float:
+    """Of the detections, those of a camera."""
+    known = np.isfinite(residual_px)
+    return float(known[:, camera].sum() / max(known.sum(), 1))
+
+
+def _median_of_others(values: Float[np.ndarray, " camera"]) -> Float[np.ndarray, " camera"]:
+    """NaN with one camera."""
+    return np.array([known_quantile(np.delete(values, camera), 0.5) for camera in range(len(values))])

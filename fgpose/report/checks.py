@@ -1,0 +1,47 @@
+"""All checks of a finished recording, in one list."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fgpose.report.camera_checks import (
+    blind_cameras,
+    calibration_findings,
+    disagreeing_cameras,
+    few_cameras,
+    hallucinating_cameras,
+    swapping_cameras,
+)
+from fgpose.report.clock_checks import late_cameras, missing_frames, undetermined_clocks
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.motion_checks import bones, gaps, jumps, short_lives, turns, unobservable
+from fgpose.report.solution_checks import covariance_scale, equal_confidences, not_converged, outside
+from fgpose.report.suspicion import Suspicion
+
+CHECKS: tuple[Callable[[FinishedRecording], list[Suspicion]], ...] = (
+    not_converged,
+    few_cameras,
+    calibration_findings,
+    disagreeing_cameras,
+    late_cameras,
+    undetermined_clocks,
+    swapping_cameras,
+    blind_cameras,
+    hallucinating_cameras,
+    outside,
+    covariance_scale,
+    equal_confidences,
+    unobservable,
+    gaps,
+    jumps,
+    turns,
+    bones,
+    short_lives,
+    missing_frames,
+)
+
+
+def suspicions(recording: FinishedRecording) -> tuple[Suspicion, ...]:
+    """What is suspicious, the most important first; of equal ones what may cause the others."""
+    found = [each for check in CHECKS for each in check(recording)]
+    return tuple(sorted(found, key=lambda each: -each.weight))

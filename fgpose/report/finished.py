@@ -1,0 +1,89 @@
+"""A finished recording: what the estimator made of it, and what is still known of what it was made from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from fgpose.association.track import TrackEvent
+from fgpose.calibration.from_people.calibrated import Finding
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedRecording:
+    """The results of one recording. All that is not a trajectory may be missing: what rests on it is then not judged.
+
+    Raises:
+        ValueError: there is nobody, people differ in skeleton or cameras, the rig lacks a camera, or observations do
+            not have the frames of their trajectory.
+    """
+
+    name: str
+    people: Mapping[int, Trajectory]
+    """By the number of the person."""
+    rig: CameraRig | None = None
+    """The cameras of the trajectories, in any order."""
+    observations: Mapping[int, Observations] = field(default_factory=dict)
+    """What the cameras saw of each person, in the frames of the trajectory; of those for whom it is known."""
+    offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of the time offset of each camera whose offset was estimated; the offsets are the rig's."""
+    findings: tuple[Finding, ...] = ()
+    """Of the calibration from people, if the rig is from one."""
+    events: tuple[TrackEvent, ...] = ()
+    """Of the tracks of people."""
+    videos: Path | None = None
+    """Folder of the videos, or of the folders of images, of the cameras."""
+    images_hz: float | None = None
+    """Images per second, where folders of images are given; overrides what videos say."""
+    world_up: Literal["z", "y"] = "z"
+    """Which axis of the world points up."""
+    made_from: Mapping[str, str] = field(default_factory=dict)
+    """What it was made from and with, as it is to be read: {"Keypoints": "pose/", ...}."""
+
+    def __post_init__(self) -> None:
+        if not self.people:
+            raise ValueError(f"recording {self.name}: there is nobody in it")
+        first = next(iter(self.people.values()))
+        for person, trajectory in self.people.items():
+            if (trajectory.skeleton, trajectory.camera_names) != (first.skeleton, first.camera_names):
+                raise ValueError(f"recording {self.name}: person {person} has another skeleton or other cameras")
+            seen = self.observations.get(person)
+            if seen is not None and seen.points2d_px.shape[:3] != _shape(trajectory):
+                raise ValueError(
+                    f"recording {self.name}: the observations of person {person} have frames, cameras, joints "
+                    f"{seen.points2d_px.shape[:3]}, the trajectory {_shape(trajectory)}"
+                )
+        if self.rig is not None and first.camera_names:
+            object.__setattr__(self, "rig", self.rig.subset(first.camera_names))
+
+    @property
+    def main_person(self) -> int:
+        """Of whom most is seen by two cameras."""
+        return max(self.people, key=lambda person: int(self.people[person].observed.sum()))
+
+    @property
+    def main(self) -> Trajectory:
+        """The trajectory of that person."""
+        return self.people[self.main_person]
+
+    @property
+    def camera_names(self) -> tuple[str, ...]:
+        return self.main.camera_names or (self.rig.names if self.rig is not None else ())
+
+    @property
+    def axes(self) -> tuple[int, int, int]:
+        """Of the world: two of the floor, and the one that points up; a right-handed frame."""
+        return (0, 1, 2) if self.world_up == "z" else (2, 0, 1)
+
+    def called(self, person: int) -> str:
+        """How a person is named; nothing where there is only one."""
+        return f"person {person}" if len(self.people) > 1 else ""
+
+
+def _shape(trajectory: Trajectory) -> tuple[int, int, int]:
+    return trajectory.n_frames, len(trajectory.camera_names), trajectory.skeleton.n_joints

@@ -1,0 +1,130 @@
+"""Small pictures of moments, from the videos of the cameras, with the result and the detections drawn in."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.camera import Camera
+from fgpose.monocular.clips import Clip
+from fgpose.monocular.sources import open_sources
+from fgpose.report.blocks import Picture
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.moments import WorstMoment
+
+_WIDTH_PX = 260
+_ASPECT = 4 / 3  # height to width: people stand
+_QUALITY = 72  # of JPEG: the smallest at which lines of two pixels stay clean
+_MARGIN = 0.35  # of the size of the person, around them
+_RESULT, _DETECTED, _WORST = (255, 255, 255), (86, 180, 233), (230, 120, 0)  # red, green, blue
+
+
+def pictures(recording: FinishedRecording, moments: Sequence[WorstMoment]) -> dict[WorstMoment, tuple[Picture, ...]]:
+    """One of each camera and moment; none of a camera whose video has ended.
+
+    Raises:
+        ValueError: the videos are not those of the rig, or one is damaged; the message names the file.
+        OSError: a file cannot be opened.
+    """
+    assert recording.rig is not None
+    assert recording.videos is not None
+    sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
+    found: dict[WorstMoment, list[Picture]] = {moment: [] for moment in moments}
+    for c, (camera, clip) in enumerate(zip(sources.rig.cameras, sources.clips, strict=True)):
+        numbers = {moment: _image_number(clip, moment.time_s + camera.time_offset_s) for moment in moments}
+        images = clip.images_at(sorted(set(numbers.values())))
+        for moment in moments:
+            image = images.get(numbers[moment])
+            if image is not None:
+                found[moment].append(_picture(recording, moment, camera, c, image))
+    return {moment: tuple(of_moment) for moment, of_moment in found.items()}
+
+
+def _image_number(clip: Clip, time_s: float) -> int:
+    """That of the image taken then, of a clip with a constant rate."""
+    return max(round((time_s - clip.begin_s) * clip.fps), 0)
+
+
+def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, c: int, image: np.ndarray) -> Picture:
+    trajectory = recording.people[moment.person]
+    joints_px = camera.distort(camera.project(trajectory.positions_m[moment.frame]))
+    seen = recording.observations.get(moment.person)
+    detected_px = None if seen is None else seen.points2d_px[moment.frame, c]
+    cut, scale, origin = _cut(image, joints_px, detected_px)
+    _draw(
+        cut,
+        (joints_px - origin) * scale,
+        recording,
+        moment,
+        None if detected_px is None else (detected_px - origin) * scale,
+    )
+    note = ""
+    if trajectory.residual_px is not None:
+        worst = trajectory.skeleton.index(moment.joints[0])
+        error_px = trajectory.residual_px[moment.frame, c, worst]
+        note = f": {error_px:.0f} px" if np.isfinite(error_px) else f": {moment.joints[0]} not seen"
+    return Picture(_jpeg(cut), f"{camera.name}{note}")
+
+
+def _cut(
+    image: np.ndarray, joints_px: Float[np.ndarray, "joint 2"], detected_px: Float[np.ndarray, "joint 2"] | None
+) -> tuple[np.ndarray, float, Float[np.ndarray, 2]]:
+    """The person with a margin, in the shape of a portrait; its scale, and where it begins in the image."""
+    import cv2
+
+    size = np.array(image.shape[1::-1], dtype=float)
+    points_px = joints_px if detected_px is None else np.concatenate([joints_px, detected_px])
+    known = points_px[
+        np.isfinite(points_px).all(axis=1) & (points_px > -size).all(axis=1) & (points_px < 2 * size).all(axis=1)
+    ]
+    low, high = (known.min(axis=0), known.max(axis=0)) if len(known) else (np.zeros(2), size)
+    middle, side = (low + high) / 2, (high - low) * (1 + _MARGIN)
+    width = min(max(side[0], side[1] / _ASPECT, 64.0), size[0], size[1] / _ASPECT)
+    wanted = np.array([width, width * _ASPECT])
+    origin = np.clip(middle - wanted / 2, 0, np.maximum(size - wanted, 0)).round()
+    x, y = origin.astype(int)
+    part = image[y : y + int(wanted[1]), x : x + int(wanted[0])]
+    scale = _WIDTH_PX / part.shape[1]
+    small = cv2.resize(part, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
+    return np.ascontiguousarray(small), scale, origin
+
+
+def _draw(
+    image: np.ndarray,
+    joints_px: Float[np.ndarray, "joint 2"],
+    recording: FinishedRecording,
+    moment: WorstMoment,
+    detected_px: Float[np.ndarray, "joint 2"] | None,
+) -> None:
+    import cv2
+
+    def at(point_px: np.ndarray) -> tuple[int, int] | None:
+        near = np.isfinite(point_px).all() and (np.abs(point_px) < 4 * _WIDTH_PX).all()
+        return (round(float(point_px[0])), round(float(point_px[1]))) if near else None
+
+    skeleton = recording.main.skeleton
+    for start, end in (*skeleton.bones, *skeleton.lines):
+        ends = at(joints_px[start]), at(joints_px[end])
+        if ends[0] and ends[1]:
+            cv2.line(image, ends[0], ends[1], (40, 40, 40), 3, cv2.LINE_AA)
+            cv2.line(image, ends[0], ends[1], _RESULT, 1, cv2.LINE_AA)
+    for j, joint in enumerate(skeleton.joints):
+        place = at(joints_px[j])
+        if detected_px is not None and (detected := at(detected_px[j])):
+            if place:
+                cv2.line(image, place, detected, _DETECTED, 1, cv2.LINE_AA)
+            cv2.circle(image, detected, 2, _DETECTED, -1, cv2.LINE_AA)
+        if place and joint in moment.joints:
+            cv2.circle(image, place, 6, _WORST, 2, cv2.LINE_AA)
+
+
+def _jpeg(image: np.ndarray) -> str:
+    """As a data: address; the image is red, green, blue."""
+    import cv2
+
+    done, content = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    assert done
+    return f"data:image/jpeg;base64,{base64.b64encode(content.tobytes()).decode()}"

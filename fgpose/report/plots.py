@@ -1,0 +1,262 @@
+"""The figures of all sections in one style. Bokeh is imported here alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.report.blocks import Plot
+
+# Okabe and Ito (2008): told apart by the colour-blind.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7b6bb2")
+TIME_AXIS = "time"
+"""Tag of figures whose x axis is the time of the recording: page.js links them."""
+_MAX_COLUMNS = 900  # of a picture of values over time: as many as a page has pixels
+_ROW_PX, _LOW_ROW_PX, _MANY_ROWS = 22, 16, 20
+_FRAME_PX = 64  # axis, labels and toolbar
+
+
+Figure = Any
+"""A figure of Bokeh. Its stubs reject much of what its documentation does."""
+
+
+def models() -> Any:
+    """bokeh.models."""
+    import bokeh.models
+
+    return bokeh.models
+
+
+def bins(n_frames: int, at_most: int = _MAX_COLUMNS) -> np.ndarray:
+    """First frame of each of the equal parts into which frames are gathered."""
+    n_bins = min(n_frames, at_most)
+    return np.unique(np.linspace(0, n_frames, n_bins + 1).astype(int)[:-1])
+
+
+def gathered(values: Float[np.ndarray, " frame *row"], at_most: int = _MAX_COLUMNS) -> Float[np.ndarray, " bin *row"]:
+    """Means of the known values of parts of the frames; NaN where there is none."""
+    first = bins(len(values), at_most)
+    known = np.isfinite(values)
+    total = np.add.reduceat(np.where(known, values, 0.0), first, axis=0)
+    count = np.add.reduceat(known.astype(float), first, axis=0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def largest(values: Float[np.ndarray, " frame *row"], at_most: int = _MAX_COLUMNS) -> Float[np.ndarray, " bin *row"]:
+    """Largest known values of parts of the frames; NaN where there is none."""
+    found = np.maximum.reduceat(np.where(np.isfinite(values), values, -np.inf), bins(len(values), at_most), axis=0)
+    return np.where(np.isfinite(found), found, np.nan)
+
+
+def ramp(colours: Sequence[str], n: int) -> list[str]:
+    """A palette of n colours through those given, evenly."""
+    stops = np.array([[int(colour[at : at + 2], 16) for at in (1, 3, 5)] for colour in colours])
+    at = np.linspace(0, len(stops) - 1, n)
+    mixed = np.stack([np.interp(at, np.arange(len(stops)), stops[:, channel]) for channel in range(3)], axis=1)
+    return [f"#{r:02x}{g:02x}{b:02x}" for r, g, b in mixed.round().astype(int).tolist()]
+
+
+def time_figure(y_label: str, height_px: int = 260, tools: str = "xpan,xbox_zoom,reset,save") -> Figure:
+    """A figure over the time of the recording."""
+    plot = plain_figure("time / s", y_label, height_px, tools)
+    plot.tags = [TIME_AXIS]
+    return plot
+
+
+def plain_figure(
+    x_label: str, y_label: str, height_px: int, tools: str = "pan,box_zoom,reset,save", **options: Any
+) -> Figure:
+    """A figure in the style of the page, which sets the colours of its text."""
+    import bokeh.plotting
+
+    plotting: Any = bokeh.plotting
+    plot = plotting.figure(
+        height=height_px,
+        sizing_mode="stretch_width",
+        tools=tools,
+        toolbar_location="above",
+        x_axis_label=x_label,
+        y_axis_label=y_label,
+        background_fill_color=None,
+        border_fill_color=None,
+        outline_line_color=None,
+        **options,
+    )
+    plot.toolbar.logo = None
+    plot.toolbar.autohide = True
+    plot.axis.axis_label_text_font_style = "normal"
+    plot.axis.axis_label_text_font_size = plot.axis.major_label_text_font_size = "12px"
+    plot.axis.minor_tick_line_color = None
+    plot.xgrid.grid_line_color = None
+    plot.ygrid.grid_line_alpha = 0.5
+    # A wheel over a figure scrolls the page.
+    plot.toolbar.active_scroll = None
+    return plot
+
+
+def heat_map(
+    rows: Mapping[str, Float[np.ndarray, " frame"]],
+    time_s: Float[np.ndarray, " frame"],
+    palette: Sequence[str],
+    limits: tuple[float, float],
+    value: str,
+    caption: str,
+    *,
+    counts: bool = False,
+) -> Plot:
+    """Values over time, a row for each name, the first on top.
+
+    Args:
+        rows: by name; NaN stays empty.
+        time_s: of the frames.
+        palette: from low to high.
+        limits: values of its ends.
+        value: what the values are, as a tooltip shows it: "share seen / %".
+        counts: whether they are whole numbers from the lower limit to the upper.
+    """
+    height_px = (_ROW_PX if len(rows) <= _MANY_ROWS else _LOW_ROW_PX) * len(rows) + _FRAME_PX
+    plot = time_figure("", max(height_px, 130))
+    begin_s, width_s = _extent_s(time_s)
+    names = list(rows)[::-1]
+    images = [gathered(rows[name]).astype(np.float32)[None] for name in names]
+    places = {"y": [n - 0.46 for n in range(len(names))], "x": len(names) * [begin_s]}
+    source = models().ColumnDataSource({"image": images, "name": names, **places})
+    if counts:
+        palette, limits = ramp(palette, int(limits[1] - limits[0]) + 1), (limits[0] - 0.5, limits[1] + 0.5)
+    else:
+        palette = ramp(palette, 64)
+    mapper = models().LinearColorMapper(palette, low=limits[0], high=limits[1], nan_color="rgba(0, 0, 0, 0)")
+    drawn = plot.image("image", "x", "y", dw=width_s, dh=0.92, color_mapper=mapper, source=source)
+    label, _, unit = value.partition(" / ")
+    tips = [("", "@name"), ("time", "$x{0.00} s"), (label, f"@image{{0.[00]}} {unit}")]
+    plot.add_tools(models().HoverTool(renderers=[drawn], tooltips=tips))
+    plot.x_range, plot.y_range = models().Range1d(begin_s, begin_s + width_s), models().Range1d(-0.6, len(names) - 0.4)
+    plot.yaxis.ticker = list(range(len(names)))
+    plot.yaxis.major_label_overrides = dict(enumerate(names))
+    plot.ygrid.grid_line_color = None
+    plot.yaxis.axis_line_color = plot.yaxis.major_tick_line_color = None
+    plot.add_layout(colour_bar(mapper, value.removesuffix(" / ")), "right")
+    return Plot(plot, caption, plot.height or 0)
+
+
+def colour_bar(mapper: Any, title: str) -> Any:
+    """What the colours mean; of few colours, each has a number."""
+    whole = range(math.ceil(mapper.low), math.floor(mapper.high) + 1)
+    ticker = models().FixedTicker(ticks=list(whole)) if len(mapper.palette) < 16 else models().BasicTicker()
+    return models().ColorBar(color_mapper=mapper, title=title, ticker=ticker, **_BAR)
+
+
+_BAR = {
+    "width": 10,
+    "padding": 4,
+    "title_text_font_size": "11px",
+    "title_text_font_style": "normal",
+    "background_fill_color": None,
+    "bar_line_color": None,
+}
+
+
+def _extent_s(time_s: Float[np.ndarray, " frame"]) -> tuple[float, float]:
+    step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
+    return float(time_s[0]), float(time_s[-1] - time_s[0]) + step_s
+
+
+def lines(
+    series: Mapping[str, Float[np.ndarray, " frame"]],
+    time_s: Float[np.ndarray, " frame"],
+    y_label: str,
+    caption: str,
+    *,
+    height_px: int = 260,
+    bands: Mapping[str, Float[np.ndarray, " frame"]] | None = None,
+    shown: int = 8,
+    from_zero: bool = False,
+    peaks: bool = False,
+    circular: bool = False,
+    half: bool = False,
+) -> Plot:
+    """Curves over time, a colour for each; a click on the legend hides one.
+
+    Args:
+        series: by name.
+        time_s: of the frames.
+        y_label: with the unit.
+        bands: half the width of the band around each curve.
+        shown: how many are not hidden at first.
+        from_zero: whether the axis begins at zero.
+        peaks: whether the largest of the gathered values is shown, not their mean.
+        circular: whether they are angles in degrees that go on at -180 when they have reached 180.
+        half: whether it takes half the width of the page.
+    """
+    plot = time_figure(y_label, height_px)
+    begin_s, width_s = _extent_s(time_s)
+    gathered_s = gathered(time_s)
+    for n, (name, values) in enumerate(series.items()):
+        shown_values = (
+            largest(values) if peaks else _broken(values[bins(len(values))]) if circular else gathered(values)
+        )
+        data = {"t": gathered_s, "y": shown_values, "name": len(gathered_s) * [name]}
+        band = gathered(bands[name]) if bands and name in bands else None
+        _curve(plot, data, band, COLOURS[n % len(COLOURS)], name, visible=n < shown, legend=len(series) > 1)
+    unit = y_label.rpartition(" / ")[2]
+    plot.add_tools(
+        models().HoverTool(tooltips=[("", "@name"), ("time", "@t{0.00} s"), ("", f"@y{{0.0[0]}} {unit}")], mode="mouse")
+    )
+    plot.x_range = models().Range1d(begin_s, begin_s + width_s)
+    if from_zero:
+        plot.y_range.start = 0
+    if len(series) > 1:
+        _legend_below(plot)
+    return Plot(plot, caption, height_px, half)
+
+
+def parts(known: Bool[np.ndarray, " bin"]) -> list[tuple[int, int]]:
+    """First and one past the last of each run of at least two."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2)
+    return [(first, last) for first, last in edges.tolist() if last - first > 1]
+
+
+def _broken(angle_deg: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
+    """With a gap where it goes on at the other end."""
+    jumps = np.abs(np.diff(angle_deg, prepend=angle_deg[:1])) > 180
+    return np.where(jumps, np.nan, angle_deg)
+
+
+def _curve(
+    plot: Figure,
+    data: dict[str, Any],
+    band: np.ndarray | None,
+    colour: str,
+    name: str,
+    *,
+    visible: bool,
+    legend: bool,
+) -> None:
+    labelled = {"legend_label": name} if legend else {}
+    columns = {key: np.asarray(values, np.float32) if key != "name" else values for key, values in data.items()}
+    if band is not None:
+        # An area would go on over gaps: a patch for each part.
+        half, style = band.astype(np.float32), {"fill_color": colour, "fill_alpha": 0.22, "line_color": None}
+        t, y = columns["t"], columns["y"]
+        runs = [slice(*run) for run in parts(np.isfinite(data["y"]) & np.isfinite(band))]
+        xs = [np.concatenate([t[run], t[run][::-1]]) for run in runs]
+        ys = [np.concatenate([(y - half)[run], (y + half)[run][::-1]]) for run in runs]
+        plot.patches(xs, ys, visible=visible, **style, **labelled)
+    source = models().ColumnDataSource(columns)
+    plot.line("t", "y", source=source, color=colour, line_width=1.6, visible=visible, **labelled)
+
+
+def _legend_below(plot: Figure) -> None:
+    (legend,) = plot.legend
+    legend.location = "left"
+    legend.click_policy = "hide"
+    legend.ncols = 6
+    legend.orientation = "horizontal"
+    legend.label_text_font_size = "12px"
+    legend.border_line_color = legend.background_fill_color = None
+    legend.padding = legend.margin = 2
+    plot.add_layout(legend, "below")

@@ -1,0 +1,78 @@
+"""The page of one recording."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+
+from fgpose.io.atomic import write_text
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.page import Figure, Page, Verdict, html
+from fgpose.report.quality import Quality, quality
+from fgpose.report.sections import sections
+
+
+def write_report(recording: FinishedRecording, path: str | Path) -> Quality:
+    """Write the report on a recording as one HTML file, which needs no other file and no network.
+
+    Args:
+        recording: what is missing in it is said in the file.
+        path: of the file; it appears whole or not at all.
+
+    Returns:
+        The numbers at its head, and all suspicions.
+
+    Raises:
+        ValueError: the videos do not fit the calibration, or one is damaged.
+        ImportError: Bokeh is not installed.
+        OSError: the file cannot be written, or a video cannot be read.
+    """
+    judged = quality(recording)
+    page = Page(
+        title=recording.name,
+        kicker="Recording",
+        made=_made(judged),
+        sections=sections(recording),
+        figures=figures(judged),
+        verdict=verdict(judged),
+    )
+    write_text(Path(path), html(page))
+    return judged
+
+
+def _made(judged: Quality) -> str:
+    people = "one person" if judged.n_people == 1 else f"{judged.n_people} people"
+    cameras = (
+        f"{judged.n_cameras} camera{'s' if judged.n_cameras != 1 else ''}" if judged.n_cameras else "cameras unknown"
+    )
+    return f"{people}, {cameras}, {judged.n_joints} joints. Report of {datetime.now():%d %B %Y, %H:%M}."
+
+
+def figures(judged: Quality) -> list[Figure]:
+    """The numbers at the head; what is not known is left out."""
+
+    def share(value: float) -> str:
+        return f"{100 * value:.1f}"
+
+    all_of_them = [
+        (judged.duration_s, Figure("Duration", f"{judged.duration_s:.1f}", "s")),
+        (judged.rate_hz, Figure("Rate", f"{judged.rate_hz:.4g}", "Hz", f"{judged.n_frames} frames")),
+        (judged.seen_share, Figure("Seen by two cameras", share(judged.seen_share), "%", "of all joints and frames")),
+        (judged.predicted_share, Figure("Predicted", share(judged.predicted_share), "%", "from bones and motion")),
+        (judged.views, Figure("Cameras per joint", f"{judged.views:.1f}", "", "mean over joints and frames")),
+        (judged.reprojection_px, Figure("Reprojection error", f"{judged.reprojection_px:.1f}", "px", "median")),
+        (judged.sigma_mm, Figure("Sigma", f"{judged.sigma_mm:.1f}", "mm", "median, largest axis of each joint")),
+        (judged.hallucinated_share, Figure("Hallucinated", share(judged.hallucinated_share), "%", "of the detections")),
+    ]
+    return [figure for value, figure in all_of_them if value == value]
+
+
+def verdict(judged: Quality) -> Verdict:
+    """What is suspicious, in words."""
+    n = len(judged.suspicions)
+    heading = (
+        "Nothing is suspicious" if n == 0 else "One thing is suspicious" if n == 1 else f"{n} things are suspicious"
+    )
+    intro = "The most important first. " if n > 1 else ""
+    intro += "Judged from the result itself and published limits of human motion, not from a truth."
+    return Verdict(heading, intro, judged.suspicions)

@@ -1,0 +1,136 @@
+"""Finding and reading what a run has written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import load_rig
+from fgpose.io.keypoints import load_observations
+from fgpose.io.trajectories import load_people_trajectories
+from fgpose.observations import Observations
+from fgpose.report.finished import FinishedRecording
+from fgpose.sampling import nearest, usual_step_s
+from fgpose.trajectory import Trajectory
+
+_EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
+"""Of trajectories, those that keep most first."""
+_KINDS = ("_smoothed", "", "_online")
+"""Ends of the names of a run's trajectories, the most important first."""
+_RIGS = ("calibration.toml", "cameras.toml", "rig.toml")
+
+
+def find_result(path: Path, name: str | None = None) -> Path:
+    """The file of the trajectories: path itself, or in a folder the one of the run of that name.
+
+    Raises:
+        ValueError: there is none, or there are several runs and no name; the message names the folder.
+        OSError: the folder cannot be read.
+    """
+    if not path.is_dir():
+        return path
+    found: dict[str, Path] = {}
+    for extension in _EXTENSIONS:
+        for file in sorted(path.glob(f"*{extension}")):
+            found.setdefault(_run_of(file.stem), file)
+    # Of the trajectories of one run, the most important.
+    for run, file in found.items():
+        ends = (file.with_name(f"{run}{kind}{file.suffix}") for kind in _KINDS)
+        found[run] = next((end for end in ends if end.exists()), file)
+    found = {run: file for run, file in found.items() if run not in _NO_RESULTS}
+    if name is not None:
+        if name not in found:
+            raise ValueError(f"{path}: there is no result {name}, only {', '.join(found) or 'none'}")
+        return found[name]
+    if len(found) != 1:
+        what = f"results of {', '.join(found)}: say which (--name NAME)" if found else "no result of fgpose"
+        raise ValueError(f"{path}: {what}")
+    return next(iter(found.values()))
+
+
+_NO_RESULTS = {"angles", "seen", "detected", "quality", "events"}
+"""Files that stand beside the motion in the folder of a recording of a study."""
+
+
+def _run_of(stem: str) -> str:
+    for kind in ("_smoothed", "_online"):
+        stem = stem.removesuffix(kind)
+    head, _, person = stem.rpartition("_person")
+    return head if head and person.isdigit() else stem
+
+
+def load_finished(
+    result: Path,
+    *,
+    title: str | None = None,
+    rig: Path | None = None,
+    keypoints: Path | None = None,
+    fps: float | None = None,
+    videos: Path | None = None,
+    world_up: Literal["z", "y"] = "z",
+) -> FinishedRecording:
+    """Read the result of a run with what is known of its inputs.
+
+    Args:
+        result: file of the trajectories.
+        title: how the recording is called, by default as the file.
+        rig: file of the calibration; by default the one that a run wrote beside the result, if it did.
+        keypoints: what the cameras saw of one person.
+        fps: of the keypoints, if their file has no times, and of folders of images.
+        videos: folder of the videos.
+        world_up: which axis of the world points up.
+
+    Raises:
+        ValueError: a file is damaged, or they are not of one recording; the message names the file.
+        OSError: a file cannot be read.
+    """
+    people = load_people_trajectories(result, world_up=world_up)
+    rig_file = rig or _rig_beside(result)
+    cameras = None if rig_file is None else _rig_of(rig_file, next(iter(people.values())))
+    made_from = {"Result": str(result)} | ({"Calibration": str(rig_file)} if rig_file else {})
+    observations = {}
+    if keypoints is not None:
+        if cameras is None or len(people) > 1:
+            raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE), of one person")
+        made_from["Keypoints"] = str(keypoints)
+        (person,) = people
+        observations[person] = _seen(keypoints, fps, cameras, people[person])
+    return FinishedRecording(
+        name=title or result.stem,
+        people=people,
+        rig=cameras,
+        observations=observations,
+        videos=videos,
+        images_hz=fps,
+        world_up=world_up,
+        made_from=made_from,
+    )
+
+
+def _rig_beside(result: Path) -> Path | None:
+    names = (f"{_run_of(result.stem)}_calibration.toml", *_RIGS)
+    return next((file for name in names if (file := result.with_name(name)).exists()), None)
+
+
+def _rig_of(path: Path, trajectory: Trajectory) -> CameraRig:
+    rig = load_rig(path)
+    missing = [name for name in trajectory.camera_names if name not in rig.names]
+    if missing:
+        raise ValueError(f"{path}: camera {', '.join(missing)} of the result is not in this calibration")
+    return rig.subset(trajectory.camera_names) if trajectory.camera_names else rig
+
+
+def _seen(path: Path, fps: float | None, rig: CameraRig, trajectory: Trajectory) -> Observations:
+    """In the frames of the trajectory."""
+    seen = load_observations(path, rig, trajectory.skeleton, fps=fps)
+    frames = nearest(trajectory.time_s, seen.frame_time_s)
+    apart_s = np.abs(seen.frame_time_s[frames] - trajectory.time_s)
+    if apart_s.max() > usual_step_s(trajectory.time_s) / 2:
+        at_s = trajectory.time_s[int(apart_s.argmax())]
+        raise ValueError(f"{path}: no frame at {at_s:.3f} s, where the result has one: are they of one recording?")
+    wanted = np.zeros(seen.n_frames, dtype=bool)
+    wanted[frames] = True
+    return seen.frames(wanted)

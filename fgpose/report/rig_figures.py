@@ -1,0 +1,103 @@
+"""Cameras and the walk, from above and from the side."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.camera import Camera
+from fgpose.report.blocks import Plot
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, models, plain_figure
+from fgpose.report.series import known_quantile, root_m
+from fgpose.report.solution_checks import views_of
+from fgpose.sampling import spread_evenly
+
+_HEIGHT_PX = 420
+_CELLS = 44  # of the map of the covered volume, along each side
+_WAY_POINTS = 500
+_POSES = 5
+
+
+def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
+    """Plan, with the floor that cameras see, and side view."""
+    across, along, up = recording.axes
+    plan, side = _view(recording, (across, along)), _view(recording, (across, up))
+    return (
+        Plot(plan, "Plan: the way of the hips, and how many cameras see each place", _HEIGHT_PX, half=True),
+        Plot(side, f"Side: {_POSES} poses of the recording", _HEIGHT_PX, half=True),
+    )
+
+
+def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
+    rig = recording.rig
+    assert rig is not None
+    is_plan = axes[1] == recording.axes[1]
+    x_label, y_label = (f"{'xyz'[axis]} / m" for axis in axes)
+    plot = plain_figure(x_label, y_label, _HEIGHT_PX, match_aspect=True)
+    reach_m = 0.25 * max(np.ptp([camera.position_m for camera in rig.cameras], axis=0).max(), 1.0)
+    if is_plan:
+        _covered(plot, recording)
+    else:
+        _poses(plot, recording, axes)
+    for n, (person, trajectory) in enumerate(recording.people.items()):
+        way_m = gathered(root_m(trajectory), _WAY_POINTS)
+        colour = COLOURS[n % len(COLOURS)]
+        plot.line(way_m[:, axes[0]], way_m[:, axes[1]], color=colour, line_width=1.5, name=recording.called(person))
+    for camera in rig.cameras:
+        corners_m = _frustum_m(camera, reach_m)
+        for corner_m in corners_m:
+            ends = np.stack([camera.position_m, corner_m])
+            plot.line(ends[:, axes[0]], ends[:, axes[1]], color="#8a8f98", line_width=1)
+        loop = [*corners_m, corners_m[0]]
+        plot.line([p[axes[0]] for p in loop], [p[axes[1]] for p in loop], color="#8a8f98", line_width=1)
+    places_m = np.array([camera.position_m for camera in rig.cameras])
+    data = {"x": places_m[:, axes[0]], "y": places_m[:, axes[1]], "name": list(rig.names)}
+    dots = plot.scatter("x", "y", size=9, color="#d55e00", source=data)
+    plot.text("x", "y", "name", source=data, x_offset=8, y_offset=-4, text_font_size="12px", text_color="#8a8f98")
+    plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("", "@name"), ("", "@x{0.00} m, @y{0.00} m")]))
+    # Room for the names.
+    plot.x_range.range_padding = 0.15
+    plot.xgrid.grid_line_color = plot.ygrid.grid_line_color
+    plot.xgrid.grid_line_alpha = 0.5
+    return plot
+
+
+def _frustum_m(camera: Camera, reach_m: float) -> list[Float[np.ndarray, 3]]:
+    """The corners of the image at a depth, in the world."""
+    width, height = camera.size_px
+    corners_px = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=float)
+    rays = np.linalg.solve(camera.K, np.column_stack([corners_px, np.ones(4)]).T).T
+    return list(camera.to_world_frame(rays * reach_m))
+
+
+def _covered(plot: Figure, recording: FinishedRecording) -> None:
+    """How many cameras see each place at the height of the hips."""
+    rig = recording.rig
+    assert rig is not None
+    ways_m = np.concatenate([root_m(trajectory) for trajectory in recording.people.values()])
+    places_m = np.array([camera.position_m for camera in rig.cameras])
+    everything_m = np.concatenate([places_m, ways_m[np.isfinite(ways_m).all(axis=1)]])
+    low, high = everything_m.min(axis=0) - 0.3, everything_m.max(axis=0) + 0.3
+    across, along, up = recording.axes
+    grid = np.empty((_CELLS, _CELLS, 3))
+    grid[..., across], grid[..., along] = np.meshgrid(*(np.linspace(low[a], high[a], _CELLS) for a in (across, along)))
+    grid[..., up] = known_quantile(ways_m[:, up], 0.5)
+    views = views_of(grid.reshape(-1, 3), rig).reshape(_CELLS, _CELLS)
+    views[views < 1] = np.nan
+    palette = [f"rgba(11, 110, 134, {0.08 + 0.5 * share:.2f})" for share in np.linspace(0, 1, rig.n_cameras)]
+    mapper = models().LinearColorMapper(palette, low=0.5, high=rig.n_cameras + 0.5, nan_color="rgba(0, 0, 0, 0)")
+    size = high - low
+    place = {"x": low[across], "y": low[along], "dw": size[across], "dh": size[along]}
+    plot.image([views.astype(np.float32)], **place, color_mapper=mapper)
+    plot.add_layout(colour_bar(mapper, "cameras"), "right")
+
+
+def _poses(plot: Figure, recording: FinishedRecording, axes: tuple[int, int]) -> None:
+    """The main person at some moments."""
+    skeleton, positions_m = recording.main.skeleton, recording.main.positions_m
+    whole = np.flatnonzero(np.isfinite(positions_m).all(axis=(1, 2)))
+    frames = whole[spread_evenly(len(whole), _POSES)] if len(whole) else whole
+    bones = [*skeleton.bones, *skeleton.lines]
+    ends = [[positions_m[frame, list(bone), axis].tolist() for frame in frames for bone in bones] for axis in axes]
+    plot.multi_line(*ends, color="#0b6e86", line_width=1.5, line_alpha=0.8)

@@ -1,0 +1,28 @@
+"""The parts of the page of a recording, in their order; each says in one line what it lacks."""
+
+from __future__ import annotations
+
+from fgpose.report.angle_section import angle_section
+from fgpose.report.blocks import Section
+from fgpose.report.body_sections import bone_section, sigma_section
+from fgpose.report.camera_sections import camera_section, reprojection_section, seen_section
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.moment_section import moment_section
+from fgpose.report.origin_section import origin_section
+from fgpose.report.people_section import people_section
+
+
+def sections(recording: FinishedRecording) -> list[Section]:
+    """All of a page but its head."""
+    made = [
+        seen_section(recording),
+        reprojection_section(recording),
+        sigma_section(recording),
+        bone_section(recording),
+        angle_section(recording),
+        camera_section(recording),
+        people_section(recording),
+        moment_section(recording),
+        origin_section(recording),
+    ]
+    return [section for section in made if section is not None]

@@ -1,0 +1,79 @@
+"""Reading what `fgpose study` has written, for its report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from fgpose.io.tables import column_names, read_table
+from fgpose.report.report import write_report
+from fgpose.report.results import load_finished
+from fgpose.report.study_report import StudyRecording
+from fgpose.report.thumbnail import thumbnail
+
+TABLE, RECORDINGS, MOTION, REPORT = "quality.parquet", "recordings", "motion.parquet", "report.html"
+Progress = Callable[[int, int], None]
+
+
+def is_study(folder: Path) -> bool:
+    """Whether there is the table of a study. Raises ValueError if it is damaged."""
+    table = folder / TABLE
+    return table.is_file() and "recording" in column_names(table)
+
+
+def load_study(
+    folder: Path, *, reports: bool = True, page: Path | None = None, progress: Progress | None = None
+) -> list[StudyRecording]:
+    """All recordings of a study.
+
+    Args:
+        folder: of its results.
+        reports: whether the report of each recording is written too, where there is none that is newer than its motion.
+        page: where the report on the study will be; by default in the folder.
+        progress: told after each recording.
+
+    Raises:
+        ValueError: the table is damaged; it is named.
+        OSError: a file cannot be read or written.
+    """
+    rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
+    base = (page or folder / REPORT).parent
+    found = []
+    for n, row in enumerate(rows):
+        found.append(_recording(folder, row, base, reports=reports))
+        if progress:
+            progress(n + 1, len(rows))
+    return found
+
+
+def _recording(folder: Path, row: dict[str, Any], base: Path, *, reports: bool) -> StudyRecording:
+    name = str(row.get("recording") or row.get("source") or "")
+    status = str(row.get("status") or "done")
+    own = folder / RECORDINGS / name
+    motion, report = own / MOTION, own / REPORT
+    numbers = {key: float(value) for key, value in row.items() if isinstance(value, bool | int | float)}
+    words = [str(row.get(key) or "") for key in ("reason", "suspicions", "warnings")]
+    picture, failure = "", ""
+    if row.get("recording") and motion.is_file() and status == "done":
+        try:
+            picture = _shown(motion, report, name, reports=reports)
+        except ValueError as error:  # One damaged file does not cost the report of the others.
+            status, failure, numbers = "failed", str(error), {}
+    return StudyRecording(
+        name=name,
+        numbers=numbers if status == "done" else {},
+        status=status,
+        reason="; ".join(word for word in [failure, *words] if word),
+        report=Path(os.path.relpath(report, base)).as_posix() if report.is_file() else "",
+        picture=picture,
+    )
+
+
+def _shown(motion: Path, report: Path, name: str, *, reports: bool) -> str:
+    """The picture of a recording, whose report is written if it is due."""
+    recording = load_finished(motion, title=name)
+    if reports and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime):
+        write_report(recording, report)
+    return thumbnail(recording)

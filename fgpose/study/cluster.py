@@ -1,0 +1,204 @@
+"""Workers that recordings are handed to, by Dask: processes of this machine, or those of a scheduler elsewhere."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any, cast
+
+from fgpose.cores import n_cores
+from fgpose.study.process import Outcome, failed, process
+from fgpose.study.recording import Recording
+from fgpose.study.study import Resources, Study
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+# A scheduler in the same network answers within a fraction of a second.
+_ANSWERS_WITHIN_S = 10.0
+_WORKERS_WITHIN_S = 60.0
+
+
+class SchedulerLostError(OSError):
+    """The scheduler has gone while recordings were at work."""
+
+
+@contextmanager
+def workers(resources: Resources) -> Iterator[Client]:
+    """Workers as the study wants them, until the block ends.
+
+    Raises:
+        ImportError: Dask is not installed.
+        OSError: the scheduler does not answer, or has no workers.
+        ValueError: its workers have no fgpose, or another version of it.
+    """
+    try:
+        import distributed
+    except ImportError:
+        raise ImportError("a study needs Dask: pip install 'fgpose[study]'") from None
+    with ExitStack() as stack:
+        stack.enter_context(_silent())
+        if not resources.scheduler:
+            cluster = stack.enter_context(_local(resources))
+            yield stack.enter_context(distributed.Client(cluster))
+            return
+        client = stack.enter_context(_connected(resources.scheduler))
+        _check_workers(client, resources.scheduler)
+        yield client
+
+
+@contextmanager
+def _silent() -> Iterator[None]:
+    """Dask says on stderr of each worker that dies; the outcome of its recording says so too."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.core")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
+
+
+@contextmanager
+def _local(resources: Resources) -> Iterator[Any]:
+    from dask import config
+    from distributed import LocalCluster
+
+    settings = {
+        # A recording whose worker dies is tried once more.
+        "distributed.scheduler.allowed-failures": 1,
+        "logging.distributed": "critical",
+    }
+    memory = "auto" if resources.memory_gb is None else f"{resources.memory_gb}GB"
+    with (
+        config.set(settings),
+        LocalCluster(
+            n_workers=resources.workers or n_cores(),
+            threads_per_worker=1,
+            processes=True,
+            memory_limit=memory,
+            # None: there is none, which its annotation does not know.
+            dashboard_address=cast(str, None),
+            silence_logs=logging.CRITICAL,
+            preload=["fgpose.study.worker_process"],
+        ) as cluster,
+    ):
+        try:
+            yield cluster
+        except BaseException:
+            _kill(cluster)
+            raise
+
+
+def _kill(cluster: Any) -> None:
+    """End the workers at once. Dask would wait for their recordings, of which nothing is left half done anyway."""
+    for nanny in cluster.workers.values():
+        nanny.auto_restart = False
+        if nanny.pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(nanny.pid, signal.SIGKILL)
+
+
+def _connected(address: str) -> Client:
+    from distributed import Client
+
+    try:
+        return Client(address, timeout=f"{_ANSWERS_WITHIN_S:g}s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise OSError(
+            f"no scheduler answers at {address} within {_ANSWERS_WITHIN_S:g} s ({' '.join(str(error).split())}); "
+            "`dask scheduler` starts one, and prints its address"
+        ) from None
+
+
+def _check_workers(client: Client, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=_WORKERS_WITHIN_S)
+    except TimeoutError:
+        raise OSError(
+            f"the scheduler at {address} has had no worker for {_WORKERS_WITHIN_S:g} s; "
+            f"`dask worker {address} --nthreads 1` starts one"
+        ) from None
+    own = version("fgpose")
+    for worker, found in cast(dict[str, str], client.run(_version)).items():
+        if found != own:
+            raise ValueError(f"worker {worker} has {found or 'no fgpose'}, this is fgpose {own}: install the same")
+
+
+def _version() -> str:
+    try:
+        return version("fgpose")
+    except PackageNotFoundError:
+        return ""
+
+
+@dataclass
+class Stream:
+    """Recordings on their way through the workers: at no time more than there are workers, so that none waits behind
+    one that kills its worker, and the plan is read as they are done."""
+
+    client: Client
+    study: Study
+    recordings: Iterator[Recording]
+    work: Callable[[Study, Recording], Outcome] = process
+    _at_work: dict[Any, Recording] = field(default_factory=dict)
+    _n_begun: int = 0
+
+    def outcomes(self) -> Iterator[Outcome]:
+        """As they come.
+
+        Raises:
+            SchedulerLostError: the scheduler has gone. What is finished is on disk.
+        """
+        from distributed import as_completed
+
+        done = as_completed(self._next(self._n_free()))
+        for future in done:
+            recording = self._at_work.pop(future.key)
+            yield self._outcome(future, recording)
+            done.update(self._next(self._n_free()))
+
+    def _n_free(self) -> int:
+        """Workers without a recording; one where none is there just now, for they come back."""
+        try:
+            n_threads = sum(cast(dict[str, int], self.client.nthreads()).values())
+        except OSError:
+            raise SchedulerLostError(_LOST) from None
+        return max(n_threads, 1) - len(self._at_work)
+
+    def _next(self, n_free: int) -> list[Future]:
+        futures = []
+        for _, recording in zip(range(n_free), self.recordings, strict=False):
+            self._n_begun += 1
+            future = self.client.submit(self.work, self.study, recording, key=f"recording-{self._n_begun}", pure=False)
+            self._at_work[future.key] = recording
+            futures.append(future)
+        return futures
+
+    def _outcome(self, future: Future, recording: Recording) -> Outcome:
+        from distributed.scheduler import KilledWorker
+
+        if future.status == "finished":
+            return future.result()
+        if future.status in ("cancelled", "lost"):
+            raise SchedulerLostError(_LOST)
+        error = future.exception()
+        if isinstance(error, KilledWorker):
+            return failed(self.study, recording, _KILLED)
+        return failed(self.study, recording, f"{type(error).__name__}: {error}")
+
+
+_LOST = "the scheduler has gone; what is finished is on disk, and the same command goes on from there"
+_KILLED = "its worker died at it each time it was tried, perhaps because it took more than resources.memory_gb"
+
+
+def run(client: Client, study: Study, recordings: Iterable[Recording]) -> Iterator[Outcome]:
+    """The outcomes of recordings, as they come. Raises SchedulerLostError as Stream.outcomes."""
+    yield from Stream(client, study, iter(recordings)).outcomes()

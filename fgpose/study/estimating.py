@@ -1,0 +1,99 @@
+"""The third step: everybody told apart and smoothed. And what is made from their motion."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fgpose.estimation.smoother import smooth
+from fgpose.io.calibration import load_rig
+from fgpose.io.kinematics import save_kinematics
+from fgpose.io.trajectories import load_people_trajectories, save_people, save_trajectory
+from fgpose.monocular.flips import correct_flips
+from fgpose.pipeline import PeopleSource
+from fgpose.report.finished import FinishedRecording
+from fgpose.report.quality import quality
+from fgpose.report.report import write_report
+from fgpose.report.results import load_finished
+from fgpose.study.job import ANGLES, MOTION, REPORT, Job
+from fgpose.tracking import smooth_people
+from fgpose.trajectory import Trajectory
+
+# Of these C3D also holds the points.
+_KINEMATICS = ("mot", "bvh", "c3d")
+
+
+def estimate(job: Job) -> None:
+    """Who is who, and the motion of each.
+
+    Raises:
+        ValueError: the recording cannot be read, or nobody is found in it.
+        OSError: a file cannot be read or written.
+    """
+    source, config = job.source(), job.study.parameters
+    if isinstance(source, PeopleSource):
+        smoothed = smooth_people(source.people, source.rig, config)
+        if not smoothed.trajectories:
+            raise ValueError(f"{job.recording.source}: no two cameras agree on anybody")
+        _save(smoothed.trajectories, job, smoothed.association.frames.frame_time_s)
+        return
+    observations = source.observations
+    if not observations.n_frames:
+        raise ValueError(f"{job.recording.source}: it has no frame")
+    if job.recording.kind == "videos":
+        observations = correct_flips(observations, source.rig).observations
+    trajectory = smooth(observations, source.rig, config)
+    if not np.isfinite(trajectory.positions_m).any():
+        raise ValueError(f"{job.recording.source}: no joint is determined in any frame; fgpose info says why")
+    save_trajectory(trajectory, job.path(MOTION))
+
+
+def _save(people: Mapping[int, Trajectory], job: Job, time_s: np.ndarray) -> None:
+    if len(people) == 1:
+        (alone,) = people.values()
+        save_trajectory(alone, job.path(MOTION))
+    else:
+        save_people(people, job.path(MOTION), time_s=time_s)
+
+
+def export(job: Job) -> None:
+    """The motion in the formats of other programs. Raises ImportError if a package for one is not installed, OSError if
+    a file cannot be written."""
+    people = load_people_trajectories(job.path(MOTION))
+    for name in job.study.steps.formats:
+        path = job.path(MOTION).with_suffix(f".{name}")
+        if name in _KINEMATICS:
+            save_kinematics(people, path, job.study.steps.world_up)
+        elif len(people) == 1:
+            (alone,) = people.values()
+            save_trajectory(alone, path, job.study.steps.world_up)
+        else:
+            save_people(people, path, job.study.steps.world_up)
+
+
+def measure_angles(job: Job) -> None:
+    """Joint angles, speeds and heights of everybody. Raises ValueError if the skeleton determines none."""
+    save_kinematics(load_people_trajectories(job.path(MOTION)), job.path(ANGLES), job.study.steps.world_up)
+
+
+def judge(job: Job) -> None:
+    """The row of the recording in the table of quality."""
+    people = load_people_trajectories(job.path(MOTION))
+    found = quality(FinishedRecording(job.recording.key, people, load_rig(job.calibration)))
+    numbers = {name: value for name, value in found.numbers.items() if name != "name"}
+    job.row.update(numbers, suspicions="; ".join(each.reason for each in found.suspicions))
+
+
+def report(job: Job) -> None:
+    """The page of the recording."""
+    write_report(
+        load_finished(
+            job.path(MOTION),
+            title=job.recording.key,
+            rig=job.calibration,
+            videos=job.recording.source if job.recording.kind == "videos" else None,
+            world_up=job.study.steps.world_up,
+        ),
+        job.path(REPORT),
+    )

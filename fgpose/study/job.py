@@ -1,0 +1,81 @@
+"""A recording at work: where its files are, whichever steps have been done."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fgpose.io.skeletons import load_skeleton
+from fgpose.pipeline import PeopleSource, Source, load_people_source, load_source
+from fgpose.skeleton import Skeleton
+from fgpose.study.networks import network
+from fgpose.study.recording import Recording
+from fgpose.study.study import Study, skeleton_of
+
+DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
+"""What a network found in videos, and the cameras with the intrinsics of these videos."""
+SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
+"""The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
+MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
+
+
+@dataclass(frozen=True)
+class Job:
+    """The work on one recording, in a folder of its own."""
+
+    study: Study
+    recording: Recording
+    folder: Path
+    """Where the results are made."""
+    row: dict[str, Any] = field(default_factory=dict)
+    """What the steps say of the result, for the table of quality."""
+
+    def path(self, name: str) -> Path:
+        return self.folder / name
+
+    def first(self, *names: str) -> Path | None:
+        """The first of these files that there is."""
+        return next((self.path(name) for name in names if self.path(name).exists()), None)
+
+    @property
+    def keypoints(self) -> Path:
+        return self.first(SEEN, DETECTED) or self.recording.source
+
+    @property
+    def calibration(self) -> Path:
+        """Raises ValueError if there is none."""
+        found = self.first(CALIBRATION, CAMERAS) or self.recording.calibration
+        if found is None:
+            raise ValueError("it has no calibration")
+        return found
+
+    @property
+    def skeleton(self) -> Skeleton:
+        if self.recording.kind == "videos":
+            return network(self.study).skeleton
+        return load_skeleton(skeleton_of(self.study))
+
+    def source(self) -> Source | PeopleSource:
+        """Everybody, or one person, as is wanted and as many as there are. Raises ValueError and OSError as
+        load_people_source."""
+        given = self.keypoints, self.calibration, self.skeleton
+        if self.study.steps.people == "1":
+            return load_source(*given, **self.reading)
+        everybody = load_people_source(*given, **self.reading)
+        one = self.study.steps.people == "auto" and everybody.people.n_most <= 1
+        return everybody.one() if one else everybody
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """How keypoints are read."""
+        data = self.study.data
+        own = self.keypoints.parent == self.folder
+        return {
+            "cameras": data.cameras,
+            "fps": data.fps,
+            # Calibrations that fgpose has written are in metres.
+            "unit": "auto" if self.calibration.parent == self.folder else data.unit,
+            "points3d_frame": "camera" if own else data.points3d_frame,
+            "points3d_unit": data.points3d_unit,
+        }

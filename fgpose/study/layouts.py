@@ -1,0 +1,100 @@
+"""How recordings lie in folders: by the patterns of the study file, or as Pose2Sim has them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+
+from fgpose.io.camera_names import natural_key
+from fgpose.study.pattern import PLACEHOLDERS, Pattern
+from fgpose.study.recording import Kind, Recording
+from fgpose.study.study import Study
+
+# Where a pattern has no such part.
+_ALL = "all"
+# Pose2Sim's names since 0.9 and before; what is synchronised is better than what is not.
+_KEYPOINTS = ("pose-sync", "pose", "pose-associated", "pose-2d")
+_VIDEOS = ("videos", "raw-2d")
+_CALIBRATIONS = (".toml", ".qca.txt", ".yml", ".npz")
+
+
+def in_folders(study: Study, pattern: str) -> Iterator[Recording]:
+    """The recordings that one pattern of the study file describes. Raises OSError if a folder cannot be read."""
+    kind: Kind = "keypoints" if study.data.keypoints else "videos"
+    for source, names in Pattern(pattern).matches(study.root):
+        calibration, problem = _calibration(study, names)
+        subject, session, trial = (names.get(name, _ALL) for name in PLACEHOLDERS)
+        yield Recording(subject, session, trial, source, kind, calibration, problem)
+
+
+def _calibration(study: Study, names: dict[str, str]) -> tuple[Path | None, str]:
+    """Of a recording with these names, or what is wrong with it."""
+    text = study.data.calibration
+    if not text or study.steps.calibrate == "people":
+        return None, ""
+    own = {name: value for name, value in names.items() if name in Pattern(text).placeholders}
+    found = _found(text, study.root, tuple(own.items()))
+    if len(found) == 1:
+        return found[0], ""
+    wanted = text.format_map(names)
+    if not found:
+        return None, f"it has no calibration: there is no {wanted} in {study.root}"
+    return None, f"it has several calibrations: {', '.join(path.name for path in found)} match {wanted}"
+
+
+@lru_cache(maxsize=16)  # recordings of one session follow each other
+def _found(text: str, root: Path, names: tuple[tuple[str, str], ...]) -> tuple[Path, ...]:
+    return tuple(path for path, _ in Pattern(text).matches(root, dict(names)))
+
+
+def in_pose2sim(study: Study) -> Iterator[Recording]:
+    """The trials below root, as Pose2Sim has them. Raises OSError if a folder cannot be read."""
+    kind: Kind = "videos" if study.data.videos else "keypoints"
+    wanted = study.data.videos or study.data.keypoints or _KEYPOINTS
+    yield from _trials(study, study.root, None, kind, wanted)
+
+
+def _trials(
+    study: Study, folder: Path, session: Path | None, kind: Kind, wanted: tuple[str, ...]
+) -> Iterator[Recording]:
+    inside = sorted((name for name in os.listdir(folder) if (folder / name).is_dir()), key=natural_key)
+    if any("calib" in name.lower() for name in inside):
+        session = folder
+    source = next((folder / name for name in wanted if name in inside), None)
+    if source is not None:
+        yield _trial(study, folder, session, source, kind)
+        return
+    for name in inside:
+        if not name.startswith(".") and "calib" not in name.lower() and name not in (*_KEYPOINTS, *_VIDEOS):
+            yield from _trials(study, folder / name, session, kind, wanted)
+
+
+def _trial(study: Study, folder: Path, session: Path | None, source: Path, kind: Kind) -> Recording:
+    base = session or study.root
+    *between, trial = folder.relative_to(base).parts or (folder.name,)
+    calibration, problem = None, ""
+    if study.steps.calibrate != "people":
+        calibration, problem = _pose2sim_calibration(session, folder)
+    # A session of trials without a folder for each participant is that of one.
+    return Recording("_".join(between) or base.name, base.name, trial, source, kind, calibration, problem)
+
+
+@lru_cache(maxsize=16)
+def _calibration_files(session: Path) -> tuple[Path, ...]:
+    folders = [path for path in session.iterdir() if path.is_dir() and "calib" in path.name.lower()]
+    return tuple(
+        file for path in folders for file in sorted(path.iterdir()) if file.name.lower().endswith(_CALIBRATIONS)
+    )
+
+
+def _pose2sim_calibration(session: Path | None, trial: Path) -> tuple[Path | None, str]:
+    if session is None:
+        return None, f"it has no calibration: no folder above {trial} has a folder named calibration"
+    files = _calibration_files(session)
+    if len(files) == 1:
+        return files[0], ""
+    if not files:
+        return None, f"it has no calibration: the calibration folder in {session} holds no calibration file"
+    return None, f"it has several calibrations: {', '.join(str(file.relative_to(session)) for file in files)}"

@@ -1,0 +1,94 @@
+"""Patterns of paths: which part of a path is the subject, the session, the trial."""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from fgpose.io.camera_names import natural_key
+
+PLACEHOLDERS = ("subject", "session", "trial")
+_TOKEN = re.compile(r"\{([^{}]*)\}|(\*)")
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """A path in which {subject}, {session} and {trial} stand for names, and * for anything within a name."""
+
+    text: str
+
+    @staticmethod
+    def parse(text: str, key: str) -> Pattern:
+        """Raises ValueError, which names the key of the study file, for an unknown placeholder or a stray brace."""
+        for name, star in _TOKEN.findall(text):
+            if not star and name not in PLACEHOLDERS:
+                nearest = difflib.get_close_matches(name, PLACEHOLDERS, n=1, cutoff=0.0)[0]
+                raise ValueError(f"{key}: unknown placeholder {{{name}}} in {text!r}; did you mean {{{nearest}}}?")
+        if not text or set("{}") & set(_TOKEN.sub("", text)):
+            raise ValueError(f"{key}: {text!r} is no pattern")
+        return Pattern(text)
+
+    @property
+    def placeholders(self) -> set[str]:
+        return {name for name, _ in _TOKEN.findall(self.text) if name}
+
+    def matches(self, root: Path, names: Mapping[str, str] | None = None) -> Iterator[tuple[Path, dict[str, str]]]:
+        """The paths that match, with their names, folder by folder in natural order. At no time more is held than the
+        names in one folder of each level.
+
+        Args:
+            root: to which the pattern is relative, unless it is absolute.
+            names: those that are known already.
+
+        Raises:
+            OSError: a folder cannot be read.
+        """
+        path = Path(self.text)
+        start = Path(path.anchor) if path.is_absolute() else root
+        parts = path.parts[1:] if path.is_absolute() else path.parts
+        yield from _walk(start, parts, dict(names or {}))
+
+
+def _walk(folder: Path, parts: tuple[str, ...], names: dict[str, str]) -> Iterator[tuple[Path, dict[str, str]]]:
+    if not parts:
+        yield folder, names
+        return
+    part, rest = parts[0], parts[1:]
+    if not _TOKEN.search(part):
+        if (folder / part).exists():
+            yield from _walk(folder / part, rest, names)
+        return
+    if not folder.is_dir():
+        return
+    wanted = _regex(part, names)
+    for entry in sorted(os.listdir(folder), key=natural_key):
+        found = None if entry.startswith(".") else wanted.fullmatch(entry)
+        if found and (not rest or (folder / entry).is_dir()):
+            yield from _walk(folder / entry, rest, names | found.groupdict())
+
+
+def _regex(part: str, names: Mapping[str, str]) -> re.Pattern[str]:
+    """Of one name in a path; a placeholder whose name is known stands for it."""
+    seen: set[str] = set()
+    pieces, end = [], 0
+    for token in _TOKEN.finditer(part):
+        pieces.append(re.escape(part[end : token.start()]))
+        pieces.append(_piece(token, names, seen))
+        end = token.end()
+    return re.compile("".join(pieces) + re.escape(part[end:]))
+
+
+def _piece(token: re.Match[str], names: Mapping[str, str], seen: set[str]) -> str:
+    name = token[1]
+    if token[2]:
+        return ".*"
+    if name in names:
+        return re.escape(names[name])
+    if name in seen:
+        return f"(?P={name})"
+    seen.add(name)
+    return f"(?P<{name}>.+?)"

@@ -1,0 +1,39 @@
+"""One recording of a study: whose it is, and where its files are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Kind = Literal["keypoints", "videos"]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A trial of a session of a subject. Small: it says where the content is and holds none."""
+
+    subject: str
+    session: str
+    trial: str
+    source: Path
+    """Folder or file of the keypoints or the videos."""
+    kind: Kind
+    calibration: Path | None = None
+    """None: there is none, or the cameras are calibrated from the people."""
+    problem: str = ""
+    """Why it cannot be estimated, where that is known before any work."""
+
+    @property
+    def key(self) -> str:
+        """subject/session/trial, as exclusions and --only see it."""
+        return f"{self.subject}/{self.session}/{self.trial}"
+
+    def folder(self, output: Path) -> Path:
+        """Where its results go."""
+        return output / "recordings" / self.subject / self.session / self.trial
+
+    def failure(self, output: Path) -> Path:
+        """Where the reason is written if it fails: beside its folder, in which older results may be."""
+        folder = self.folder(output)
+        return folder.with_name(f"{folder.name}.failed.txt")

@@ -1,0 +1,130 @@
+"""A whole study: its recordings through the workers, and what is put together from them."""
+
+from __future__ import annotations
+
+import fcntl
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from fgpose.io.atomic import check_writable
+from fgpose.io.studies.events import Event, read_events
+from fgpose.io.studies.rows import write_rows
+from fgpose.study.cluster import run, workers
+from fgpose.study.plan import Plan
+from fgpose.study.process import Outcome
+from fgpose.study.study import Study
+from fgpose.study.tables import EVENTS, Tables, events_of
+
+OnBegin = Callable[[int], None]
+"""Called with the number of recordings once the workers are there."""
+OnOutcome = Callable[[Outcome], None]
+"""Called with each outcome as it comes."""
+
+
+@dataclass
+class StudyResult:
+    """What came of a study."""
+
+    output: Path
+    counts: Counter[str] = field(default_factory=Counter)
+    """Of recordings, by the status of their outcome: done, unchanged, failed."""
+    failures: list[tuple[str, str]] = field(default_factory=list)
+    """Recording and reason."""
+    notes: list[str] = field(default_factory=list)
+    """What else should be known: events of no recording, a table that could not be written."""
+    written: list[Path] = field(default_factory=list)
+    """Tables."""
+
+
+def run_study(
+    study: Study,
+    *,
+    scheduler: str = "",
+    n_workers: int | None = None,
+    only: str = "",
+    on_begin: OnBegin | None = None,
+    on_outcome: OnOutcome | None = None,
+) -> StudyResult:
+    """Do what is due of every recording, and put the results together.
+
+    Everything that is finished stays, however this ends, and is not done again.
+
+    Args:
+        study: what is wanted.
+        scheduler: address of a Dask scheduler, instead of that of the study.
+        n_workers: processes on this machine, instead of those of the study.
+        only: pattern of subject/session/trial.
+        on_begin: told of how many recordings there are.
+        on_outcome: told of each recording.
+
+    Raises:
+        ValueError: there is no recording, the table of events is damaged, or workers have another version of fgpose.
+        OSError: results cannot be written into the output folder, another process is at work there, or the scheduler
+            does not answer or has gone.
+        ImportError: Dask is not installed.
+    """
+    plan, events = Plan(study, only), _events(study)
+    n_recordings = plan.counted()
+    check_writable(study.output)
+    resources = replace(
+        study.resources,
+        scheduler=scheduler or study.resources.scheduler,
+        workers=n_workers or study.resources.workers,
+    )
+    result = StudyResult(study.output)
+    with _alone(study.output), workers(resources) as client:
+        if on_begin:
+            on_begin(n_recordings)
+        try:
+            for outcome in run(client, study, plan):
+                _note(result, outcome)
+                if on_outcome:
+                    on_outcome(outcome)
+        finally:
+            # Also of what was finished before an interruption.
+            _put_together(result, Plan(study), events)
+    return result
+
+
+def _note(result: StudyResult, outcome: Outcome) -> None:
+    result.counts[outcome.status] += 1
+    if outcome.status == "failed":
+        name = outcome.recording.key if outcome.recording.trial else str(outcome.recording.source.name)
+        result.failures.append((name, outcome.reason))
+
+
+def _events(study: Study) -> tuple[Event, ...]:
+    return read_events(study.file(study.data.events)) if study.data.events else ()
+
+
+def _put_together(result: StudyResult, plan: Plan, events: tuple[Event, ...]) -> None:
+    """Tables and data sets of all recordings of the study. One that cannot be written is noted: the recordings are not
+    lost with it."""
+    study = plan.study
+    tables = Tables(study, dict(result.failures))
+    for recording in plan:
+        tables.add(recording)
+    try:
+        result.written += tables.write()
+        tables.remove_other_parts()
+        if events:
+            rows, unknown = events_of((each for each in plan if not each.problem), events)
+            write_rows(rows, study.output / EVENTS)
+            result.written.append(study.output / EVENTS)
+            result.notes += [f"{study.data.events}: there is no recording {whose}" for whose in unknown]
+    except OSError as error:
+        result.notes.append(str(error))
+
+
+@contextmanager
+def _alone(output: Path) -> Iterator[None]:
+    """Raises OSError if another process works on a study in this folder. The lock ends with the process."""
+    with (output / ".lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OSError(f"another fgpose study is at work in {output}") from None
+        yield

@@ -1,0 +1,214 @@
+"""The study file: which recordings there are, what is done with each, and with what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from fgpose.config import Config, checked_fields, parse_toml
+from fgpose.study.pattern import Pattern
+
+Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
+Format = Literal["trc", "c3d", "mot", "bvh", "npz"]
+
+
+@dataclass(frozen=True)
+class Data:
+    """Where the recordings are. Paths are relative to the study file."""
+
+    layout: Literal["folders", "pose2sim"] = "folders"
+    """folders: as the patterns say. pose2sim: every folder below root that has one of Pose2Sim's names for keypoints
+    or videos is a trial; the folder that has the calibration is its session, what lies between is the subject."""
+    root: str = "."
+    keypoints: tuple[str, ...] = ()
+    """Patterns with {subject}, {session}, {trial} and *. In pose2sim: names of the folder, the preferred first."""
+    videos: tuple[str, ...] = ()
+    """The same for folders of videos, instead of keypoints."""
+    calibration: str = ""
+    """Pattern of the calibration, with names of the recording. In pose2sim it is found by itself."""
+    skeleton: str = ""
+    """What the keypoints are: a name, or a TOML file. Of videos it is that of the network."""
+    fps: float | None = None
+    """Frames per second, where the files do not say."""
+    unit: Literal["auto", "m", "mm"] = "auto"
+    points3d_frame: Literal["camera", "world"] = "camera"
+    points3d_unit: Literal["mm", "m"] = "mm"
+    cameras: tuple[str, ...] = ()
+    """Use these only; all by default."""
+    exclude: tuple[str, ...] = ()
+    """Patterns of subject/session/trial that are left out, as "S03/*/*"."""
+    events: str = ""
+    """CSV or TSV table with a column event, a column time_s and some of subject, session, trial."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What is done with each recording."""
+
+    calibrate: Calibrate = "given"
+    """given: the calibration is used as it is. refine: camera poses and clocks are refined on each recording;
+    refine-poses, refine-clocks: one of them. people: the cameras are calibrated from the people in it."""
+    people: Literal["auto", "all", "1"] = "auto"
+    """all: tell everybody apart. 1: the person who is seen most. auto: all where an image shows more than one."""
+    angles: bool = True
+    """Joint angles, speeds and heights."""
+    report: bool = False
+    """A page (HTML) of each recording, about 1 MB; `fgpose report` makes those that are missing."""
+    formats: tuple[Format, ...] = ("trc",)
+    """Written beside the parquet files: trc and mot for OpenSim, bvh for Blender, c3d with segment rotations."""
+    world_up: Literal["z", "y"] = "z"
+    """Axis of the calibration's world that points up."""
+
+
+@dataclass(frozen=True)
+class Detect:
+    """The network that looks at videos."""
+
+    model: str = "blazepose-full"
+    network: Literal["blazepose", "rtmpose", "rtmw3d", "metrabs"] = "blazepose"
+    detector: str = ""
+    max_people: int = 8
+
+
+@dataclass(frozen=True)
+class FromPeople:
+    """What is known where the cameras are calibrated from people."""
+
+    intrinsics: str = ""
+    """Calibration with a board; by default focal lengths are estimated."""
+    stature_m: float | None = None
+    synchronised: bool = False
+
+
+@dataclass(frozen=True)
+class Resources:
+    """What the study may use."""
+
+    workers: int | None = None
+    """Processes on this machine; by default one for each core."""
+    memory_gb: float | None = None
+    """Of each worker. One that takes more is stopped and its recording tried once more, then given up. By default the
+    machine's memory is divided among its cores."""
+    scheduler: str = ""
+    """Address of a Dask scheduler (tcp://host:8786), whose workers see the same files by the same paths."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study, as its file describes it."""
+
+    name: str
+    root: Path
+    """Absolute."""
+    output: Path
+    """Absolute."""
+    data: Data
+    steps: Steps = Steps()
+    detect: Detect = Detect()
+    from_people: FromPeople = FromPeople()
+    resources: Resources = Resources()
+    parameters: Config = field(default_factory=Config)
+    base: Path = Path()
+    """Folder of the study file, to which its other paths are relative."""
+
+    def __post_init__(self) -> None:
+        _check(self)
+
+    def file(self, text: str) -> Path:
+        """A path of the study file."""
+        return self.base / text
+
+
+@dataclass(frozen=True)
+class _File:
+    """The keys of the file."""
+
+    name: str = ""
+    output: str = ""
+    data: Data = Data()
+    steps: Steps = Steps()
+    detect: Detect = Detect()
+    from_people: FromPeople = FromPeople()
+    resources: Resources = Resources()
+    parameters: Config = field(default_factory=Config)
+
+
+def load_study(path: str | Path) -> Study:
+    """A study from its TOML file. What it does not name keeps its default.
+
+    Raises:
+        ValueError: the file is not TOML, names an unknown key (the nearest known one is suggested), gives a value of a
+            wrong kind, or what it says cannot be; the message names the file and the key.
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    try:
+        return study_of(parse_toml(path.read_bytes().decode("utf-8")), path)
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def study_of(table: dict[str, Any], path: Path) -> Study:
+    """A study from the tables of a file at this path. Raises ValueError as load_study does."""
+    given = _File(**checked_fields(_File, table, ""))
+    base = path.absolute().parent
+    name = given.name or path.stem
+    return Study(
+        name=name,
+        root=(base / given.data.root).resolve(),
+        output=(base / (given.output or f"out/{name}")).absolute(),
+        data=given.data,
+        steps=given.steps,
+        detect=given.detect,
+        from_people=given.from_people,
+        resources=given.resources,
+        parameters=given.parameters,
+        base=base,
+    )
+
+
+def _check(study: Study) -> None:
+    data, of_people = study.data, study.steps.calibrate == "people"
+    if data.keypoints and data.videos:
+        raise ValueError("data.keypoints and data.videos: a study begins from one of them; leave the other out")
+    if data.layout == "folders":
+        _check_patterns(data, of_people)
+    elif data.calibration:
+        raise ValueError("data.calibration: the layout pose2sim finds it by itself; leave it out")
+    if not data.videos and not data.skeleton:
+        raise ValueError("data.skeleton says what the keypoints are (body_25, coco_17, ...), and is missing")
+    if data.skeleton:
+        from fgpose.io.skeletons import load_skeleton
+
+        load_skeleton(skeleton_of(study))
+
+
+def skeleton_of(study: Study) -> str | Path:
+    """Name of the skeleton of keypoints, or its file."""
+    file = study.file(study.data.skeleton)
+    return file if file.is_file() else study.data.skeleton
+
+
+def _check_patterns(data: Data, of_people: bool) -> None:
+    patterns = data.keypoints or data.videos
+    if not patterns:
+        raise ValueError(
+            'data.keypoints is missing: a pattern as "{subject}/{session}/{trial}.parquet"; or data.videos'
+        )
+    key = "keypoints" if data.keypoints else "videos"
+    for text in patterns:
+        known = Pattern.parse(text, f"data.{key}").placeholders
+        if not known:
+            raise ValueError(f"data.{key}: {text!r} has none of {{subject}}, {{session}}, {{trial}}")
+        if data.calibration:
+            unknown = Pattern.parse(data.calibration, "data.calibration").placeholders - known
+            if unknown:
+                raise ValueError(f"data.calibration: {{{min(unknown)}}} is not in data.{key} {text!r}")
+    if not data.calibration and not of_people:
+        raise ValueError(
+            'data.calibration is missing: a pattern as "{subject}/{session}/Calib.toml"; or steps.calibrate = "people"'
+        )

@@ -1,0 +1,66 @@
+"""The files that the commands of the documentation speak of, small: a recording of OpenPose, a room with two people."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+import fgpose
+from fgpose.synthetic import (
+    CrowdErrors,
+    CrowdPlan,
+    CrowdScene,
+    DetectionNoise,
+    Occlusion,
+    crowd_motion,
+    embedded_motion,
+    ring_rig,
+    simulate_crowd,
+)
+
+# Of the real recording: enough for somebody to be confirmed by their motion, and for offsets to be estimated.
+N_FRAMES = 40
+ROOM_FPS = 30.0
+
+
+def make_sandbox(folder: Path) -> None:
+    """Calib.toml, pose/ and mocap.trc; Room.toml, room/ and truth.parquet."""
+    rig, observations = fgpose.load_recording("balance_openpose")
+    observations = observations.frames(slice(0, N_FRAMES))
+    fgpose.save_rig(rig, folder / "Calib.toml")
+    for camera, name in enumerate(rig.names):
+        for frame in range(observations.n_frames):
+            seen_px, confidence = observations.points2d_px[frame, camera], observations.confidence[frame, camera]
+            write_openpose(folder / "pose" / f"{name}_json", frame, [(seen_px, confidence)])
+    fgpose.save_trajectory(fgpose.refine(observations, rig), folder / "mocap.trc")
+
+    scene = room()
+    fgpose.save_rig(scene.rig, folder / "Room.toml")
+    for image in scene.observations.images:
+        people = zip(image.points2d_px, image.confidence, strict=True)
+        write_openpose(folder / "room" / f"{image.camera}_json", round(image.time_s * ROOM_FPS), people)
+    frame_s = np.unique([image.time_s for image in scene.observations.images])
+    fgpose.save_people(scene.truth(frame_s), folder / "truth.parquet")
+
+
+def room() -> CrowdScene:
+    """Two people who stay, for 2 s, in four synchronous cameras."""
+    walks, works = [embedded_motion("cmu_02_01_short")], [embedded_motion("cmu_02_07_a")]
+    plan = CrowdPlan(late_share=0.0, leaving_share=0.0, returning_share=0.0)
+    motion = crowd_motion(2, 100, 50.0, walks, works, 2, plan)
+    rig = ring_rig(4, 5.0, 2.7, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
+    return simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), 2)
+
+
+def write_openpose(folder: Path, frame: int, people: Iterable[tuple[np.ndarray, np.ndarray]]) -> None:
+    """One image as OpenPose writes it: x, y and confidence of each joint, zeros where there is none."""
+    folder.mkdir(parents=True, exist_ok=True)
+    entries = []
+    for points_px, confidence in people:
+        flat = np.nan_to_num(np.concatenate([points_px, confidence[:, None]], axis=1))
+        entries.append({"pose_keypoints_2d": flat.ravel().tolist()})
+    path = folder / f"{folder.name}_{frame:012d}_keypoints.json"
+    path.write_text(json.dumps({"version": 1.3, "people": entries}))

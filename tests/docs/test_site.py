@@ -1,0 +1,86 @@
+"""What the documentation says of the code is so: names, messages, extras; and the site is checked as it should be."""
+
+from __future__ import annotations
+
+import ast
+import re
+import runpy
+import sys
+import tomllib
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+import fgpose
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+
+
+@cache
+def texts_of_the_code() -> tuple[str, ...]:
+    """Every text in fgpose; where it holds a value, there is a line break."""
+    texts = []
+    for path in (ROOT / "fgpose").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr):
+                parts = [str(part.value) if isinstance(part, ast.Constant) else "\n" for part in node.values]
+                texts.append("".join(parts))
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                texts.append(node.value)
+    return tuple(texts)
+
+
+def messages() -> list[str]:
+    """The parts of the messages in the tables of the page, between dots."""
+    page = (DOCS / "help" / "troubleshooting.md").read_text(encoding="utf-8")
+    cells = re.findall(r"^\| ([^|]*) \|", page, re.MULTILINE)
+    quoted = [message for cell in cells for message in re.findall(r"`([^`]+)`", cell)]
+    return [part.strip() for message in quoted for part in message.split("...") if len(part.strip()) > 10]
+
+
+def test_every_public_name_is_in_the_reference() -> None:
+    reference = "".join(page.read_text(encoding="utf-8") for page in (DOCS / "reference").glob("*.md"))
+    documented = set(re.findall(r":: fgpose\.(\w+)$", reference, re.MULTILINE))
+    assert set(fgpose.__all__) == documented
+
+
+@pytest.mark.parametrize("message", messages())
+def test_a_message_of_the_troubleshooting_is_one_of_the_code(message: str) -> None:
+    assert any(message in text for text in texts_of_the_code())
+
+
+def test_every_extra_is_explained() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    page = (DOCS / "start" / "installation.md").read_text(encoding="utf-8")
+    explained = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert sorted(explained) == sorted(project["optional-dependencies"])
+
+
+def test_links_of_the_readme_lead_to_files() -> None:
+    for target in re.findall(r"\]\(([^)#]+)", (ROOT / "README.md").read_text(encoding="utf-8")):
+        assert "://" in target or (ROOT / target).exists(), target
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["graph", "occlusion", "clocks", "uncertainty"])
+def test_a_picture_can_be_drawn_again(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The one of the calibration takes a quarter of a minute; `make pictures` draws it too."""
+    monkeypatch.syspath_prepend(str(DOCS / "pictures"))
+    runpy.run_path(str(DOCS / "pictures" / f"{name}.py"))["main"](tmp_path)
+    sys.modules.pop("drawing")
+    assert (tmp_path / f"{name}.svg").stat().st_size > 10_000
+
+
+def test_links_that_lead_nowhere_are_found(tmp_path: Path) -> None:
+    main = runpy.run_path(str(DOCS / "check_site.py"))["problems_of"]
+    (tmp_path / "a.html").write_text('<h1 id="top">A</h1><a href="b.html#there">b</a><a href="#top">up</a>')
+    (tmp_path / "b.html").write_text('<p id="there">B</p><a href="https://example.org/">out</a>')
+    assert main(tmp_path) == []
+    (tmp_path / "b.html").write_text('<a href="c.html">c</a><script src="https://example.org/x.js"></script>')
+    assert main(tmp_path) == [
+        "a.html: b.html#there leads to no anchor",
+        "b.html: loads https://example.org/x.js",
+        "b.html: c.html leads to no file",
+    ]

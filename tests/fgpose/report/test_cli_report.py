@@ -1,0 +1,82 @@
+"""fgpose report: files in, a file and words out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from finished_walk import finished_walk
+from test_quality import late_camera, other_camera
+
+from fgpose.cli import main
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import save_rig
+from fgpose.io.keypoints import save_observations
+from fgpose.io.trajectories import save_trajectory
+from fgpose.report import FinishedRecording
+from fgpose.skeleton import Skeleton
+
+pytest.importorskip("bokeh")
+
+
+@pytest.fixture(scope="module")
+def walk(rig: CameraRig, skeleton: Skeleton) -> FinishedRecording:
+    return finished_walk(rig, skeleton)
+
+
+def written(recording: FinishedRecording, folder: Path) -> tuple[str, str]:
+    """Calibration and keypoints of a recording, whose trajectory is in the folder out."""
+    assert recording.rig is not None
+    save_trajectory(recording.main, folder / "out" / "walk.parquet")
+    save_rig(recording.rig, folder / "rig.toml")
+    save_observations(recording.observations[0], folder / "seen.npz")
+    return str(folder / "rig.toml"), str(folder / "seen.npz")
+
+
+def test_the_suspicions_are_printed(
+    walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig, seen = written(late_camera(walk), tmp_path)
+    assert main(["report", str(tmp_path / "out"), "--rig", rig, "--keypoints", seen]) == 0
+    printed = capsys.readouterr().out
+    assert "1. camera ring_1 is late by at least 3" in printed
+    assert f"wrote {tmp_path / 'out' / 'report.html'}" in printed
+    # Beside its results the page is no result.
+    assert main(["report", str(tmp_path / "out"), "-o", str(tmp_path / "second.html")]) == 0
+    assert "nothing is suspicious" in capsys.readouterr().out
+    assert (tmp_path / "second.html").is_file()
+
+
+def test_a_file_can_be_named(walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    written(other_camera(walk), tmp_path)
+    assert main(["report", str(tmp_path / "out" / "walk.parquet")]) == 0
+    assert "camera ring_2 disagrees" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nowhere"], "nowhere: there is no such file or folder"),
+        (["."], "no result of fgpose"),
+        (["out", "--name", "other"], "out: there is no result other, only walk"),
+        (["out", "--keypoints", "seen.npz"], "keypoints are shown with a calibration"),
+        (["out", "--rig", "rig.toml", "--videos", "out"], "out: no videos"),
+        (["out", "--rig", "out/walk.parquet"], "walk.parquet"),
+    ],
+)
+def test_bad_input_is_one_line(
+    walk: FinishedRecording,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    message: str,
+) -> None:
+    written(walk, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "seen.npz").rename(tmp_path / "out" / "seen.npz")
+    assert main(["report", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("fgpose: error") == 1
+    assert not (tmp_path / "out" / "report.html").exists()

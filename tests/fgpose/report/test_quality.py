@@ -1,0 +1,256 @@
+"""Numbers and suspicions of results: none where nothing is wrong, the right one where a fault is planted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from finished_walk import FPS, SPREAD_PX, changed, finished_walk
+
+from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.geometry.camera import CameraRig
+from fgpose.report import FinishedRecording, quality
+from fgpose.report.outliers import outliers, robust_z
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Convergence, Status, Trajectory
+
+
+@pytest.fixture(scope="module")
+def walk(rig: CameraRig, skeleton: Skeleton) -> FinishedRecording:
+    return finished_walk(rig, skeleton)
+
+
+def test_numbers_of_a_result(walk: FinishedRecording) -> None:
+    judged = quality(walk)
+    assert judged.suspicions == ()
+    assert (judged.n_people, judged.n_cameras, judged.n_joints, judged.n_frames) == (1, 4, 17, 300)
+    assert judged.rate_hz == pytest.approx(FPS)
+    assert (judged.seen_share, judged.predicted_share, judged.views) == (1.0, 0.0, 4.0)
+    # Lengths of normal vectors: median 1.1774, 90 % 2.146 of the spread; 20,000 of them scatter by less than 2 %.
+    assert judged.reprojection_px == pytest.approx(1.1774 * SPREAD_PX, rel=0.02)
+    assert judged.reprojection_q90_px == pytest.approx(2.146 * SPREAD_PX, rel=0.02)
+    assert judged.sigma_mm == pytest.approx(10.0)
+    assert judged.converged is True
+    assert judged.numbers["n_suspicions"] == 0
+    assert "suspicions" not in judged.numbers
+
+
+def test_what_is_not_known_is_nan(walk: FinishedRecording) -> None:
+    bare = Trajectory(walk.main.skeleton, walk.main.time_s, walk.main.positions_m, walk.main.status)
+    judged = quality(FinishedRecording("bare", {0: bare}))
+    unknown = (judged.reprojection_px, judged.sigma_mm, judged.views, judged.hallucinated_share)
+    assert np.isnan(unknown).all()
+    assert judged.converged is None
+    assert judged.suspicions == ()
+
+
+def other_camera(walk: FinishedRecording) -> FinishedRecording:
+    residual_px = np.array(walk.main.residual_px)
+    residual_px[:, 2] *= 2.5
+    return changed(walk, residual_px=residual_px)
+
+
+def late_camera(walk: FinishedRecording) -> FinishedRecording:
+    assert walk.rig is not None
+    seen = walk.observations[0]
+    points_px = seen.points2d_px.copy()
+    projected_px = walk.rig.project(walk.main.positions_m)[:, 1]
+    # Taken one frame later than it says, it shows where the joints are then.
+    points_px[:-1, 1] += projected_px[1:] - projected_px[:-1]
+    return replace(walk, observations={0: replace(seen, points2d_px=points_px)})
+
+
+def unknown_clock(walk: FinishedRecording) -> FinishedRecording:
+    return replace(walk, offset_sigma_s={"ring_1": 0.02})
+
+
+def blind_camera(walk: FinishedRecording) -> FinishedRecording:
+    residual_px = np.array(walk.main.residual_px)
+    residual_px[60:, 3] = np.nan
+    return changed(walk, residual_px=residual_px)
+
+
+def hallucinating_camera(walk: FinishedRecording) -> FinishedRecording:
+    visibility = np.array(walk.main.visibility)
+    visibility[:60, 0] = 0.1
+    return changed(walk, visibility=visibility)
+
+
+def swapping_camera(walk: FinishedRecording) -> FinishedRecording:
+    assert walk.rig is not None
+    residual_px = np.array(walk.main.residual_px)
+    left, right = np.array(walk.main.skeleton.left_right).T
+    apart_px = np.linalg.norm(
+        np.diff(walk.rig.project(walk.main.positions_m)[:30, 3][:, [left, right]], axis=1), axis=-1
+    )
+    residual_px[:30, 3, left] = residual_px[:30, 3, right] = apart_px[:, 0]
+    return changed(walk, residual_px=residual_px)
+
+
+def gap(walk: FinishedRecording) -> FinishedRecording:
+    status, covariance_m2 = walk.main.status.copy(), np.array(walk.main.covariance_m2)
+    wrist = walk.main.skeleton.index("left_wrist")
+    status[100:130, wrist] = Status.PREDICTED
+    covariance_m2[100:130, wrist] *= 25
+    return changed(walk, status=status, covariance_m2=covariance_m2)
+
+
+def nothing_known(walk: FinishedRecording) -> FinishedRecording:
+    status, positions_m = walk.main.status.copy(), walk.main.positions_m.copy()
+    wrist = walk.main.skeleton.index("left_wrist")
+    status[:40, wrist], positions_m[:40, wrist] = Status.UNOBSERVABLE, np.nan
+    return changed(walk, status=status, positions_m=positions_m)
+
+
+def jump(walk: FinishedRecording) -> FinishedRecording:
+    positions_m = walk.main.positions_m.copy()
+    positions_m[150, walk.main.skeleton.index("left_wrist")] += 0.5
+    return changed(walk, positions_m=positions_m)
+
+
+def teleport(walk: FinishedRecording) -> FinishedRecording:
+    positions_m = walk.main.positions_m.copy()
+    positions_m[150:, :, 0] += 0.6  # 18 m/s
+    return changed(walk, positions_m=positions_m)
+
+
+def turned(walk: FinishedRecording) -> FinishedRecording:
+    positions_m = walk.main.positions_m.copy()
+    positions_m[150:160] = positions_m[150:160][:, walk.main.skeleton.mirror]
+    return changed(walk, positions_m=positions_m)
+
+
+def lame(walk: FinishedRecording) -> FinishedRecording:
+    positions_m = walk.main.positions_m.copy()
+    ankle = walk.main.skeleton.index("left_ankle")
+    shin_m = positions_m[:, ankle] - positions_m[:, walk.main.skeleton.index("left_knee")]
+    positions_m[:, ankle] += 0.08 * shin_m  # 33 mm
+    return changed(walk, positions_m=positions_m)
+
+
+def growing(walk: FinishedRecording) -> FinishedRecording:
+    positions_m = walk.main.positions_m.copy()
+    wrist, elbow = (walk.main.skeleton.index(f"left_{joint}") for joint in ("wrist", "elbow"))
+    share = np.linspace(0, 0.1, len(positions_m))[:, None]
+    positions_m[:, wrist] += share * (positions_m[:, wrist] - positions_m[:, elbow])
+    return changed(walk, positions_m=positions_m)
+
+
+def stopped(walk: FinishedRecording) -> FinishedRecording:
+    return changed(walk, convergence=Convergence(False, 50, 100.0, 10.0))
+
+
+def too_sure(walk: FinishedRecording) -> FinishedRecording:
+    return changed(walk, covariance_m2=np.array(walk.main.covariance_m2) / 100)
+
+
+def too_careful(walk: FinishedRecording) -> FinishedRecording:
+    return changed(walk, covariance_m2=np.array(walk.main.covariance_m2) * 100)
+
+
+def far_away(walk: FinishedRecording) -> FinishedRecording:
+    positions_m = (
+        walk.main.positions_m + np.where(np.arange(300) < 150, 0.0, 0.05 * np.arange(-150, 150))[:, None, None]
+    )
+    return changed(walk, positions_m=positions_m)
+
+
+def same_confidence(walk: FinishedRecording) -> FinishedRecording:
+    seen = walk.observations[0]
+    return replace(walk, observations={0: replace(seen, confidence=np.where(seen.seen, 0.5, 0.0))})
+
+
+def dropped_frames(walk: FinishedRecording) -> FinishedRecording:
+    time_s = walk.main.time_s.copy()
+    time_s[200:] += 0.5
+    return changed(replace(walk, observations={}), time_s=time_s)
+
+
+def two_cameras(walk: FinishedRecording) -> FinishedRecording:
+    names = walk.camera_names[:2]
+    kept = {name: np.array(getattr(walk.main, name))[:, :2] for name in ("residual_px", "visibility")}
+    return changed(replace(walk, observations={}), camera_names=names, **kept)
+
+
+def coarse(walk: FinishedRecording) -> FinishedRecording:
+    finding = Finding("ring_3", Grade.COARSE, "the focal length is not determined", "walk towards the camera")
+    return replace(walk, findings=(finding,))
+
+
+def passer_by(walk: FinishedRecording) -> FinishedRecording:
+    whole = walk.main
+    part = {name: np.array(getattr(whole, name))[:15] for name in _OVER_TIME}
+    return replace(walk, people={0: whole, 4: replace(whole, **part)})
+
+
+_OVER_TIME = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
+
+
+@pytest.mark.parametrize(
+    ("plant", "subject", "words"),
+    [
+        (other_camera, "ring_2", "disagrees with the others"),
+        (late_camera, "ring_1", "is late by at least"),
+        (unknown_clock, "ring_1", "known to ± 20.0 ms only"),
+        (blind_camera, "ring_3", "sees 20 %"),
+        (hallucinating_camera, "ring_0", "probably hallucinated"),
+        (swapping_camera, "ring_3", "exchanges left and right"),
+        (gap, "left_wrist", "fewer than two cameras see it for 1.0 s from 3.3 s on; its sigma grows to 5 times"),
+        (nothing_known, "", "nothing determines left_wrist in up to 13 %"),
+        (jump, "left_wrist", "jumps at 5.00 s"),
+        (teleport, "the body", "nobody runs faster"),
+        (turned, "", "left and right change places 2 times, first at 4.97 s"),
+        (lame, "left_knee-left_ankle", "mm on the right"),
+        (growing, "left_elbow-left_wrist", "drifts by +"),
+        (stopped, "", "has not converged after 50 iterations"),
+        (too_sure, "", "times smaller than the residuals"),
+        (too_careful, "", "times larger than the residuals"),
+        (far_away, "", "outside of the volume that two cameras see"),
+        (same_confidence, "", "all detections have the confidence 0.5"),
+        (dropped_frames, "", "frames are missing at 1 moments"),
+        (two_cameras, "", "2 cameras: nothing contradicts"),
+        (coarse, "ring_3", "calibration coarse: the focal length is not determined"),
+        (passer_by, "person 4", "is there for 0.5 s only"),
+    ],
+)
+def test_a_planted_fault_is_named(
+    walk: FinishedRecording, plant: Callable[[FinishedRecording], FinishedRecording], subject: str, words: str
+) -> None:
+    found = quality(plant(walk)).suspicions
+    named = [suspicion for suspicion in found if suspicion.subject == subject and words in suspicion.reason]
+    assert named, [suspicion.reason for suspicion in found]
+    assert all(suspicion.remedy and 0 < suspicion.weight <= 1 for suspicion in found)
+    assert [suspicion.weight for suspicion in found] == sorted((each.weight for each in found), reverse=True)
+
+
+def test_a_late_camera_is_late_by_no_more_than_it_is(walk: FinishedRecording) -> None:
+    (reason,) = (each.reason for each in quality(late_camera(walk)).suspicions if each.subject == "ring_1")
+    # The planted result did not follow the camera, so the lag is not shrunk: one frame is 33 ms.
+    assert abs(float(reason.partition("at least ")[2].partition(" ")[0]) - 33.3) < 3
+
+
+def test_observations_of_another_recording_are_refused(walk: FinishedRecording) -> None:
+    with pytest.raises(ValueError, match="observations of person 0 have frames, cameras, joints"):
+        replace(walk, observations={0: walk.observations[0].frames(slice(0, 9))})
+    with pytest.raises(ValueError, match="nobody"):
+        FinishedRecording("empty", {})
+
+
+def test_outliers_are_on_the_bad_side() -> None:
+    rng = np.random.default_rng(1)
+    columns = {"reprojection_px": rng.normal(5, 0.5, 40), "seen_share": rng.normal(0.95, 0.01, 40)}
+    columns["reprojection_px"][3], columns["reprojection_px"][5], columns["seen_share"][7] = 20.0, 1.0, 0.4
+    found = outliers(columns)
+    assert (found[3].measure, found[7].measure) == ("reprojection_px", "seen_share")
+    assert sorted(range(40), key=lambda n: -found[n].z)[:2] == [7, 3]
+    assert found[5].z < 3.5  # far smaller than usual is no fault
+    # Scale by the median absolute deviation: the outliers do not widen it.
+    assert np.nanmedian(np.abs(robust_z(columns["reprojection_px"]))) == pytest.approx(1 / 1.4826, rel=1e-6)
+
+
+def test_equal_or_few_recordings_have_no_outliers() -> None:
+    assert all(outlier.z == 0 for outlier in outliers({"sigma_mm": np.full(6, 3.0)}))
+    assert all(outlier.z == 0 for outlier in outliers({"sigma_mm": np.array([1.0, 2.0, 30.0])}))
+    assert outliers({"sigma_mm": np.array([3.0, 3.0, 3.0, 3.0, 3.01])})[-1].z < 3.5

@@ -1,0 +1,222 @@
+"""One recording through the chain: what is done, what is not done again, and what fails."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from fgpose.estimation.smoother import smooth
+from fgpose.io import atomic
+from fgpose.io.calibration import load_rig
+from fgpose.io.keypoints import load_observations
+from fgpose.io.studies.state import load_state
+from fgpose.io.trajectories import load_trajectory
+from fgpose.study import Outcome, Plan, Recording, load_study, process
+from fgpose.study.process import due
+
+ALL = ("estimate", "judge")
+
+
+def first(file: Path) -> Recording:
+    return next(iter(Plan(load_study(file))))
+
+
+def run(file: Path) -> Outcome:
+    return process(load_study(file), first(file))
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in folder.iterdir()}
+
+
+def test_the_motion_is_that_of_the_smoother(study_file: Path) -> None:
+    outcome = run(study_file)
+    assert (outcome.status, outcome.ran) == ("done", ALL)
+    folder = outcome.recording.folder(load_study(study_file).output)
+    rig = load_rig(study_file.parent / "S01" / "A" / "Calib.toml")
+    expected = smooth(load_observations(outcome.recording.source, rig, "h36m_17"), rig)
+    np.testing.assert_array_equal(load_trajectory(folder / "motion.parquet").positions_m, expected.positions_m)
+    state = load_state(folder)
+    assert state is not None
+    assert state.row["n_frames"] == expected.n_frames
+    assert sorted(file.name for file in folder.iterdir()) == ["motion.parquet", "state.json"]
+
+
+def test_what_is_done_is_not_done_again(study_file: Path) -> None:
+    run(study_file)
+    assert run(study_file).status == "unchanged"
+    # The time of a file says nothing where it was copied from another machine.
+    os.utime(first(study_file).source, (0, 0))
+    assert run(study_file).status == "unchanged"
+
+
+def test_nor_on_another_machine(study_file: Path, tmp_path: Path) -> None:
+    run(study_file)
+    shutil.copytree(study_file.parent, tmp_path / "elsewhere")
+    assert run(tmp_path / "elsewhere" / "study.toml").status == "unchanged"
+
+
+def test_only_what_depends_on_a_change_is_done_again(study_file: Path, edited: Callable[[str, str], Path]) -> None:
+    run(study_file)
+    motion = first(study_file).folder(load_study(study_file).output) / "motion.parquet"
+    before = motion.stat().st_ino
+    assert run(edited("formats = []", 'formats = ["trc"]')).ran == ("export",)
+    assert motion.stat().st_ino == before
+    assert motion.with_suffix(".trc").exists()
+    assert run(edited('formats = ["trc"]', "formats = []")).status == "unchanged"
+    assert not motion.with_suffix(".trc").exists()
+    assert run(edited("formats = []", "formats = []\n[parameters.motion]\nmax_unseen_s = 2")).ran == (
+        "estimate",
+        "judge",
+    )
+
+
+def test_changed_keypoints_are_estimated_again(study_file: Path) -> None:
+    run(study_file)
+    shutil.copy(study_file.parent / "S02" / "A" / "walk.npz", first(study_file).source)
+    assert run(study_file).ran == ALL
+
+
+def test_a_result_that_was_deleted_is_made_again(study_file: Path) -> None:
+    run(study_file)
+    folder = first(study_file).folder(load_study(study_file).output)
+    before = content(folder)
+    (folder / "motion.parquet").unlink()
+    assert run(study_file).ran == ("estimate",)
+    assert content(folder) == before
+    (folder / "state.json").write_text("{")
+    assert run(study_file).ran == ALL
+    assert content(folder) == before
+
+
+def test_leftovers_of_a_killed_process_are_removed(study_file: Path) -> None:
+    folder = first(study_file).folder(load_study(study_file).output)
+    leftover = folder.with_name(".run.0123abcd")
+    leftover.mkdir(parents=True)
+    of_another = folder.with_name(".run.two.0123abcd")
+    of_another.mkdir()
+    assert run(study_file).status == "done"
+    assert not leftover.exists()
+    assert of_another.exists()
+
+
+def test_calibrations_are_refined_on_the_recording(edited: Callable[[str, str], Path]) -> None:
+    file = edited("[steps]", '[steps]\ncalibrate = "refine-poses"')
+    outcome = run(file)
+    assert outcome.ran == ("calibrate", *ALL)
+    folder = outcome.recording.folder(load_study(file).output)
+    before = content(folder)
+    assert {"calibration.toml", "seen.parquet"} <= set(before)
+    # From files that were kept the same motion follows as in one go.
+    (folder / "motion.parquet").unlink()
+    assert run(file).ran == ("estimate",)
+    assert content(folder) == before
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def missing(path: Path) -> None:
+    path.unlink()
+    path.symlink_to("nowhere.npz")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [(empty, "run.npz"), (truncated, "run.npz: a damaged npz"), (missing, "run.npz: No such file or directory")],
+)
+def test_bad_keypoints_fail_with_their_reason(study_file: Path, spoil: Callable[[Path], None], reason: str) -> None:
+    spoilt = first(study_file).source
+    spoil(spoilt)
+    outcome = run(study_file)
+    assert outcome.status == "failed"
+    assert reason in outcome.reason
+    note = outcome.recording.failure(load_study(study_file).output)
+    assert note.read_text().startswith(outcome.reason)
+    assert not outcome.recording.folder(load_study(study_file).output).exists()
+    # Nothing else is left, and once it is mended the note goes.
+    assert os.listdir(note.parent) == [note.name]
+    spoilt.unlink()
+    shutil.copy(study_file.parent / "S01" / "A" / "walk.npz", spoilt)
+    assert run(study_file).status == "done"
+    assert not note.exists()
+
+
+def test_another_skeleton_fails(edited: Callable[[str, str], Path]) -> None:
+    outcome = run(edited("h36m_17", "coco_17"))
+    assert outcome.status == "failed"
+    assert "its joints are not those of skeleton coco_17" in outcome.reason
+
+
+def test_other_cameras_fail(study_file: Path) -> None:
+    calibration = study_file.parent / "S01" / "A" / "Calib.toml"
+    calibration.write_text(calibration.read_text().replace("ring_3", "ring_7"))
+    outcome = run(study_file)
+    assert outcome.status == "failed"
+    assert "ring_7" in outcome.reason
+
+
+def test_a_damaged_calibration_fails(study_file: Path) -> None:
+    (study_file.parent / "S01" / "A" / "Calib.toml").write_text("[ring_0]\n")
+    outcome = run(study_file)
+    assert outcome.status == "failed"
+    assert "Calib.toml" in outcome.reason
+
+
+def test_a_full_disk_keeps_older_results(
+    study_file: Path, edited: Callable[[str, str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run(study_file)
+    folder = first(study_file).folder(load_study(study_file).output)
+    before = content(folder)
+
+    def full(path: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file = edited("[steps]", "[parameters.motion]\nmax_unseen_s = 2\n[steps]")
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "_flush", full)
+        outcome = run(file)
+    assert outcome.status == "failed"
+    assert "No space left on device" in outcome.reason
+    assert "not written beside its results" in outcome.reason
+    assert content(folder) == before
+    assert os.listdir(folder.parent) == ["run"]
+    assert run(file).ran == ALL
+
+
+def test_a_problem_of_the_plan_is_a_failure(study_file: Path) -> None:
+    (study_file.parent / "S01" / "A" / "Calib.toml").unlink()
+    outcome = run(study_file)
+    assert (outcome.status, outcome.ran) == ("failed", ())
+    assert outcome.reason.startswith("it has no calibration")
+
+
+def test_due_says_what_process_does(study_file: Path) -> None:
+    study, recording = load_study(study_file), first(study_file)
+    assert due(study, recording) == ALL
+    process(study, recording)
+    assert due(study, recording) == ()
+
+
+@pytest.mark.slow
+def test_joint_angles(edited: Callable[[str, str], Path]) -> None:
+    file = edited("angles = false", "angles = true")
+    outcome = run(file)
+    assert outcome.ran == ("estimate", "angles", "judge")
+    part = load_study(file).output / "angles" / "subject=S01" / "session=A" / "run.parquet"
+    table = pq.ParquetFile(part).read()
+    assert {"recording", "trial", "time_s", "person", "name", "value", "sigma", "unit"} <= set(table.column_names)
+    assert "left_knee_flexion" in table["name"].to_pylist()

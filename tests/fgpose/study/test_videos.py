@@ -1,0 +1,77 @@
+"""Studies of videos, and of cameras without a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from fgpose.io.calibration import save_rig
+from fgpose.io.trajectories import load_trajectory
+from fgpose.study import Plan, load_study, networks, process
+
+if TYPE_CHECKING:
+    from tests.fgpose.conftest import SquaresNetwork, SquaresScene
+
+STUDY = """
+output = "results"
+[data]
+videos = "{subject}/{trial}"
+calibration = "Calib.toml"
+[steps]
+angles = false
+formats = []
+"""
+
+
+@pytest.fixture
+def video_study(
+    squares: SquaresScene, squares_network: SquaresNetwork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """One recording of twenty images of three cameras."""
+    monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(networks, "_network", lambda settings, base: squares_network)
+    squares.write_all(tmp_path / "data" / "S01" / "walk")
+    save_rig(squares.rig, tmp_path / "data" / "Calib.toml")
+    file = tmp_path / "data" / "study.toml"
+    file.write_text(STUDY)
+    return file
+
+
+def test_videos_are_detected_once(video_study: Path, squares: SquaresScene, squares_network: SquaresNetwork) -> None:
+    study = load_study(video_study)
+    (recording,) = Plan(study)
+    outcome = process(study, recording)
+    assert (outcome.status, outcome.ran) == ("done", ("detect", "estimate", "judge")), outcome.reason
+    trajectory = load_trajectory(recording.folder(study.output) / "motion.parquet")
+    true_m = np.stack([squares.positions_m(time_s)[0] for time_s in trajectory.time_s.tolist()])
+    # Squares are found to half a pixel, 7 mm at 4 m and 300 px.
+    assert np.nanmax(np.linalg.norm(trajectory.positions_m - true_m, axis=-1)) < 0.05
+    n_images = len(squares_network.seen)
+    assert n_images == 60
+    video_study.write_text(STUDY + "[parameters.motion]\nmax_unseen_s = 2.0\n")
+    assert process(load_study(video_study), recording).ran == ("estimate", "judge")
+    assert len(squares_network.seen) == n_images
+
+
+def test_a_truncated_video_fails(video_study: Path) -> None:
+    video = next((video_study.parent / "S01" / "walk").iterdir())
+    video.write_bytes(video.read_bytes()[:200])
+    study = load_study(video_study)
+    (recording,) = Plan(study)
+    outcome = process(study, recording)
+    assert outcome.status == "failed"
+    assert video.name in outcome.reason
+
+
+def test_a_calibration_from_people_that_fails_says_why(edited: Callable[[str, str], Path]) -> None:
+    file = edited("[steps]", '[steps]\ncalibrate = "people"')
+    study = load_study(file)
+    recording = next(iter(Plan(study)))
+    assert recording.calibration is None
+    outcome = process(study, recording)
+    assert outcome.status == "failed"
+    assert "too short to find when the video begins" in outcome.reason
