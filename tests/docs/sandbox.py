@@ -1,4 +1,5 @@
-"""The files that the commands of the documentation speak of, small: a recording of OpenPose, a room with two people."""
+"""The files that the commands of the documentation speak of, small: a recording of OpenPose, a room with two people, a
+study."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ ROOM_FPS = 30.0
 
 
 def make_sandbox(folder: Path) -> None:
-    """Calib.toml, pose/ and mocap.trc; Room.toml, room/ and truth.parquet."""
+    """Calib.toml, pose/ and mocap.trc; a study in S01/ and events.csv; Room.toml, room/ and truth.parquet."""
     rig, observations = fgpose.load_recording("balance_openpose")
     observations = observations.frames(slice(0, N_FRAMES))
     fgpose.save_rig(rig, folder / "Calib.toml")
@@ -36,6 +37,12 @@ def make_sandbox(folder: Path) -> None:
             seen_px, confidence = observations.points2d_px[frame, camera], observations.confidence[frame, camera]
             write_openpose(folder / "pose" / f"{name}_json", frame, [(seen_px, confidence)])
     fgpose.save_trajectory(fgpose.refine(observations, rig), folder / "mocap.trc")
+
+    session = folder / "S01" / "morning"
+    session.mkdir(parents=True)
+    fgpose.save_rig(rig, session / "Calib.toml")
+    fgpose.save_observations(observations, session / "walk.parquet")
+    (folder / "events.csv").write_text("subject,trial,event,time_s\nS01,walk,go,0.2\n")
 
     scene = room()
     fgpose.save_rig(scene.rig, folder / "Room.toml")

@@ -24,6 +24,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.live.cell import load_cell
 from fgpose.live.rig_file import load_live_rig
+from fgpose.study import load_study
 from fgpose.synthetic import ring_rig
 
 ROOT = Path(__file__).parents[2]
@@ -73,6 +74,8 @@ def check_command(words: list[str], *, is_run: bool) -> None:
     elif program == "docker" and not is_run:
         if arguments[0] == "run":
             _parse(arguments[arguments.index("fgpose") + 1 :])
+    elif program == "dask" and not is_run:
+        assert arguments[0] in ("scheduler", "worker"), words
     else:
         raise AssertionError(f"nobody checks {shlex.join(words)}: say why it is not run")
 
@@ -94,11 +97,14 @@ def run_python(example: Example) -> None:
 
 
 def check_toml(example: Example) -> None:
-    """It is what its tables say: a configuration, the cameras of a live system, or the cell of a robot."""
+    """It is what its tables say: a configuration, a study, the cameras of a live system, or the cell of a robot."""
     table = tomllib.loads(example.parsed)
     if "links" in table or "zones" in table:
         Path("cell.toml").write_text(example.parsed)
         load_cell("cell.toml")
+    elif "data" in table:
+        Path("study.toml").write_text(example.parsed)
+        load_study("study.toml")
     elif "cameras" in table:
         cameras = ring_rig(max(2, len(table["cameras"]))).cameras[: len(table["cameras"])]
         named = [replace(camera, name=name) for camera, name in zip(cameras, table["cameras"], strict=True)]
