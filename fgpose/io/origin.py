@@ -30,7 +30,7 @@ class InputFile:
     """Keypoints, Calibration or Videos; Video of a single one."""
     path: str
     """In a file relative to the folder of the result, in memory absolute."""
-    size_bytes: float
+    size_bytes: int
     """Of all files together: another size is another recording."""
     camera: str = ""
     """Whose video it is."""

@@ -138,8 +138,8 @@ def everybody() -> PeopleObservations:
 def origin() -> Origin:
     return Origin(
         inputs=(
-            InputFile("Keypoints", "/nowhere/seen.npz", 123.0),
-            InputFile("Video", "/nowhere/cam_1.mp4", 9e9, "cam_1", (1920, 1080), 59.94),
+            InputFile("Keypoints", "/nowhere/seen.npz", 123),
+            InputFile("Video", "/nowhere/cam_1.mp4", 9_000_000_000, "cam_1", (1920, 1080), 59.94),
         ),
         rig=rig(),
         calibration=CalibrationOrigin(
