@@ -17,6 +17,7 @@ from typing import Annotated, Any, TextIO, Union
 from fgpose.cli.angles import Angles
 from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.calibrate import Calibrate
+from fgpose.cli.command_line import set_arguments
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
 from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
@@ -95,6 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments[:1] == ["--version"]:
         sys.stdout.write(f"fgpose {version('fgpose')}\n")
         return 0
+    set_arguments(arguments)
     try:
         with _plain_warnings():
             code: int | None = _parse(arguments).run()

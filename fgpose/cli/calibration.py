@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from fgpose.cli.command_line import command_line
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
@@ -26,7 +28,10 @@ def calibrated(
     """
     from fgpose.calibration.self_calibration import calibrate_cameras
     from fgpose.pipeline import PeopleSource, Source
+    from fgpose.pipeline.origin import recalibrated
 
+    if source.origin is not None:
+        source = replace(source, origin=replace(source.origin, command=command_line()))
     if not poses and not clocks:
         return source
     status = new_console(stderr=True).status("calibrating the cameras")
@@ -34,11 +39,13 @@ def calibrated(
         with status:
             everybody = calibrate_cameras(source.people, source.rig, config, poses=poses, clocks=clocks)
         _save_and_print(everybody, source.people.frames.frame_time_s, outputs, console)
-        return PeopleSource(everybody.rig, everybody.observations)
+        origin = source.origin and recalibrated(source.origin, source.rig, everybody)
+        return PeopleSource(everybody.rig, everybody.observations, origin)
     with status:
         one = calibrate_cameras(source.observations, source.rig, config, poses=poses, clocks=clocks)
     _save_and_print(one, source.observations.frame_time_s, outputs, console)
-    return Source(one.rig, one.observations)
+    origin = source.origin and recalibrated(source.origin, source.rig, one)
+    return Source(one.rig, one.observations, origin)
 
 
 def _save_and_print(

@@ -19,6 +19,8 @@ from fgpose.cli.pictures import show_images, show_walk_images
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+    from fgpose.io.origin import Origin
     from fgpose.monocular.detected import Detected
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Result
@@ -83,12 +85,11 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         inputs = tuple(path for path in (self.rig, self.intrinsics) if path is not None)
         outputs.check(("smoothed",), inputs, calibration=self.calibrate or any(wanted.values()))
         detected = self.detect(console)
-        if self.calibrate:
-            recalibrated = self._calibrated(detected, outputs, console)
-            if recalibrated is None:
-                return FAILED
-            detected = recalibrated
-        source = self.wanted(detected, console)
+        found = self._calibrated(detected, outputs, console) if self.calibrate else None
+        if self.calibrate and found is None:
+            return FAILED
+        detected = detected.recalibrated(found.rig) if found is not None else detected
+        source = replace(self.wanted(detected, console), origin=self._origin(detected, found))
         if isinstance(source, PeopleSource):
             source = calibrated(source, self.parameters, outputs, console, **wanted)
             self._of_everybody(source, detected, outputs)
@@ -107,8 +108,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             deliver(result, outputs, viewer, show_all)
         return 0
 
-    def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> Detected | None:
-        """The same detections with calibrated cameras, on one clock; None if the calibration has failed."""
+    def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> CalibratedFromPeople | None:
+        """The cameras; None if the calibration has failed."""
         from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.pipeline import write_calibration
 
@@ -120,7 +121,19 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         if result.grade is Grade.FAILED:
             nothing_written(outputs.calibration)
             return None
-        return detected.recalibrated(result.rig)
+        return result
+
+    def _origin(self, detected: Detected, found: CalibratedFromPeople | None) -> Origin:
+        """Cameras that were given have the clocks of their file: the images were put together by them."""
+        from fgpose.io.calibration import load_rig
+        from fgpose.pipeline.origin import from_people, origin_of, video_files
+
+        rig, inputs = detected.rig, {"Videos": self.videos}
+        if self.rig is not None:
+            given = load_rig(self.rig, self.unit).subset(rig.names)
+            rig, inputs = rig.with_time_offsets(given.time_offsets_s), inputs | {"Calibration": self.rig}
+        origin = origin_of(rig, self.fps, **inputs).with_inputs(*video_files(detected.sources))
+        return origin if found is None else from_people(origin, found)
 
     def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> None:
         from fgpose.cli.people import estimate_people

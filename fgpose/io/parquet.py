@@ -12,7 +12,8 @@ from jaxtyping import Float, Int
 
 from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
 from fgpose.io.description import describe, described, status_named
-from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
+from fgpose.io.origin import Origin, origin_from_json, origin_to_json
+from fgpose.io.tables import file_metadata, metadata, names, nullable, numbers, read_table, write_table
 from fgpose.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:
@@ -20,12 +21,16 @@ if TYPE_CHECKING:
 
 _AXES = "xyz"
 _PREFIX = "fgpose."
+_ORIGIN = "origin"
 _HAS_COVARIANCE = "has_covariance"
 _PER_CAMERA = ("residual_px", "visibility")  # fields with one column for each camera: residual_px_<camera>
 
 
 def write_parquet(
-    people: Mapping[int, Trajectory], frames: Mapping[int, Int[np.ndarray, " frame"]], path: Path
+    people: Mapping[int, Trajectory],
+    frames: Mapping[int, Int[np.ndarray, " frame"]],
+    path: Path,
+    origin: Origin | None = None,
 ) -> None:
     """Write one row per person, frame and joint: person by person, joints in the order of the skeleton in each frame.
 
@@ -35,12 +40,13 @@ def write_parquet(
     the errors of each camera in residual_px_<camera>, and the probability that its detection is of the joint in
     visibility_<camera>. What is not known is null. The metadata of the file (keys fgpose.*) hold the skeleton, cameras,
     bone lengths and convergence as JSON and the config as TOML; what is not everybody's has the number of its person
-    (fgpose.bone_lengths_m.3).
+    (fgpose.bone_lengths_m.3). fgpose.origin, where it is known, says what they were made from (fgpose.io.origin).
 
     Args:
         people: by number, one at least.
         frames: the numbers of each one's frames.
         path: the file.
+        origin: what they were made from.
 
     Raises:
         ValueError: people differ in skeleton or cameras, or some have a covariance, residuals or visibility only.
@@ -55,7 +61,8 @@ def write_parquet(
     }
     tables = [pa.table(_columns(trajectory, person, frames[person])) for person, trajectory in people.items()]
     table = pa.concat_tables(tables).combine_chunks()
-    table = table.replace_schema_metadata({_PREFIX + name: text for name, text in _joined(texts).items()})
+    known = _joined(texts) | ({} if origin is None else {_ORIGIN: origin_to_json(origin, path.parent)})
+    table = table.replace_schema_metadata({_PREFIX + name: text for name, text in known.items()})
     write_table(path, table)
 
 
@@ -161,6 +168,17 @@ def read_parquet(path: Path) -> dict[int, Trajectory]:
         except ValueError as error:
             raise ValueError(f"person {person}: {error}") from None
     return people
+
+
+def read_origin(path: Path) -> Origin | None:
+    """What write_parquet was told of the origin of a result; None where there is none, as in files of older versions.
+
+    Raises:
+        ValueError: the file, or what it says, is damaged.
+        OSError: it cannot be opened.
+    """
+    text = file_metadata(path).get(_PREFIX + _ORIGIN)
+    return None if text is None else origin_from_json(text, path.parent)
 
 
 def _by_person(table: pa.Table) -> dict[int, pa.Table]:

@@ -47,6 +47,12 @@ def column_names(path: Path) -> set[str]:
         return set(file.schema_arrow.names)
 
 
+def file_metadata(path: Path) -> dict[str, str]:
+    """The metadata of a parquet file, whose rows are not read. Raises as read_table does, and if they are no text."""
+    with _opened(path) as file:
+        return _texts(file.schema_arrow.metadata)
+
+
 @contextmanager
 def _opened(path: Path) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
@@ -114,7 +120,11 @@ def nullable(values: np.ndarray) -> pa.Array:
 
 def metadata(table: pa.Table) -> dict[str, str]:
     """The metadata of the file. Raises ValueError if they are not text."""
-    return {key.decode("utf-8"): text.decode("utf-8") for key, text in (table.schema.metadata or {}).items()}
+    return _texts(table.schema.metadata)
+
+
+def _texts(found: dict[bytes, bytes] | None) -> dict[str, str]:
+    return {key.decode("utf-8"): text.decode("utf-8") for key, text in (found or {}).items()}
 
 
 def write_table(path: Path, table: pa.Table) -> None:

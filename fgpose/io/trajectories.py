@@ -14,7 +14,8 @@ from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
 from fgpose.io.content import first_bytes
 from fgpose.io.markers import UpAxis
 from fgpose.io.npz import read_npz, write_npz
-from fgpose.io.parquet import read_parquet, write_parquet
+from fgpose.io.origin import Origin
+from fgpose.io.parquet import read_origin, read_parquet, write_parquet
 from fgpose.io.trc import read_trc, write_trc
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.skeleton import Skeleton
@@ -37,7 +38,9 @@ def check_output(path: str | Path) -> None:
     check_writable(Path(path).parent)
 
 
-def save_trajectory(trajectory: Trajectory, path: str | Path, world_up: UpAxis = "z") -> None:
+def save_trajectory(
+    trajectory: Trajectory, path: str | Path, world_up: UpAxis = "z", origin: Origin | None = None
+) -> None:
     """Write a trajectory in the format that the extension names: .parquet, .npz, .trc or .c3d.
 
     Parquet and npz keep everything; TRC and C3D keep positions alone (see write_parquet, write_npz, write_trc,
@@ -45,6 +48,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path, world_up: UpAxis =
 
     Args:
         world_up: which axis of the trajectory's world points up, for TRC (which has y up) and C3D.
+        origin: what it was made from; parquet keeps it.
 
     Raises:
         ValueError: the extension is none of these, or the format cannot hold the trajectory.
@@ -54,7 +58,7 @@ def save_trajectory(trajectory: Trajectory, path: str | Path, world_up: UpAxis =
     path = Path(path)
     match _extension(path):
         case ".parquet":
-            write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path)
+            write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path, origin)
         case ".npz":
             write_npz(trajectory, path)
         case ".trc":
@@ -75,6 +79,7 @@ def save_people(
     path: str | Path,
     world_up: UpAxis = "z",
     time_s: Float[np.ndarray, " frame"] | None = None,
+    origin: Origin | None = None,
 ) -> tuple[Path, ...]:
     """Write the trajectories of several people: one table as .parquet; .npz, .trc or .c3d for each, NAME_person1.trc.
 
@@ -86,6 +91,7 @@ def save_people(
         path: NAME with its extension.
         world_up: see save_trajectory.
         time_s: of all frames of the recording, increasing, seconds; by default those at which somebody is there.
+        origin: see save_trajectory.
 
     Returns:
         The files (see people_paths). Each appears whole or not at all.
@@ -104,7 +110,7 @@ def save_people(
         )
     if path.suffix.lower() == ".parquet":
         try:
-            write_parquet(trajectories, _frame_numbers(trajectories, time_s), path)
+            write_parquet(trajectories, _frame_numbers(trajectories, time_s), path, origin)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
         return paths
@@ -191,6 +197,22 @@ def load_people_trajectories(
         return {person: _in_order_of(skeleton, trajectory) for person, trajectory in people.items()}
     except ValueError as error:
         raise ValueError(f"{path}: not a readable {kind} trajectory: {error}") from None
+
+
+def load_origin(path: str | Path) -> Origin | None:
+    """What a result was made from; None where its file does not say, as all but parquet.
+
+    Raises:
+        ValueError: what it says is damaged; the message names the file.
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    if _kind(path) != "parquet":
+        return None
+    try:
+        return read_origin(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def _read(path: Path, kind: str, world_up: UpAxis) -> dict[int, Trajectory]:

@@ -15,6 +15,7 @@ from fgpose.association.track import TrackEvent
 from fgpose.config import Config
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.origin import Origin
 from fgpose.people import Detections, PeopleObservations, Seen, SeenInImage
 from fgpose.pipeline.source import Source
 from fgpose.sampling import nearest
@@ -31,18 +32,22 @@ class PeopleSource:
 
     rig: CameraRig
     people: PeopleObservations
+    origin: Origin | None = None
+    """Where it is from, if that is known."""
 
     def one(self) -> Source:
         """The person who is seen most."""
-        return Source(self.rig, main_person(self.people, self.rig))
+        return Source(self.rig, main_person(self.people, self.rig), self.origin)
 
     def subset(self, cameras: tuple[str, ...]) -> PeopleSource:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
-        return PeopleSource(self.rig.subset(cameras), self.people.subset(cameras)) if cameras else self
+        if not cameras:
+            return self
+        return replace(self, rig=self.rig.subset(cameras), people=self.people.subset(cameras))
 
     def first_frames(self, n_frames: int) -> PeopleSource:
         """The beginning of the recording."""
-        return PeopleSource(self.rig, self.people.first_frames(n_frames))
+        return replace(self, people=self.people.first_frames(n_frames))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +68,12 @@ class PeopleResult:
     def main(self) -> Mapping[int, Trajectory]:
         """The most important trajectories."""
         return list(self.trajectories.values())[-1]
+
+    @property
+    def origin(self) -> Origin | None:
+        """That of the source, with what happened to the tracks."""
+        origin = self.source.origin
+        return None if origin is None else replace(origin, events=self.association.events)
 
     def first_frame(self, trajectory: Trajectory) -> int:
         """The frame of the recording in which a trajectory begins."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.io.origin import Origin
 from fgpose.io.trajectories import people_paths, save_people, save_trajectory
 from fgpose.pipeline.people import PeopleResult
 from fgpose.pipeline.results import Outputs, WorldUp, viewer_writers, write_all
@@ -41,7 +42,8 @@ def write_people(
     names = {path: name for path, name in paths if name in result.trajectories}
     time_s = result.association.frames.frame_time_s
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(_save, result.trajectories[name], path, outputs.world_up, time_s) for path, name in names.items()
+        path: partial(_save, result.trajectories[name], path, outputs.world_up, time_s, result.origin)
+        for path, name in names.items()
     }
     people = result.source.people
     opened = partial(outputs.open_people_viewer, result.association.rig, people.skeleton, len(people.frames.image))
@@ -53,12 +55,18 @@ def write_people(
     )
 
 
-def _save(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp, time_s: Float[np.ndarray, " frame"]) -> None:
+def _save(
+    people: Mapping[int, Trajectory],
+    path: Path,
+    world_up: WorldUp,
+    time_s: Float[np.ndarray, " frame"],
+    origin: Origin | None,
+) -> None:
     if len(people) == 1:
         (alone,) = people.values()
-        save_trajectory(alone, path, world_up)
+        save_trajectory(alone, path, world_up, origin)
     else:
-        save_people(people, path, world_up, time_s)
+        save_people(people, path, world_up, time_s, origin)
 
 
 def _files(path: Path, people: Mapping[int, Trajectory]) -> tuple[Path, ...]:

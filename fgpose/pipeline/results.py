@@ -206,7 +206,7 @@ def write_outputs(
         OutputError: a file could not be written, whatever the reason. All others were.
     """
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up)
+        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, result.source.origin)
         for path, name in outputs.trajectory_paths(result.saved).items()
         if name in result.trajectories
     }

@@ -21,6 +21,7 @@ from fgpose.io.calibration import load_rig
 from fgpose.io.camera_names import seen_cameras
 from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people, person_of
 from fgpose.observations import Observations
+from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.people import PeopleSource
 from fgpose.pipeline.results import Result
 from fgpose.pipeline.source import Source
@@ -61,13 +62,15 @@ def load_source(
         OSError: a file cannot be read.
     """
     rig = _rig(keypoints, calibration, unit, cameras)
+    origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     reading: dict[str, Any] = {"fps": fps, "points3d_frame": points3d_frame, "points3d_unit": points3d_unit}
     if rig.time_offsets_s.any():
         people = load_people(keypoints, rig, skeleton, **reading)
         together, on_clock = on_common_clock(people, rig)
         if together is not people:
-            return Source(on_clock, person_of(keypoints, together, on_clock, person)).subset(cameras)
-    return Source(rig, load_observations(keypoints, rig, skeleton, person=person, **reading)).subset(cameras)
+            return Source(on_clock, person_of(keypoints, together, on_clock, person), origin).subset(cameras)
+    seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
+    return Source(rig, seen, origin).subset(cameras)
 
 
 def load_people_source(
@@ -84,8 +87,9 @@ def load_people_source(
     """Everybody in a recording, see load_source."""
     rig = _rig(keypoints, calibration, unit, cameras)
     people = load_people(keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit)
+    origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     people, rig = on_common_clock(people, rig)
-    return PeopleSource(rig, people).subset(cameras)
+    return PeopleSource(rig, people, origin).subset(cameras)
 
 
 def _rig(keypoints: Path, calibration: Path, unit: Literal["auto", "m", "mm"], cameras: tuple[str, ...]) -> CameraRig:

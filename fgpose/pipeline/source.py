@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from fgpose.config import Config
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 
 
@@ -16,6 +17,8 @@ class Source:
 
     rig: CameraRig
     observations: Observations
+    origin: Origin | None = field(default=None, repr=False)
+    """Where it is from, if that is known."""
     _evidence: dict[Config, Evidence] = field(default_factory=dict, init=False, repr=False)
 
     def evidence(self, config: Config) -> Evidence:
@@ -31,8 +34,10 @@ class Source:
 
     def first_frames(self, n_frames: int) -> Source:
         """The beginning of the recording."""
-        return Source(self.rig, self.observations.frames(slice(0, n_frames)))
+        return replace(self, observations=self.observations.frames(slice(0, n_frames)))
 
     def subset(self, cameras: tuple[str, ...]) -> Source:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
-        return Source(self.rig.subset(cameras), self.observations.subset(cameras)) if cameras else self
+        if not cameras:
+            return self
+        return replace(self, rig=self.rig.subset(cameras), observations=self.observations.subset(cameras))

@@ -10,9 +10,11 @@ import numpy as np
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.keypoints import load_observations
-from fgpose.io.trajectories import load_people_trajectories
+from fgpose.io.origin import Origin
+from fgpose.io.trajectories import load_origin, load_people_trajectories
 from fgpose.observations import Observations
 from fgpose.report.finished import FinishedRecording
+from fgpose.report.origin_facts import facts_of, findings_of
 from fgpose.sampling import nearest, usual_step_s
 from fgpose.trajectory import Trajectory
 
@@ -77,7 +79,8 @@ def load_finished(
     Args:
         result: file of the trajectories.
         title: how the recording is called, by default as the file.
-        rig: file of the calibration; by default the one that a run wrote beside the result, if it did.
+        rig: file of the calibration; by default the one that the result says it was made with, else the
+            one that a run wrote beside it.
         keypoints: what the cameras saw of one person.
         fps: of the keypoints, if their file has no times, and of folders of images.
         videos: folder of the videos.
@@ -88,9 +91,11 @@ def load_finished(
         OSError: a file cannot be read.
     """
     people = load_people_trajectories(result, world_up=world_up)
-    rig_file = rig or _rig_beside(result)
-    cameras = None if rig_file is None else _rig_of(rig_file, next(iter(people.values())))
-    made_from = {"Result": str(result)} | ({"Calibration": str(rig_file)} if rig_file else {})
+    origin = load_origin(result) or Origin()
+    rig_file = rig or (None if origin.rig is not None else _rig_beside(result))
+    given = load_rig(rig_file) if rig_file is not None else origin.rig
+    cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
+    made_from = {"Result": str(result)} | facts_of(origin) | ({"Calibration": str(rig_file)} if rig_file else {})
     observations = {}
     if keypoints is not None:
         if cameras is None or len(people) > 1:
@@ -103,8 +108,12 @@ def load_finished(
         people=people,
         rig=cameras,
         observations=observations,
-        videos=videos,
-        images_hz=fps,
+        # Of another rig than the one that was used, what was found of it does not hold.
+        offset_sigma_s={} if rig else origin.calibration.offset_sigma_s,
+        findings=() if rig else findings_of(origin),
+        events=origin.events,
+        videos=videos or _videos(origin, cameras),
+        images_hz=fps or origin.fps,
         world_up=world_up,
         made_from=made_from,
     )
@@ -115,8 +124,13 @@ def _rig_beside(result: Path) -> Path | None:
     return next((file for name in names if (file := result.with_name(name)).exists()), None)
 
 
-def _rig_of(path: Path, trajectory: Trajectory) -> CameraRig:
-    rig = load_rig(path)
+def _videos(origin: Origin, rig: CameraRig | None) -> Path | None:
+    """Those that the origin names, if they are still there."""
+    file = origin.input_file("Videos")
+    return Path(file.path) if file is not None and rig is not None and file.is_there else None
+
+
+def _rig_of(path: Path, rig: CameraRig, trajectory: Trajectory) -> CameraRig:
     missing = [name for name in trajectory.camera_names if name not in rig.names]
     if missing:
         raise ValueError(f"{path}: camera {', '.join(missing)} of the result is not in this calibration")

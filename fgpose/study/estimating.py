@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from fgpose.estimation.smoother import smooth
 from fgpose.io.calibration import load_rig
 from fgpose.io.kinematics import save_kinematics
+from fgpose.io.origin import Origin
 from fgpose.io.trajectories import load_people_trajectories, save_people, save_trajectory
 from fgpose.monocular.flips import correct_flips
 from fgpose.pipeline import PeopleSource
@@ -36,7 +38,12 @@ def estimate(job: Job) -> None:
         smoothed = smooth_people(source.people, source.rig, config)
         if not smoothed.trajectories:
             raise ValueError(f"{job.recording.source}: no two cameras agree on anybody")
-        _save(smoothed.trajectories, job, smoothed.association.frames.frame_time_s)
+        _save(
+            smoothed.trajectories,
+            job,
+            smoothed.association.frames.frame_time_s,
+            source.origin and replace(source.origin, events=smoothed.association.events),
+        )
         return
     observations = source.observations
     if not observations.n_frames:
@@ -46,15 +53,15 @@ def estimate(job: Job) -> None:
     trajectory = smooth(observations, source.rig, config)
     if not np.isfinite(trajectory.positions_m).any():
         raise ValueError(f"{job.recording.source}: no joint is determined in any frame; fgpose info says why")
-    save_trajectory(trajectory, job.path(MOTION))
+    save_trajectory(trajectory, job.path(MOTION), origin=source.origin)
 
 
-def _save(people: Mapping[int, Trajectory], job: Job, time_s: np.ndarray) -> None:
+def _save(people: Mapping[int, Trajectory], job: Job, time_s: np.ndarray, origin: Origin | None) -> None:
     if len(people) == 1:
         (alone,) = people.values()
-        save_trajectory(alone, job.path(MOTION))
+        save_trajectory(alone, job.path(MOTION), origin=origin)
     else:
-        save_people(people, job.path(MOTION), time_s=time_s)
+        save_people(people, job.path(MOTION), time_s=time_s, origin=origin)
 
 
 def export(job: Job) -> None:

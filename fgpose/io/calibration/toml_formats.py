@@ -95,13 +95,20 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
 
 
 def write_pose2sim(rig: CameraRig, path: Path) -> None:
-    """Write a rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects; a time
-    offset only where there is one, so that the file of synchronous cameras is exactly Pose2Sim's."""
+    """Write a rig as Pose2Sim TOML, see pose2sim_text."""
+    write_text(path, pose2sim_text(rig))
+
+
+def pose2sim_text(rig: CameraRig) -> str:
+    """A rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects; a time offset
+    only where there is one, so that the file of synchronous cameras is exactly Pose2Sim's."""
+    import tomli_w
+
     tables = {}
     for camera in rig.cameras:
         own = {"size": [float(side) for side in camera.size_px], "fisheye": camera.lens == "fisheye"}
         tables[camera.name] = _table(camera, 4) | own
-    _write(path, tables | {"metadata": _METADATA})
+    return tomli_w.dumps(tables | {"metadata": _METADATA})
 
 
 def write_aniposelib(rig: CameraRig, path: Path) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from fgpose.association.track import TrackEvent
 from fgpose.benchmark.predictions import load_predictions
 from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
@@ -22,10 +23,11 @@ from fgpose.io.keypoints import load_observations, load_people, save_observation
 from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.live_recordings import RecordedImage, images_document, start_document
 from fgpose.io.mot import read_mot
+from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason
 from fgpose.io.packing import packed
 from fgpose.io.record_files import MAGIC, as_record
 from fgpose.io.skeletons import load_skeleton
-from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
+from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.monocular.detection_cache import ViewDetections, load_detections, store_detections
 from fgpose.monocular.network import People
 from fgpose.observations import Observations
@@ -133,9 +135,29 @@ def everybody() -> PeopleObservations:
     return PeopleObservations(STICK, rig().names, tuple(images))
 
 
+def origin() -> Origin:
+    return Origin(
+        inputs=(
+            InputFile("Keypoints", "/nowhere/seen.npz", 123),
+            InputFile("Video", "/nowhere/cam_1.mp4", 9_000_000_000, "cam_1", (1920, 1080), 59.94),
+        ),
+        rig=rig(),
+        calibration=CalibrationOrigin(
+            {"cam_2": 0.0012},
+            (MovedCamera("cam_1", 0.5, 0.012),),
+            "coarse",
+            (Reason("cam_2", "coarse", "the focal length is not determined", "walk towards the camera"),),
+        ),
+        events=(TrackEvent(1.25, 3, "recognised", "lengths of the bones"),),
+        fps=50.0,
+        command="fgpose smooth seen.npz",
+        fgpose="1.0",
+    )
+
+
 def _make_people_trajectories(folder: Path) -> None:
     late = replace(trajectory(), time_s=trajectory().time_s + 1 / 50, convergence=None)
-    save_people({3: trajectory(), 1: late}, folder / "people.parquet")
+    save_people({3: trajectory(), 1: late}, folder / "people.parquet", origin=origin())
 
 
 def _people(frame: int, camera: int) -> list[dict[str, Any]]:
@@ -358,6 +380,7 @@ FORMATS = {
         Format("trajectory trc", "text", _result(".trc"), _one(load_trajectory)),
         Format("trajectory c3d", "c3d", _result(".c3d"), _one(load_trajectory)),
         Format("people trajectories parquet", "parquet", _make_people_trajectories, _one(load_people_trajectories)),
+        Format("origin parquet", "parquet", _make_people_trajectories, _one(load_origin)),
         Format("angles parquet", "parquet", _kinematics(".parquet"), _one(load_angles)),
         Format("angles mot", "text", _kinematics(".mot"), _one(read_mot)),
         Format("rig toml", "toml", lambda folder: save_rig(rig(), folder / "rig.toml"), _one(load_rig)),

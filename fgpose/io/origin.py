@@ -1,0 +1,188 @@
+"""What a result was made from, and with: kept in its file as JSON, so that it can be judged without anything else."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from fgpose.association.track import TrackEvent
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration.calibrated_view import rig_in_metres
+from fgpose.io.calibration.toml_formats import pose2sim_text, read
+
+_VERSION = 1
+"""Raised when a field changes its meaning. One of another version is not read, the result is."""
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file, or a folder, that a result was made from."""
+
+    what: str
+    """Keypoints, Calibration or Videos; Video of a single one."""
+    path: str
+    """In a file relative to the folder of the result, in memory absolute."""
+    size_bytes: int
+    """Of all files together: another size is another recording."""
+    camera: str = ""
+    """Whose video it is."""
+    image_px: tuple[int, ...] = ()
+    """Width and height of its images."""
+    rate_hz: float | None = None
+    """Of its images."""
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there still is such a file, of the same size."""
+        try:
+            return size_bytes(Path(self.path)) == self.size_bytes
+        except OSError:
+            return False
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.Finding."""
+
+    camera: str
+    grade: str
+    reason: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class MovedCamera:
+    """By how much a camera was moved when the calibration was refined."""
+
+    camera: str
+    rotation_deg: float
+    translation_m: float
+
+
+@dataclass(frozen=True)
+class CalibrationOrigin:
+    """How the cameras became what they are; empty where they were taken as given."""
+
+    offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
+    """Standard deviation of the time offset of each camera whose offset was estimated."""
+    moved: tuple[MovedCamera, ...] = ()
+    grade: str = ""
+    """Of a calibration from people."""
+    findings: tuple[Reason, ...] = ()
+    """Of a calibration from people."""
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """What a result was made from, and with. The settings are those of its trajectories."""
+
+    inputs: tuple[InputFile, ...] = ()
+    rig: CameraRig | None = None
+    """As it was used, its time offsets by the clocks of the inputs."""
+    calibration: CalibrationOrigin = CalibrationOrigin()
+    events: tuple[TrackEvent, ...] = ()
+    """Of the tracks of several people."""
+    fps: float | None = None
+    """That the keypoints or images were read with, where that was given."""
+    command: str = ""
+    fgpose: str = ""
+    """Version."""
+
+    def with_inputs(self, *inputs: InputFile) -> Origin:
+        return replace(self, inputs=(*self.inputs, *inputs))
+
+    def input_file(self, what: str) -> InputFile | None:
+        """The first of a kind."""
+        return next((each for each in self.inputs if each.what == what), None)
+
+
+def input_file(what: str, path: Path) -> InputFile:
+    """A file or folder as it is now. Raises OSError if it cannot be seen."""
+    return InputFile(what, os.path.abspath(path), size_bytes(path))
+
+
+def size_bytes(path: Path) -> int:
+    """Of a file, or of all files in a folder. Raises OSError if it cannot be seen."""
+    if not path.is_dir():
+        return path.stat().st_size
+    return sum(os.stat(os.path.join(folder, name)).st_size for folder, _, names in os.walk(path) for name in names)
+
+
+def origin_to_json(origin: Origin, folder: Path) -> str:
+    """As it is kept in the file of a result in this folder: nothing in it depends on where the folder is, as long as
+    the inputs keep their places beside it."""
+    table = {each.name: getattr(origin, each.name) for each in dataclasses.fields(Origin) if each.name != "rig"}
+    table |= {name: [dataclasses.asdict(each) for each in table[name]] for name in ("inputs", "events")}
+    table["calibration"] = dataclasses.asdict(origin.calibration)
+    for each in table["inputs"]:
+        each["path"] = _relative(each["path"], folder)
+    rig = {} if origin.rig is None else {"rig": pose2sim_text(origin.rig)}
+    return json.dumps({"version": _VERSION} | table | rig, allow_nan=False)
+
+
+def _relative(path: str, folder: Path) -> str:
+    own, base = os.path.realpath(path), os.path.realpath(folder)
+    # What shares nothing with the result does not move with it.
+    return own if os.path.commonpath((own, base)) == os.sep else Path(os.path.relpath(own, base)).as_posix()
+
+
+def origin_from_json(text: str, folder: Path) -> Origin | None:
+    """What origin_to_json wrote; None if a later version of fgpose did.
+
+    Raises:
+        ValueError: it is damaged; the caller names the file.
+    """
+    try:
+        table = json.loads(text)
+        if not isinstance(table, dict) or type(table.get("version")) is not int:
+            raise ValueError("a table with a version is needed")
+        if table.pop("version") != _VERSION:
+            return None
+        rig = _rig(table.pop("rig")) if "rig" in table else None
+        origin = replace(_converted(Origin, table, "origin"), rig=rig)
+    except RecursionError:
+        raise ValueError("its origin is damaged: it is nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"its origin is damaged: {error}") from None
+    inputs = (replace(each, path=os.path.normpath(os.path.join(os.path.abspath(folder), each.path)))
+              for each in origin.inputs)  # fmt: skip
+    return replace(origin, inputs=tuple(inputs))
+
+
+def _rig(text: Any) -> CameraRig:
+    if not isinstance(text, str):
+        raise ValueError("rig: a text is needed")
+    views, unit = read(text)
+    return rig_in_metres(views, unit, "m")
+
+
+def _converted(kind: Any, value: Any, name: str) -> Any:
+    """A value of JSON as what the annotation of a field says; a field that is absent keeps its default."""
+    if dataclasses.is_dataclass(kind):
+        known = typing.get_type_hints(typing.cast(type, kind))
+        if not isinstance(value, dict) or not value.keys() <= known.keys():
+            raise ValueError(f"{name}: a table of {', '.join(known)} is needed")
+        values = {key: _converted(known[key], each, f"{name}.{key}") for key, each in value.items()}
+        try:
+            return typing.cast(type, kind)(**values)
+        except TypeError:
+            raise ValueError(f"{name}: something is missing") from None
+    if isinstance(kind, types.UnionType):
+        return None if value is None else _converted(typing.get_args(kind)[0], value, name)
+    if typing.get_origin(kind) is tuple and isinstance(value, list):
+        return tuple(_converted(typing.get_args(kind)[0], each, name) for each in value)
+    if typing.get_origin(kind) is Mapping and isinstance(value, dict):
+        return {key: _converted(typing.get_args(kind)[1], each, name) for key, each in value.items()}
+    if kind is float and type(value) in (int, float) and abs(value) < 1e300 and math.isfinite(value):
+        return float(value)
+    if kind in (int, str) and type(value) is kind:
+        return value
+    raise ValueError(f"{name}: it has {str(value)[:40]!r}")

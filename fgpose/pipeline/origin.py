@@ -1,0 +1,67 @@
+"""What is known of the origin of a result while it is made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+from fgpose.calibration.self_calibration import CameraCalibration
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file
+from fgpose.monocular.sources import Sources
+
+
+def origin_of(rig: CameraRig, fps: float | None = None, **inputs: Path) -> Origin:
+    """Files by what they are, and the cameras as they were read. Raises OSError if a file cannot be seen."""
+    files = tuple(input_file(what, path) for what, path in inputs.items())
+    return Origin(files, rig, fps=fps, fgpose=version("fgpose"))
+
+
+def video_files(sources: Sources) -> tuple[InputFile, ...]:
+    """Of each camera. Raises OSError if a file cannot be seen."""
+    return tuple(
+        replace(input_file("Video", clip.path), camera=clip.name, image_px=clip.size_px, rate_hz=clip.fps)
+        for clip in sources.clips
+    )
+
+
+def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any]) -> Origin:
+    """After the cameras were calibrated on the recording.
+
+    Args:
+        origin: before.
+        before: the cameras with which it was calibrated. Their offsets are zero where the images were put together by
+            those of the origin, which then remain.
+        found: what was found.
+    """
+    rig = found.rig
+    if origin.rig is not None:
+        given_s = origin.rig.subset(rig.names).time_offsets_s
+        rig = rig.with_time_offsets(rig.time_offsets_s + given_s - before.time_offsets_s)
+    known = origin.calibration
+    if found.time_offsets is not None:
+        known = replace(known, offset_sigma_s=_known(found.rig, found.time_offsets.sigma_s))
+    if found.refinement is not None:
+        rows = zip(rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
+        known = replace(known, moved=tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows))
+    return replace(origin, rig=rig, calibration=known)
+
+
+def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:
+    """After the cameras were calibrated from people."""
+    reasons = tuple(Reason(each.camera, each.grade.value, each.reason, each.remedy) for each in found.findings)
+    known = CalibrationOrigin(
+        _known(found.rig, found.sigmas.offset_s), grade=found.grade.value, findings=reasons
+    )  # fmt: skip
+    return replace(origin, rig=found.rig, calibration=known)
+
+
+def _known(rig: CameraRig, sigma_s: np.ndarray) -> dict[str, float]:
+    pairs = zip(rig.names, sigma_s.tolist(), strict=True)
+    # Zero is that of an offset that was given.
+    return {name: each_s for name, each_s in pairs if np.isfinite(each_s) and each_s > 0}
