@@ -1,15 +1,17 @@
-"""False alarms and detections of every suspicion of a report: `python benchmarks/report_checks.py`; 80 s of one core a seed.
+"""False alarms and detections of every suspicion of a report: `python benchmarks/report_checks.py`.
 
-Rows of the table are suspicions, columns are kinds of recordings; a cell is the share, in per cent, of the recordings of
-the kind in which the suspicion was raised. Of a fault in one camera, a suspicion of another camera is not counted, so
-wrong accusations do not show there (--words prints what is counted). What is raised on clean recordings is a false alarm;
-on occluded ones gaps and hallucinations come from the occluders. Nobody knows whether the real recordings are without
+A seed takes 80 s of one core.
+
+Rows of the table are suspicions, columns are kinds of recordings; a cell is the share, in per cent, of the recordings
+of the kind in which the suspicion was raised. Of a fault in one camera, a suspicion of another is not counted, so wrong
+accusations do not show there. --words prints what is counted. What is raised on clean recordings is a false alarm; on
+occluded ones gaps and hallucinations come from the occluders. Nobody knows whether the real recordings are without
 fault; they are one man before one rig, by two networks, whole and in halves: one recording rather than six.
 
 Recordings are the tuning clips of the benchmark, repeated to and fro to LEAST_S seconds, seen by four cameras, with
---seeds of noise each. Faults are planted in the clean recordings. At the
-end, of the motion capture itself: the largest change of velocity of a joint over the usual one, and the largest speeds,
-at several rates: what limits of jumps have to leave alone.
+--seeds of noise each. Faults are planted in the clean recordings. At the end, of the motion capture itself: the largest
+change of velocity of a joint over the usual one, and the largest speeds, at several rates: what limits of jumps have to
+leave alone.
 """
 
 from __future__ import annotations
@@ -64,7 +66,7 @@ def seen_clip(clip: str, seed: int, occlusion: Occlusion = NO_OCCLUSION, *, late
 
 
 def _to_and_fro(clip_m: Float[np.ndarray, "frame joint 3"], fps: float) -> Float[np.ndarray, "long_frame joint 3"]:
-    """At least LEAST_S, and at most twice that. A short clip is played to and fro with a phase that is a cosine, so that
+    """At least LEAST_S, and at most twice that. A short clip is played to and fro with a phase that is a cosine:
     nothing stops within a frame; in its middle it runs pi/2 times as fast as it was recorded."""
     n_frames, last = max(round(LEAST_S * fps), len(clip_m)), len(clip_m) - 1
     if n_frames == len(clip_m):
@@ -123,8 +125,8 @@ def displaced_knee(seen: Seen) -> Seen:
 
 
 def mixed(seen: Seen, other: Seen) -> Seen:
-    """From the middle on, detections of a body about 2 m away in all views. It has the same motion and bones as the first,
-    and no noise: only the change of place can give it away."""
+    """From the middle on, detections of a body about 2 m away in all views. It has the same motion and bones as the
+    first, and no noise: only the change of place can give it away."""
     points_px, n_frames = seen.observations.points2d_px.copy(), seen.observations.n_frames
     moved = CameraRig(tuple(_moved(camera) for camera in seen.rig.cameras))
     trajectory_m = fgpose.smooth(other.observations, moved).positions_m
