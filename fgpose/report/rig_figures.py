@@ -56,8 +56,8 @@ def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
     dots = plot.scatter("x", "y", size=9, color="#d55e00", source=data)
     plot.text("x", "y", "name", source=data, x_offset=8, y_offset=-4, text_font_size="12px", text_color="#8a8f98")
     plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("", "@name"), ("", "@x{0.00} m, @y{0.00} m")]))
-    # Room for the names.
-    plot.x_range.range_padding = 0.15
+    # Room for the names, which begin at the right of their dots.
+    plot.x_range.range_padding = 0.4
     plot.xgrid.grid_line_color = plot.ygrid.grid_line_color
     plot.xgrid.grid_line_alpha = 0.5
     return plot
