@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from fgpose.calibration.self_calibration import CameraCalibration
     from fgpose.cli.options import AnySource
     from fgpose.config import Config
+    from fgpose.io.origin import Origin
     from fgpose.pipeline import Outputs
 
 
@@ -38,24 +39,26 @@ def calibrated(
     if isinstance(source, PeopleSource):
         with status:
             everybody = calibrate_cameras(source.people, source.rig, config, poses=poses, clocks=clocks)
-        _save_and_print(everybody, source.people.frames.frame_time_s, outputs, console)
         origin = source.origin and recalibrated(source.origin, source.rig, everybody)
+        _save_and_print(everybody, origin, source.people.frames.frame_time_s, outputs, console)
         return PeopleSource(everybody.rig, everybody.observations, origin)
     with status:
         one = calibrate_cameras(source.observations, source.rig, config, poses=poses, clocks=clocks)
-    _save_and_print(one, source.observations.frame_time_s, outputs, console)
     origin = source.origin and recalibrated(source.origin, source.rig, one)
+    _save_and_print(one, origin, source.observations.frame_time_s, outputs, console)
     return Source(one.rig, one.observations, origin)
 
 
 def _save_and_print(
-    calibration: CameraCalibration, frame_time_s: np.ndarray, outputs: Outputs, console: Console
+    calibration: CameraCalibration, origin: Origin | None, frame_time_s: np.ndarray, outputs: Outputs, console: Console
 ) -> None:
+    """Of cameras that began at different moments the rig of the origin has the starts; that of the calibration only
+    what is left of them after the images were put together."""
     from fgpose.cli.tables import calibration_table
     from fgpose.io.calibration import save_rig
 
     path = outputs.folder / f"{outputs.name}_calibration.toml"
-    save_rig(calibration.rig, path)
+    save_rig(calibration.rig if origin is None or origin.rig is None else origin.rig, path)
     console.print(calibration_table(calibration, frame_time_s))
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)

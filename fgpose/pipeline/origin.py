@@ -55,9 +55,8 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
 def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:
     """After the cameras were calibrated from people."""
     reasons = tuple(Reason(each.camera, each.grade.value, each.reason, each.remedy) for each in found.findings)
-    known = CalibrationOrigin(
-        _known(found.rig, found.sigmas.offset_s), grade=found.grade.value, findings=reasons
-    )  # fmt: skip
+    sigma_s = _known(found.rig, found.sigmas.offset_s)
+    known = CalibrationOrigin(sigma_s, grade=found.grade.value, findings=reasons)
     return replace(origin, rig=found.rig, calibration=known)
 
 

@@ -19,6 +19,7 @@ _BLIND_RATIO = 0.5
 _HALLUCINATING_RATIO, _HALLUCINATING_SHARE = 3.0, 0.05
 # As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
 _SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
+_SWAP_TO_USUAL = 3.0  # the usual error of the camera is then no more than the tolerance
 # Swapped labels leave, at both joints, the distance between the two; to within what detections err usually.
 _SWAP_TOLERANCE = 0.25
 
@@ -159,7 +160,10 @@ def swapped_pairs(
     projected_px = recording.rig.project(positions_m)
     apart_px = np.linalg.norm(projected_px[:, :, left] - projected_px[:, :, right], axis=-1)
     errors_px = np.stack([residual_px[:, :, left], residual_px[:, :, right]])
-    judged = np.isfinite(errors_px).all(axis=0) & (apart_px > _MIN_SWAP_PX)
+    # A camera that was turned has errors everywhere that are as large as small pairs are apart.
+    usual_px = np.array([known_quantile(residual_px[:, c], 0.5) for c in range(residual_px.shape[1])])
+    least_px = np.fmax(_MIN_SWAP_PX, _SWAP_TO_USUAL * usual_px)
+    judged = np.isfinite(errors_px).all(axis=0) & (apart_px > least_px[:, None])
     like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
     return np.asarray(judged & like), np.asarray(judged)
 

@@ -13,13 +13,18 @@ import numpy as np
 import pytest
 
 from fgpose.cli import app, commands, live, main, view
+from fgpose.cli.calibration import calibrated
+from fgpose.cli.options import new_console
+from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import save_observations
+from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.pipeline import Outputs, Source
 from fgpose.synthetic import Scene
 
 COMMANDS = (
@@ -168,6 +173,17 @@ def test_estimate_time_offsets(
     error_m = np.linalg.norm(smoothed.positions_m - walking_scene.truth_m, axis=-1)
     # As for synchronous cameras: detections are off by 5 px, 20 mm at 4.5 m and 1145 px, before they are smoothed.
     assert np.mean(error_m) < 0.02
+
+
+def test_the_starts_of_cameras_stay_in_the_calibration_that_is_written(tmp_path: Path, walking_scene: Scene) -> None:
+    """Images of cameras that began seconds apart have been put together: only what is left is estimated."""
+    starts_s = np.array([0.0, 2.5, -1.0, 0.0])
+    origin = Origin((), walking_scene.rig.with_time_offsets(starts_s))
+    source = Source(walking_scene.rig, walking_scene.observations, origin)
+    calibrated(source, Config(), Outputs(tmp_path, "walk", ()), new_console(), poses=False, clocks=True)
+    written = load_rig(tmp_path / "walk_calibration.toml")
+    # Two seconds of walking tell the time to a third of a frame.
+    np.testing.assert_allclose(written.time_offsets_s, starts_s, atol=0.02)
 
 
 def test_a_recording_can_be_used_again_with_the_calibration_that_was_written(

@@ -28,7 +28,7 @@ def _save_rrd(path: Path) -> None:
 
 
 POSE = Prediction(np.arange(1), np.zeros((1, 17, 3)))
-WRITERS: dict[str, Callable[[Path], None]] = {
+WRITERS: dict[str, Callable[[Path], object]] = {
     "result.parquet": lambda path: save_trajectory(trajectory(), path),
     "result.npz": lambda path: save_trajectory(trajectory(), path),
     "result.trc": lambda path: save_trajectory(trajectory(), path),
