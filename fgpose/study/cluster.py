@@ -72,8 +72,8 @@ def _local(resources: Resources) -> Iterator[Any]:
     from distributed import LocalCluster
 
     settings = {
-        # A recording whose worker dies is tried once more.
-        "distributed.scheduler.allowed-failures": 1,
+        # A recording whose worker dies is tried once more by Stream.
+        "distributed.scheduler.allowed-failures": 0,
         "logging.distributed": "critical",
     }
     memory = "auto" if resources.memory_gb is None else f"{resources.memory_gb}GB"
@@ -152,18 +152,27 @@ class Stream:
     _n_begun: int = 0
 
     def outcomes(self) -> Iterator[Outcome]:
-        """As they come.
+        """As they come. A recording whose worker died is tried once more when the others are done, alone: more may have
+        waited at that worker, and then nothing says which of them it died of.
 
         Raises:
             SchedulerLostError: the scheduler has gone. What is finished is on disk.
         """
         from distributed import as_completed
 
+        suspected = []
         done = as_completed(self._next(self._n_free()))
         for future in done:
             recording = self._at_work.pop(future.key)
-            yield self._outcome(future, recording)
+            if _has_died(future):
+                suspected.append(recording)
+            else:
+                yield self._outcome(future, recording)
             done.update(self._next(self._n_free()))
+        for recording in suspected:
+            future = next(iter(as_completed([self._begun(recording)])))
+            del self._at_work[future.key]
+            yield failed(self.study, recording, _KILLED) if _has_died(future) else self._outcome(future, recording)
 
     def _n_free(self) -> int:
         """Workers without a recording; one where none is there just now, for they come back."""
@@ -174,25 +183,28 @@ class Stream:
         return max(n_threads, 1) - len(self._at_work)
 
     def _next(self, n_free: int) -> list[Future]:
-        futures = []
-        for _, recording in zip(range(n_free), self.recordings, strict=False):
-            self._n_begun += 1
-            future = self.client.submit(self.work, self.study, recording, key=f"recording-{self._n_begun}", pure=False)
-            self._at_work[future.key] = recording
-            futures.append(future)
-        return futures
+        return [self._begun(recording) for _, recording in zip(range(n_free), self.recordings, strict=False)]
+
+    def _begun(self, recording: Recording) -> Future:
+        self._n_begun += 1
+        future = self.client.submit(self.work, self.study, recording, key=f"recording-{self._n_begun}", pure=False)
+        self._at_work[future.key] = recording
+        return future
 
     def _outcome(self, future: Future, recording: Recording) -> Outcome:
-        from distributed.scheduler import KilledWorker
-
         if future.status == "finished":
             return future.result()
         if future.status in ("cancelled", "lost"):
             raise SchedulerLostError(_LOST)
         error = future.exception()
-        if isinstance(error, KilledWorker):
-            return failed(self.study, recording, _KILLED)
         return failed(self.study, recording, f"{type(error).__name__}: {error}")
+
+
+def _has_died(future: Future) -> bool:
+    """Whether its worker did."""
+    from distributed.scheduler import KilledWorker
+
+    return future.status == "error" and isinstance(future.exception(), KilledWorker)
 
 
 _LOST = "the scheduler has gone; what is finished is on disk, and the same command goes on from there"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shutil
 import time
@@ -53,7 +54,8 @@ def process(study: Study, recording: Recording) -> Outcome:
             ran = _work(study, recording, caught)
         recording.failure(study.output).unlink(missing_ok=True)
     except Exception as error:  # Whatever it is, the others go on.
-        return failed(study, recording, _reason(error), traceback.format_exc(), time.perf_counter() - start_s)
+        reason = _reason(error, recording.folder(study.output))
+        return failed(study, recording, reason, traceback.format_exc(), time.perf_counter() - start_s)
     return Outcome(recording, "done" if ran else "unchanged", ran, took_s=time.perf_counter() - start_s)
 
 
@@ -183,10 +185,13 @@ def _put_into_data_sets(study: Study, recording: Recording, wanted: Mapping[str,
             write_part(table, part, recording.key, recording.trial, wanted[step])
 
 
-def _reason(error: Exception) -> str:
+def _reason(error: Exception, folder: Path) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f"{error.filename}: {error.strerror}"
-    text = " ".join(str(error).split())
-    # What fgpose says of bad input is a sentence; of anything else its kind tells more.
-    plain = isinstance(error, ValueError | OSError | ImportError) and text
+        text, plain = f"{error.filename}: {error.strerror}", True
+    else:
+        text = " ".join(str(error).split())
+        # What fgpose says of bad input is a sentence; of anything else its kind tells more.
+        plain = isinstance(error, ValueError | OSError | ImportError) and bool(text)
+    # The folder in which the results are made is gone when somebody reads this.
+    text = re.sub(rf"{re.escape(f'.{folder.name}.')}[0-9a-f]{{8}}\b", lambda _: folder.name, text)
     return text if plain else f"{type(error).__name__}: {text}".rstrip(": ")

@@ -190,7 +190,7 @@ def test_a_full_disk_keeps_older_results(
         patch.setattr(atomic, "_flush", full)
         outcome = run(file)
     assert outcome.status == "failed"
-    assert "No space left on device" in outcome.reason
+    assert outcome.reason.startswith(f"cannot write {folder / 'motion.parquet'}: No space left on device")
     assert "not written beside its results" in outcome.reason
     assert content(folder) == before
     assert os.listdir(folder.parent) == ["run"]
