@@ -62,6 +62,7 @@ copybutton_exclude = ".linenos, .gp, .go"
 _LINKS = {
     "](docs/": "](../",
     "](calibration/report.md": "](calibration.md",
+    "](calibration/ablation.md": "](calibration_ablation.md",
 }
 
 
