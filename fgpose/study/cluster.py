@@ -84,8 +84,9 @@ def _local(resources: Resources) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             memory_limit=memory,
-            # None: there is none, which its annotation does not know.
-            dashboard_address=cast(str, None),
+            # Without a dashboard there is a server of HTTP all the same, which would want port 8787 of every study.
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
             silence_logs=logging.CRITICAL,
             preload=["fgpose.study.worker_process"],
         ) as cluster,

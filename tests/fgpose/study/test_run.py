@@ -189,6 +189,13 @@ def test_two_studies_do_not_write_into_one_folder(study_file: Path) -> None:
     assert rows == ["done", "not done", "not done", "not done"]
 
 
+@pytest.mark.slow
+def test_studies_at_one_time_do_not_need_one_port() -> None:
+    one = Resources(workers=1)
+    with workers(one) as first, workers(one) as second:
+        assert len(first.nthreads()) == len(second.nthreads()) == 1
+
+
 @contextmanager
 def started(*command: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
     child = subprocess.Popen(
