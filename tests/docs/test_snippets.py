@@ -50,6 +50,7 @@ def work(sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
 @pytest.mark.usefixtures("work")
 def test_what_a_page_shows_works(page: Path) -> None:
     examples = list(snippets.parsed(page).examples())
+    assert examples
     with warnings.catch_warnings():
         # Of recordings of a second, in which a camera that was moved is part of the story.
         warnings.simplefilter("ignore", UserWarning)

@@ -30,7 +30,7 @@ from fgpose.calibration.from_people.together import together
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.unknowns import Groups
 from fgpose.calibration.from_people.verdict import findings
-from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
@@ -117,14 +117,10 @@ def calibrate(
     placed = _placed(walk, intrinsics.subset(walk.camera_names), parts)
     told()
     adjusting = _adjusting(placed, focal, parts, clocks=not synchronised)
-    adjusted = adjusting.of(walk, placed)
-    of_walker = with_the_walker(walk, everybody, found, adjusted.rig, _joints(walk, adjusted.rig))
-    if of_walker is not walk:
-        walk, adjusted = of_walker, adjusting.of(of_walker, adjusted.rig)
+    walk, adjusted, joints = adjusting.of_walker(walk, placed, everybody, found)
     told()
     halves = adjusting.halves(walk, adjusted.rig)
     told()
-    joints = _joints(walk, adjusted.rig)
     metric = to_metric(walk, adjusted.rig, joints, stature_m, _of_rig(measured, walk), _of_positions(adjusted))
     told()
     result = _judged(walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
@@ -175,6 +171,18 @@ class _Adjusting:
 
     def of(self, walk: Walk, rig: CameraRig) -> Adjusted:
         return adjust(walk, rig, unknown_lenses=self.unknown_lenses, clocks=self.clocks, config=self.config)
+
+    def of_walker(
+        self, walk: Walk, rig: CameraRig, everybody: Mapping[str, Sequence[Track]], starts: Starts
+    ) -> tuple[Walk, Adjusted, Float[np.ndarray, "frame joint 3"]]:
+        """Again where views showed somebody else: the walk, the scene, and the joints of all frames."""
+        adjusted = self.of(walk, rig)
+        joints = _joints(walk, adjusted.rig)
+        of_walker = with_the_walker(walk, everybody, starts, adjusted.rig, joints)
+        if of_walker is walk:
+            return walk, adjusted, joints
+        adjusted = self.of(of_walker, adjusted.rig)
+        return of_walker, adjusted, _joints(of_walker, adjusted.rig)
 
     def halves(self, walk: Walk, rig: CameraRig) -> tuple[Adjusted, Adjusted] | None:
         """Of each half of the recording; None where one is too short, or shows too little."""
