@@ -26,6 +26,7 @@ from fgpose.cli.models import Models
 from fgpose.cli.report import Report
 from fgpose.cli.run import Run
 from fgpose.cli.study import Study
+from fgpose.cli.synchronise import Synchronise
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 
@@ -48,6 +49,7 @@ _COMMANDS = {
     "run": Run,
     "study": Study,
     "detect": Detect,
+    "synchronise": Synchronise,
     "smooth": Smooth,
     "track": Track,
     "live": Live,
@@ -66,6 +68,7 @@ Command = (
     | Run
     | Study
     | Detect
+    | Synchronise
     | Smooth
     | Track
     | Live
