@@ -98,7 +98,6 @@ def report(job: Job) -> None:
         load_finished(
             job.path(MOTION),
             title=job.recording.key,
-            rig=job.calibration,
             videos=job.recording.source if job.recording.kind == "videos" else None,
             world_up=job.study.steps.world_up,
         ),
