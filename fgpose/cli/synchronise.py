@@ -35,8 +35,9 @@ class Synchronise(KeypointOptions):
     def run(self) -> None:
         from fgpose.calibration.synchronisation import synchronise
         from fgpose.io.atomic import check_writable
-        from fgpose.io.calibration import check_format, load_rig, save_rig
+        from fgpose.io.calibration import check_format, load_calibration_origin, load_rig, save_rig
         from fgpose.io.keypoints import load_people
+        from fgpose.pipeline.origin import synchronised
 
         check_format(self.output)
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in (self.keypoints, self.rig)):
@@ -49,10 +50,11 @@ class Synchronise(KeypointOptions):
             rig, people = rig.subset(self.cameras), people.subset(self.cameras)
         with new_console(stderr=True).status("comparing the motion that the cameras show"):
             found = synchronise(people, rig)
-        save_rig(found.rig, self.output)
+        save_rig(found.rig, self.output, origin=synchronised(load_calibration_origin(self.rig), found))
         console.print(_table(found))
         for finding in found.findings:
-            console.print(f"{finding.camera}: {finding.reason}. {finding.remedy}.", soft_wrap=True)
+            remedy = finding.remedy[0].upper() + finding.remedy[1:]
+            console.print(f"{finding.camera}: {finding.reason}. {remedy}.", soft_wrap=True)
         if found.left_out:
             console.print(f"Left out, as their starts are not known: {', '.join(found.left_out)}.", soft_wrap=True)
         console.print(f"wrote {self.output}", soft_wrap=True)

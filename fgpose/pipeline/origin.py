@@ -13,6 +13,7 @@ import numpy as np
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.calibration.self_calibration import CameraCalibration
+from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file
@@ -59,6 +60,12 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
         rows = zip(rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
         known = replace(known, moved=tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows))
     return replace(origin, rig=rig, calibration=known)
+
+
+def synchronised(known: CalibrationOrigin, found: Synchronised) -> CalibrationOrigin:
+    """After it was found when the cameras of a rig began. What is said of those that were left out remains."""
+    sigma_s = _known(found.rig, found.sigma_s)
+    return replace(known, offset_sigma_s=sigma_s, findings=(*known.findings, *_reasons(found.findings)))
 
 
 def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:

@@ -73,5 +73,6 @@ def test_a_camera_that_sees_nobody_is_said(
     given = [str(tmp_path / "take.parquet"), *arguments(folder)[1:], "-o", str(tmp_path / "take.toml")]
     assert main(["synchronise", *given]) == 0
     printed = capsys.readouterr().out
-    assert "ring_2: nobody is seen. walk about" in printed
+    assert "ring_2: the person is seen for 0.3 s only" in printed
+    assert "Walk about where all cameras see you" in printed
     assert "Left out, as their starts are not known: ring_2." in printed

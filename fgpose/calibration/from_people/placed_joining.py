@@ -27,9 +27,9 @@ _MAX_SAMPLES = 300
 _MAX_PEAKS = 6
 # Two videos of which less than this shows the same time are not compared.
 _LEAST_S = 1.5
-# The best of some hundred shifts, of which a few tens are independent, is seldom this many standard deviations better
-# than the next where neither is right.
-_DECISIVE = 3.5
+# The best of some tens of independent shifts is seldom this many standard deviations better than the next where neither
+# is right: at 2.5 no camera of 100 simulated takes of 6 and 8 s joined at a wrong moment.
+_DECISIVE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,13 +136,14 @@ class _Cameras:
         offsets = np.arange(low, high)
         # The shift between two clocks is the difference of their offsets.
         gain = np.sum([each.at(offsets - steps[other]) for other, each in compared.items()], axis=0)
-        best_s, *next_s = (offsets[peaks(gain, _MAX_PEAKS)] * _STEP_S).tolist() or [None]
-        if best_s is None:
+        moments_s: list[float] = (offsets[peaks(gain, _MAX_PEAKS)] * _STEP_S).tolist()
+        if not moments_s:
             return None
 
         def blocks(offset_s: float) -> np.ndarray:
             return np.concatenate([each.blocks(offset_s - others_s[other]) for other, each in compared.items()])
 
+        best_s, *next_s = moments_s
         at_best = blocks(best_s)
         better = {other_s: _sigmas(at_best - blocks(other_s)) for other_s in next_s}
         second_s = min(better, key=lambda other_s: better[other_s], default=None)
