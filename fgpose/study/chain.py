@@ -13,6 +13,7 @@ from fgpose.study.estimating import estimate, export, judge, measure_angles, rep
 from fgpose.study.job import Job
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
+from fgpose.study.synchronising import find_starts, synchronises
 
 
 @dataclass(frozen=True)
@@ -33,9 +34,10 @@ def _detects(study: Study, recording: Recording) -> bool:
 
 
 def _calibrates(study: Study, recording: Recording) -> bool:
-    mode = study.steps.calibrate
-    # From videos, people calibrate the cameras while they are detected.
-    return mode != "given" and not (mode == "people" and recording.kind == "videos")
+    if study.steps.calibrate == "people":
+        # From videos, people calibrate the cameras while they are detected.
+        return recording.kind == "keypoints" and not recording.calibrated_on
+    return study.steps.calibrate != "given"
 
 
 def _reading(study: Study) -> tuple[object, ...]:
@@ -44,19 +46,25 @@ def _reading(study: Study) -> tuple[object, ...]:
 
 
 STEPS = (
-    Step("detect", detect, lambda s: (s.detect, s.steps.calibrate, s.from_people, _reading(s)), _detects),
+    Step(
+        "detect",
+        detect,
+        lambda s: (s.detect, s.steps.calibrate, s.steps.synchronise, s.from_people, _reading(s)),
+        _detects,
+    ),
+    Step("synchronise", find_starts, lambda s: (s.steps.synchronise, _reading(s)), synchronises, after=("detect",)),
     Step(
         "calibrate",
         recalibrate,
         lambda s: (s.steps.calibrate, s.steps.people, s.from_people, _reading(s), s.parameters),
         _calibrates,
-        after=("detect",),
+        after=("detect", "synchronise"),
     ),
     Step(
         "estimate",
         estimate,
         lambda s: (s.steps.people, _reading(s), s.parameters),
-        after=("detect", "calibrate"),
+        after=("detect", "synchronise", "calibrate"),
     ),
     Step(
         "angles",

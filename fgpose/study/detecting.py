@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
+
 from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig, save_rig
 from fgpose.io.keypoints import save_people_observations
 from fgpose.monocular.cache import cache_folder
@@ -14,6 +16,7 @@ from fgpose.pipeline.origin import calibration_from_people
 from fgpose.study.calibrating import from_people, intrinsics_of
 from fgpose.study.job import CAMERAS, DETECTED, Job
 from fgpose.study.networks import network
+from fgpose.study.synchronising import synchronises
 
 
 def detect(job: Job) -> None:
@@ -27,10 +30,9 @@ def detect(job: Job) -> None:
     # FFmpeg says on stderr of every process what the error says too.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
-    if job.study.steps.calibrate == "people":
+    if job.recording.calibration is None:
         detected, known = _calibrated(job)
     else:
-        assert job.recording.calibration is not None
         known = load_calibration_origin(job.recording.calibration)
         detected = _detected(job, _with_rig(job))
     save_people_observations(detected.people, job.path(DETECTED))
@@ -40,7 +42,9 @@ def detect(job: Job) -> None:
 def _with_rig(job: Job) -> Sources:
     data = job.study.data
     assert job.recording.calibration is not None
-    rig = load_rig(job.recording.calibration, data.unit)
+    rig = load_rig(job.recording.calibration, job.reading["unit"])
+    if synchronises(job.study, job.recording):
+        rig = rig.with_time_offsets(np.zeros(rig.n_cameras))  # those of the trial that they were calibrated on
     return open_sources(job.recording.source, rig, fps=data.fps, cameras=data.cameras)
 
 

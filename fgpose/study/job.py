@@ -15,6 +15,8 @@ from fgpose.study.study import Study, skeleton_of
 
 DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""
+IN_TIME, SYNCHRONISED = "synchronised.parquet", "synchronised.toml"
+"""The keypoints of the cameras whose start is known, each by its own clock, and these cameras with their starts."""
 SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
 """The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
 MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
@@ -40,12 +42,12 @@ class Job:
 
     @property
     def keypoints(self) -> Path:
-        return self.first(SEEN, DETECTED) or self.recording.source
+        return self.first(SEEN, IN_TIME, DETECTED) or self.recording.source
 
     @property
     def calibration(self) -> Path:
         """Raises ValueError if there is none."""
-        found = self.first(CALIBRATION, CAMERAS) or self.recording.calibration
+        found = self.first(CALIBRATION, SYNCHRONISED, CAMERAS) or self.recording.calibration
         if found is None:
             raise ValueError("it has no calibration")
         return found
@@ -71,11 +73,12 @@ class Job:
         """How keypoints are read."""
         data = self.study.data
         own = self.keypoints.parent == self.folder
+        # Calibrations that fgpose has written are in metres.
+        in_metres = self.recording.calibrated_on or self.calibration.parent == self.folder
         return {
-            "cameras": data.cameras,
+            "cameras": () if self.path(IN_TIME).exists() else data.cameras,
             "fps": data.fps,
-            # Calibrations that fgpose has written are in metres.
-            "unit": "auto" if self.calibration.parent == self.folder else data.unit,
+            "unit": "auto" if in_metres else data.unit,
             "points3d_frame": "camera" if own else data.points3d_frame,
             "points3d_unit": data.points3d_unit,
         }

@@ -79,7 +79,7 @@ def run_study(
         if on_begin:
             on_begin(n_recordings)
         try:
-            for outcome in run(client, study, plan):
+            for outcome in (each for stage in plan.stages() for each in run(client, study, stage)):
                 _note(result, outcome)
                 if on_outcome:
                     on_outcome(outcome)
