@@ -56,7 +56,11 @@ class Synchronise(KeypointOptions):
             remedy = finding.remedy[0].upper() + finding.remedy[1:]
             console.print(f"{finding.camera}: {finding.reason}. {remedy}.", soft_wrap=True)
         if found.left_out:
-            console.print(f"Left out, as their starts are not known: {', '.join(found.left_out)}.", soft_wrap=True)
+            names = ", ".join(found.left_out)
+            console.print(
+                f"Left out, as their starts are not known: {names}. Take their keypoints away before you go on.",
+                soft_wrap=True,
+            )
         console.print(f"wrote {self.output}", soft_wrap=True)
 
 
