@@ -29,7 +29,8 @@ class FinishedRecording:
     rig: CameraRig | None = None
     """The cameras of the trajectories, in any order."""
     observations: Mapping[int, Observations] = field(default_factory=dict)
-    """What the cameras saw of each person, in the frames of the trajectory; of those for whom it is known."""
+    """What the cameras saw of each person, in the frames of the trajectory; of those for whom it is known. Where it has
+    a time for each camera, that is by the clock of the rig; else no camera is late."""
     offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the time offset of each camera whose offset was estimated; the offsets are the rig's."""
     findings: tuple[Finding, ...] = ()
