@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.delays import image_motion_px
-from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.observations import Observations
+from fgpose.geometry.camera import Camera
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.series import known_quantile
 from fgpose.report.suspicion import Suspicion
@@ -77,7 +75,7 @@ def late_cameras(recording: FinishedRecording) -> list[Suspicion]:
     if seen is None or recording.rig is None or recording.rig.n_cameras < 3 or recording.main.n_frames < 3:
         return []
     step_s = usual_step_s(recording.main.time_s)
-    on_time_px = _on_time_px(recording.main, seen, recording.rig)
+    on_time_px = recording.on_time_px(recording.main_person)
     found = []
     for c, camera in enumerate(recording.rig.cameras):
         lag = lag_of(recording.main, on_time_px[:, c], camera)
@@ -91,17 +89,6 @@ def late_cameras(recording: FinishedRecording) -> list[Suspicion]:
             )
             found.append(Suspicion(camera.name, reason, remedy, 0.45))
     return found
-
-
-def _on_time_px(
-    trajectory: Trajectory, seen: Observations, rig: CameraRig
-) -> Float[np.ndarray, "frame camera joint 2"]:
-    """The detections, undistorted, where they would be if no camera were late by more than the result says."""
-    undistorted_px = rig.undistort(seen.points2d_px)
-    if seen.time_s.ndim == 1:
-        return undistorted_px
-    delay_s = np.nan_to_num(seen.time_s - trajectory.time_s[:, None])
-    return undistorted_px - image_motion_px(trajectory.positions_m, trajectory.time_s, delay_s, rig)
 
 
 def undetermined_clocks(recording: FinishedRecording) -> list[Suspicion]:
