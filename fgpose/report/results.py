@@ -72,6 +72,7 @@ def load_finished(
     fps: float | None = None,
     videos: Path | None = None,
     world_up: Literal["z", "y"] = "z",
+    observed: bool = True,
 ) -> FinishedRecording:
     """Read the result of a run with what is known of its inputs.
 
@@ -84,6 +85,7 @@ def load_finished(
         fps: of the keypoints, if their file has no times, and of folders of images.
         videos: folder of the videos; by default as of the keypoints.
         world_up: which axis of the world points up.
+        observed: whether what the cameras saw is looked for, if no keypoints are named.
 
     Raises:
         ValueError: a file is damaged, or they are not of one recording; the message names the file.
@@ -106,7 +108,7 @@ def load_finished(
     if keypoints is not None and given is not None:
         made_from["Keypoints"] = str(keypoints)
         observations = used_detections(keypoints, given, people, fps)
-    elif (file := origin.input_file("Keypoints")) is not None and given is not None:
+    elif observed and (file := origin.input_file("Keypoints")) is not None and given is not None:
         observations, problem = _still_there(file, given, people, fps or origin.fps)
         made_from["Keypoints"] += f". {problem}" if problem else ""
     return FinishedRecording(
