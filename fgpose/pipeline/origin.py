@@ -17,7 +17,7 @@ from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file
-from fgpose.monocular.sources import Sources
+from fgpose.monocular.clips import Clip
 
 
 def origin_of(rig: CameraRig, fps: float | None = None, **inputs: Path) -> Origin:
@@ -32,11 +32,11 @@ def origin_of(rig: CameraRig, fps: float | None = None, **inputs: Path) -> Origi
     return Origin(files, rig, known.subset(rig.names), fps=fps, fgpose=version("fgpose"))
 
 
-def video_files(sources: Sources) -> tuple[InputFile, ...]:
+def video_files(clips: Sequence[Clip]) -> tuple[InputFile, ...]:
     """Of each camera. Raises OSError if a file cannot be seen."""
     return tuple(
         replace(input_file("Video", clip.path), camera=clip.name, image_px=clip.size_px, rate_hz=clip.fps)
-        for clip in sources.clips
+        for clip in clips
     )
 
 

@@ -73,7 +73,8 @@ def _recording(folder: Path, row: dict[str, Any], base: Path, *, reports: bool) 
 
 def _shown(motion: Path, report: Path, name: str, *, reports: bool) -> str:
     """The picture of a recording, whose report is written if it is due."""
-    recording = load_finished(motion, title=name)
-    if reports and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime):
+    due = reports and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime)
+    recording = load_finished(motion, title=name, observed=due)
+    if due:
         write_report(recording, report)
     return thumbnail(recording)

@@ -80,7 +80,7 @@ STEPS = (
         lambda study, recording: bool(study.steps.formats),
         after=("estimate",),
     ),
-    Step("judge", judge, lambda s: (), after=("estimate", "calibrate")),
+    Step("judge", judge, lambda s: s.steps.world_up, after=("estimate", "calibrate")),
     Step(
         "report",
         report,

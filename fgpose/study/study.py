@@ -119,6 +119,8 @@ class Study:
     parameters: Config = field(default_factory=Config)
     base: Path = Path()
     """Folder of the study file, to which its other paths are relative."""
+    file_name: str = ""
+    """Of the study file."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -176,6 +178,7 @@ def study_of(table: dict[str, Any], path: Path) -> Study:
         resources=given.resources,
         parameters=given.parameters,
         base=base,
+        file_name=path.name,
     )
 
 
