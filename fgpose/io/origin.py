@@ -27,7 +27,7 @@ class InputFile:
     """A file, or a folder, that a result was made from."""
 
     what: str
-    """Keypoints, Calibration or Videos; Video of a single one."""
+    """Keypoints, Calibration or Videos; Video of a single one; or what a step of a study began from."""
     path: str
     """In a file relative to the folder of the result, in memory absolute."""
     size_bytes: int

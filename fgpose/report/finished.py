@@ -18,6 +18,15 @@ from fgpose.observations import Observations
 from fgpose.trajectory import Trajectory
 
 
+@dataclass(frozen=True)
+class Mark:
+    """Something that happened, as whoever recorded it has noted."""
+
+    time_s: float
+    """By the clock of the recording."""
+    name: str
+
+
 @dataclass(frozen=True, eq=False)
 class FinishedRecording:
     """The results of one recording. All that is not a trajectory may be missing: what rests on it is then not judged.
@@ -41,6 +50,8 @@ class FinishedRecording:
     """Of the calibration from people, if the rig is from one."""
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of people."""
+    marks: tuple[Mark, ...] = ()
+    """Events of the recording itself, in the order of time."""
     videos: Path | None = None
     """Folder of the videos, or of the folders of images, of the cameras."""
     images_hz: float | None = None

@@ -10,6 +10,7 @@ from importlib.metadata import version
 from fgpose.study.calibrating import recalibrate
 from fgpose.study.detecting import detect
 from fgpose.study.estimating import estimate, export, judge, measure_angles, report
+from fgpose.study.events import own_events
 from fgpose.study.job import Job
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
@@ -27,6 +28,8 @@ class Step:
     applies: Callable[[Study, Recording], bool] = lambda study, recording: True
     after: tuple[str, ...] = ()
     """Steps whose files it reads, where they apply."""
+    own: Callable[[Study, Recording], object] = lambda study, recording: None
+    """What else changes its result, that is of the recording and in none of its files."""
 
 
 def _detects(study: Study, recording: Recording) -> bool:
@@ -87,6 +90,7 @@ STEPS = (
         lambda s: s.steps.world_up,
         lambda study, recording: study.steps.report,
         after=("estimate", "calibrate"),
+        own=own_events,
     ),
 )
 
@@ -107,6 +111,8 @@ def fingerprints(study: Study, recording: Recording, contents: Mapping[str, str]
     found: dict[str, str] = {}
     for step in steps_of(study, recording):
         before = [found[name] for name in step.after if name in found]
+        own = step.own(study, recording)
         made_from = (version("fgpose"), step.name, step.settings(study), before, sorted(contents.items()))
+        made_from += (own,) if own else ()
         found[step.name] = hashlib.blake2b(repr(made_from).encode(), digest_size=16).hexdigest()
     return found

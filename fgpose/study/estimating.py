@@ -16,10 +16,11 @@ from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import find_clips
 from fgpose.pipeline import PeopleSource
 from fgpose.pipeline.origin import video_files
-from fgpose.report.finished import FinishedRecording
+from fgpose.report.finished import FinishedRecording, Mark
 from fgpose.report.quality import quality
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
+from fgpose.study.events import own_events
 from fgpose.study.job import ANGLES, MOTION, REPORT, Job
 from fgpose.tracking import smooth_people
 from fgpose.trajectory import Trajectory
@@ -117,7 +118,8 @@ def judge(job: Job) -> None:
 
 def report(job: Job) -> None:
     """The page of the recording."""
-    write_report(_finished(job), job.path(REPORT))
+    marks = tuple(Mark(time_s, name) for time_s, name in own_events(job.study, job.recording))
+    write_report(replace(_finished(job), marks=marks), job.path(REPORT))
 
 
 def _finished(job: Job) -> FinishedRecording:

@@ -13,10 +13,11 @@ from fgpose.io.atomic import check_writable
 from fgpose.io.studies.events import Event, read_events
 from fgpose.io.studies.rows import write_rows
 from fgpose.study.cluster import run, workers
+from fgpose.study.events import events_of
 from fgpose.study.plan import Plan
 from fgpose.study.process import Outcome
 from fgpose.study.study import Study
-from fgpose.study.tables import EVENTS, Tables, events_of
+from fgpose.study.tables import EVENTS, Tables
 
 OnBegin = Callable[[int], None]
 """Called with the number of recordings once the workers are there."""

@@ -156,6 +156,29 @@ def test_a_calibration_that_says_nonsense_of_itself_fails(study_file: Path) -> N
     assert outcome.reason.startswith(f"{calibration}: what it says of its origin is damaged")
 
 
+EVENTS = "subject,trial,event,time_s\nS01,run,stumble,0.25\nS01,run,start,0.1\nS02,run,tumbling,0.2\n"
+
+
+@pytest.mark.slow
+def test_events_are_on_the_page_of_their_recording(edited: Callable[[str, str], Path]) -> None:
+    pytest.importorskip("bokeh")
+    edited("[steps]", 'events = "events.csv"\n[steps]')
+    file = edited("angles = false", "angles = false\nreport = true")
+    events = file.parent / "events.csv"
+    events.write_text(EVENTS)
+    outcome = run(file)
+    assert outcome.ran == (*ALL, "report"), outcome.reason
+    page = (outcome.recording.folder(load_study(file).output) / "report.html").read_text()
+    # In the table in order, and over the lines in the figures.
+    assert page.index(">start<") < page.index(">stumble<")
+    assert '"stumble"' in page
+    assert "tumbling" not in page
+    events.write_text(EVENTS.replace("tumbling", "jump"))
+    assert run(file).status == "unchanged"
+    events.write_text(EVENTS.replace("0.25", "0.2"))
+    assert run(file).ran == ("report",)
+
+
 def empty(path: Path) -> None:
     path.write_bytes(b"")
 
