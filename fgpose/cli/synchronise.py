@@ -45,9 +45,9 @@ class Synchronise(KeypointOptions):
         check_writable(self.output.parent)
         console = new_console()
         rig = load_rig(self.rig, self.unit)
-        people = load_people(self.keypoints, rig, self.skeleton, fps=self.fps)
-        if self.cameras:
-            rig, people = rig.subset(self.cameras), people.subset(self.cameras)
+        rig = rig.subset(self.cameras) if self.cameras else rig
+        reading = {"fps": self.fps, "ignore_other_cameras": bool(self.cameras)}
+        people = load_people(self.keypoints, rig, self.skeleton, **reading)
         with new_console(stderr=True).status("comparing the motion that the cameras show"):
             found = synchronise(people, rig)
         save_rig(found.rig, self.output, origin=synchronised(load_calibration_origin(self.rig), found))
@@ -56,9 +56,9 @@ class Synchronise(KeypointOptions):
             remedy = finding.remedy[0].upper() + finding.remedy[1:]
             console.print(f"{finding.camera}: {finding.reason}. {remedy}.", soft_wrap=True)
         if found.left_out:
-            names = ", ".join(found.left_out)
+            left_out, kept = ", ".join(found.left_out), " ".join(found.rig.names)
             console.print(
-                f"Left out, as their starts are not known: {names}. Take their keypoints away before you go on.",
+                f"Left out, as their starts are not known: {left_out}. Use the others: --cameras {kept}",
                 soft_wrap=True,
             )
         console.print(f"wrote {self.output}", soft_wrap=True)

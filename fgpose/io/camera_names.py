@@ -11,11 +11,14 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name) if part]
 
 
-def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, str]:
+def match_cameras(found: Iterable[str], rig_names: Iterable[str], *, ignore_others: bool = False) -> dict[str, str]:
     """For each camera of the rig, the name by which the keypoints call it.
 
     Case, underscores, hyphens, dots, blanks and a final ``_json`` do not count: cam01_json is cam_01. Neither does what
     Pose2Sim puts around the name in its intrinsics: int_cam01_img is cam_01 too.
+
+    Args:
+        ignore_others: whether keypoints may be of cameras that the rig lacks.
 
     Raises:
         ValueError: a camera is in one of the two only, or two names of one side are the same; the message names them.
@@ -24,7 +27,7 @@ def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, s
     lacking = [name for plain, name in keypoints.items() if plain not in rig]
     unused = [name for plain, name in rig.items() if plain not in keypoints]
     problems = []
-    if lacking:
+    if lacking and not ignore_others:
         problems.append(
             f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig.values())}"
         )

@@ -7,9 +7,9 @@ import warnings
 from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.calibration.synchronisation import synchronise
 from fgpose.io.calibration import load_calibration_origin, load_rig, save_rig
-from fgpose.io.keypoints import load_people, save_people_observations
+from fgpose.io.keypoints import load_people
 from fgpose.pipeline.origin import synchronised
-from fgpose.study.job import IN_TIME, SYNCHRONISED, Job
+from fgpose.study.job import SYNCHRONISED, Job
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
 
@@ -31,6 +31,7 @@ def find_starts(job: Job) -> None:
     """
     data, file = job.study.data, job.calibration
     rig, known = load_rig(file, job.reading["unit"]), load_calibration_origin(file)
+    rig = rig.subset(data.cameras) if data.cameras else rig
     people = load_people(
         job.keypoints,
         rig,
@@ -38,12 +39,10 @@ def find_starts(job: Job) -> None:
         fps=data.fps,
         points3d_frame=job.reading["points3d_frame"],
         points3d_unit=data.points3d_unit,
+        ignore_other_cameras=bool(data.cameras),
     )
-    if data.cameras:
-        rig, people = rig.subset(data.cameras), people.subset(data.cameras)
     found = synchronise(people, rig)
     for each in found.findings:
         if each.grade is Grade.FAILED:
             warnings.warn(f"camera {each.camera} is left out: {each.reason}", stacklevel=2)
-    save_people_observations(people.subset(found.rig.names), job.path(IN_TIME))
     save_rig(found.rig, job.path(SYNCHRONISED), origin=synchronised(known.subset(found.rig.names), found))
