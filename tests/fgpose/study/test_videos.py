@@ -11,6 +11,7 @@ import pytest
 from calibrated_walks import calibrated
 
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.trajectories import load_trajectory
@@ -83,6 +84,29 @@ def test_the_motion_names_its_videos(video_study: Path, squares: SquaresScene, m
     described = finished.made_from[f"Video {squares.rig.names[0]}"]
     assert f"{width} × {height} px, 20 Hz" in described
     assert finished.observations
+
+
+def test_videos_that_were_started_by_hand(
+    video_study: Path, squares: SquaresScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The starts in the calibration are those of another recording."""
+    begins_s: list[float] = []
+
+    def found(people: PeopleObservations, rig: CameraRig) -> Synchronised:
+        begins_s.extend(float(people.times_s(name)[0]) for name in rig.names)
+        return Synchronised(rig.with_time_offsets(squares.rig.time_offsets_s), np.array([0.0, 2e-3, 2e-3]), ())
+
+    monkeypatch.setattr("fgpose.study.synchronising.synchronise", found)
+    save_rig(squares.rig.with_time_offsets(np.array([0.0, 3.0, -2.0])), video_study.parent / "Calib.toml")
+    video_study.write_text(STUDY.replace("angles = false", "angles = false\nsynchronise = true"))
+    study = load_study(video_study)
+    (recording,) = Plan(study)
+    outcome = process(study, recording)
+    assert outcome.ran == ("detect", "synchronise", "estimate", "judge"), outcome.reason
+    assert begins_s == [0.0, 0.0, 0.0]
+    finished = load_finished(recording.folder(study.output) / "motion.parquet")
+    assert finished.offset_sigma_s == {squares.rig.names[1]: 2e-3, squares.rig.names[2]: 2e-3}
+    assert finished.main.n_frames == 20
 
 
 def test_a_truncated_video_fails(video_study: Path) -> None:
