@@ -35,17 +35,20 @@ Line = dict[str, str | list[str]]
 """What was raised of one recording: kind, clips, name, and the names of the suspicions that are right and wrong."""
 
 
-def measured(seen: Seen, words: bool) -> dict[str, list[str]]:
-    """Names of the suspicions: those that may be right, and those that name another camera than that with the fault."""
+def finished(seen: Seen) -> FinishedRecording:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # that a window did not converge is one of the suspicions
         trajectory = fgpose.smooth(seen.observations, seen.rig)
-    recording = FinishedRecording("benchmark", {0: trajectory}, seen.rig, {0: seen.observations})
+    return FinishedRecording("benchmark", {0: trajectory}, seen.rig, {0: seen.observations})
+
+
+def raised(recording: FinishedRecording, faulty: str, words: bool) -> dict[str, list[str]]:
+    """Names of the suspicions: those that may be right, and those that name another camera than that with the fault."""
     found: dict[str, list[str]] = {"right": [], "wrong": []}
     for check in CHECKS:
         for suspicion in check(recording):
-            accused = suspicion.subject if suspicion.subject in seen.rig.names else seen.camera
-            kind = "wrong" if seen.camera and accused != seen.camera else "right"
+            accused = suspicion.subject if suspicion.subject in recording.camera_names else faulty
+            kind = "wrong" if accused != faulty and faulty else "right"
             if check.__name__ not in found[kind]:
                 found[kind].append(check.__name__)
             if words:
@@ -87,7 +90,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seeds", type=int, nargs="*", default=[0], help="of noise and faults, of each clip")
     parser.add_argument("--clips", nargs="+", default=["tuning", "test"], choices=["tuning", "test"])
-    parser.add_argument("--only", nargs="+", default=list(KINDS), choices=list(KINDS), help="these kinds")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        default=list(KINDS),
+        choices=list(KINDS),
+        metavar="KIND",
+        help="these kinds: " + "; ".join(KINDS),
+    )
     parser.add_argument("--real", action="store_true", help="the real recordings that come with fgpose too")
     parser.add_argument("--words", action="store_true", help="print every suspicion in its words")
     parser.add_argument("--out", type=Path, default=Path("out/report_checks.jsonl"), help="what was measured")
@@ -103,7 +113,9 @@ def main() -> None:
                 continue
             if options.words:
                 sys.stdout.write(f"{kind}, {name}\n")
-            lines.append({"kind": kind, "clips": clips, "name": name} | measured(make(), options.words))
+            seen = make()
+            found = raised(finished(seen), seen.camera, options.words)
+            lines.append({"kind": kind, "clips": clips, "name": name} | found)
             file.write(json.dumps(lines[-1]) + "\n")
             file.flush()
     for clips in ("tuning", "test", "real"):

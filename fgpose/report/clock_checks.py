@@ -29,9 +29,8 @@ _NOTICEABLE_FRAMES = 0.2
 _DRIFT_FRAMES = 1.0  # from the first second to the last: half of it at either end
 # A frame that comes later than this many steps has missed one.
 _MISSING_STEPS = 1.5
-# Of the length of a vector of two normal numbers of standard deviation one.
-_MEDIAN_LENGTH = 1.1774
-_LEAST_PX = 0.1  # of the errors, where a recording has none
+_OUTLIER_RATIO = 5.0  # of the median error
+_UNWEIGHTED = ProjectionConfig(sigma_px=1.0, kernel="none")
 # Relative: the lag that all cameras have in common has none but by rounding and by what keeps unseen joints invertible.
 _NO_INFORMATION = 1e-7
 
@@ -104,7 +103,10 @@ def _blocks(
         [[[known_quantile(axis, 0.5) for axis in joint.T] for joint in view] for view in _by_view(error_px)]
     )
     length_px = np.linalg.norm(error_px - bias_px, axis=-1)
-    config = ProjectionConfig(sigma_px=max(known_quantile(length_px, 0.5) / _MEDIAN_LENGTH, _LEAST_PX))
+    # Outliers would decide otherwise. A robust kernel shrinks lags by a fifth: what lags most has large errors.
+    weights = (length_px < _OUTLIER_RATIO * known_quantile(length_px, 0.5)).astype(float)
+    if trajectory.visibility is not None:
+        weights *= np.nan_to_num(trajectory.visibility)
     velocity_mps = np.gradient(trajectory.positions_m, trajectory.time_s, axis=0)
     block = ((trajectory.time_s - trajectory.time_s[0]) / _BLOCK_S).astype(int)
     found = []
@@ -114,9 +116,9 @@ def _blocks(
             trajectory.positions_m[own],
             velocity_mps[own],
             undistorted_px[own] - bias_px,
-            np.isfinite(length_px[own]).astype(float),
+            weights[own],
             rig,
-            config,
+            _UNWEIGHTED,
         )
         if equations[0].any():
             found.append((number * _BLOCK_S, *equations))
