@@ -19,7 +19,8 @@ from fgpose.synthetic import NO_OCCLUSION, Occlusion, embedded_motion, real_erro
 TUNING_CLIPS = ("cmu_01_04_a", "cmu_02_01_short", "cmu_02_05", "cmu_03_03_b")
 """Climbing, walking, punching, over obstacles."""
 TEST_CLIPS = ("cmu_01_01_a", "cmu_02_07_a", "cmu_02_10", "cmu_03_03_a", "cmu_02_03_short")
-"""Jumping, swordplay, washing, over obstacles, running: no limit of a check was chosen on them."""
+"""Jumping, swordplay, washing, over obstacles, running: no limit of a check was chosen on them, but that of falls, as
+there is no other clip with jumps."""
 LEAST_S = 8.0  # lags need five blocks of a second
 RING = ring_rig()
 

@@ -24,8 +24,9 @@ _MISPLACED_LEAST_S = 1.0
 # As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
 _SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
 _MIN_PAIRS = 3  # that can be judged: one or two may look exchanged by chance
-# Hallucinations under occluders look like an exchange of one pair in up to 7 % (benchmarks/report_checks.py).
-_SWAPPED_PAIR_SHARE = 0.1
+# Hallucinations under occluders look like an exchange of one pair in up to 7 %, hips that a network misplaces in up to
+# 14 % (benchmarks/report_checks.py).
+_SWAPPED_PAIR_SHARE = 0.15
 _SWAP_TO_USUAL = 3.0  # the usual error of the camera is then no more than the tolerance
 # Swapped labels leave, at both joints, the distance between the two; to within what detections err usually.
 _SWAP_TOLERANCE = 0.25

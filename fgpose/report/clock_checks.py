@@ -71,19 +71,18 @@ def lags(recording: FinishedRecording) -> dict[str, Lag]:
     if seen is None or recording.rig is None or recording.rig.n_cameras < 3 or recording.main.n_frames < 3:
         return {}
     blocks = _blocks(recording.main, recording.rig.undistort(seen.points2d_px), recording.rig)
-    told = np.diagonal(blocks.information, axis1=1, axis2=2).sum(axis=0) > 0
-    if told.sum() < 3 or len(blocks.time_s) < _MIN_BLOCKS:
+    says = np.diagonal(blocks.information, axis1=1, axis2=2) > 0
+    told = says.sum(axis=0) >= _MIN_BLOCKS
+    if told.sum() < 3:
         return {}
     lag_s, sigma_s = _against_median(*_solved(blocks, degree=0), told)
     drift, drift_sigma = _against_median(*_solved(blocks, degree=1), told)
-    duration_s = float(np.ptp(blocks.time_s))
-    return {
-        name: Lag(
-            float(lag_s[c]), float(sigma_s[c]), float(drift[c]), float(drift_sigma[c]), len(blocks.time_s), duration_s
-        )
-        for c, name in enumerate(recording.rig.names)
-        if told[c]
-    }
+    found = {}
+    for c in np.flatnonzero(told).tolist():
+        own_s = blocks.time_s[says[:, c]]
+        numbers = (float(each[c]) for each in (lag_s, sigma_s, drift, drift_sigma))
+        found[recording.rig.names[c]] = Lag(*numbers, n_blocks=len(own_s), duration_s=float(np.ptp(own_s)))
+    return found
 
 
 class _Blocks(NamedTuple):
@@ -100,7 +99,7 @@ def _blocks(
     error_px = undistorted_px - rig.project(trajectory.positions_m)
     # A constant error of a joint in a view is no lag.
     bias_px = np.array(
-        [[[known_quantile(axis, 0.5) for axis in joint.T] for joint in view] for view in _by_view(error_px)]
+        [[[known_quantile(axis, 0.5) for axis in joint.T] for joint in view] for view in np.moveaxis(error_px, 0, 2)]
     )
     length_px = np.linalg.norm(error_px - bias_px, axis=-1)
     # Outliers would decide otherwise. A robust kernel shrinks lags by a fifth: what lags most has large errors.
@@ -126,14 +125,11 @@ def _blocks(
     return _Blocks(np.array(times_s), np.array(information), np.array(gradients))
 
 
-def _by_view(error_px: Float[np.ndarray, "frame camera joint 2"]) -> Float[np.ndarray, "camera joint frame 2"]:
-    return np.moveaxis(error_px, 0, 2)
-
-
 def _solved(blocks: _Blocks, degree: int) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, "camera camera"]]:
     """Highest coefficient of the polynomial of each camera's lag over time, and its covariance from the scatter of
     blocks about it. What all cameras have in common is no lag, but another motion: it is 0 on average."""
-    powers = (blocks.time_s - blocks.time_s.mean()) ** np.arange(degree + 1)[:, None]
+    unit_s = float(np.ptp(blocks.time_s))  # of time: of a long recording the numbers would be too different
+    powers = ((blocks.time_s - blocks.time_s.mean()) / unit_s) ** np.arange(degree + 1)[:, None]
     together = [np.einsum("b,bij->ij", a * b, blocks.information) for a in powers for b in powers]
     n_cameras = blocks.information.shape[1]
     shape = (degree + 1, degree + 1, n_cameras, n_cameras)
@@ -145,7 +141,7 @@ def _solved(blocks: _Blocks, degree: int) -> tuple[Float[np.ndarray, " camera"],
     scores = (powers.T[:, :, None] * misfit[:, None]).reshape(len(misfit), -1)
     # A curve through few blocks is nearer to them than the truth is (MacKinnon and White 1985, HC1).
     covariance = inverse @ scores.T @ scores @ inverse * len(misfit) / (len(misfit) - degree - 1)
-    return solution[-n_cameras:], covariance[-n_cameras:, -n_cameras:]
+    return solution[-n_cameras:] / unit_s**degree, covariance[-n_cameras:, -n_cameras:] / unit_s ** (2 * degree)
 
 
 def _against_median(
