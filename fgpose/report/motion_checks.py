@@ -109,8 +109,10 @@ def _contradicted_frames(trajectory: Trajectory) -> Bool[np.ndarray, " frame"]:
     doubted = (trajectory.visibility < _BELIEVED).sum(axis=1)
     judged = views >= _CONTRADICTED_VIEWS
     shares = ((2 * doubted > views) & judged).sum(axis=1) / np.maximum(judged.sum(axis=1), 1)
-    # A few joints that are seen at all say little of the body.
-    return np.asarray((shares > _CONTRADICTED_SHARE) & (2 * judged.sum(axis=1) > judged.shape[1]))
+    # A few joints that are seen at all say little of the body; nor does one frame, as outliers last for one.
+    found = (shares > _CONTRADICTED_SHARE) & (2 * judged.sum(axis=1) > judged.shape[1])
+    before, after = np.append(False, found[:-1]), np.append(found[1:], False)
+    return np.asarray(found & (before | after))
 
 
 def turns(recording: FinishedRecording) -> list[Suspicion]:
