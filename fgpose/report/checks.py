@@ -16,7 +16,7 @@ from fgpose.report.camera_checks import (
 from fgpose.report.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.gravity_checks import wrong_falls
-from fgpose.report.motion_checks import contradicted, gaps, short_lives, turns, unobservable
+from fgpose.report.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
 from fgpose.report.solution_checks import equal_confidences, large_errors, not_converged, outside
 from fgpose.report.suspicion import Suspicion
 
@@ -29,6 +29,7 @@ CHECKS: tuple[Callable[[FinishedRecording], list[Suspicion]], ...] = (
     late_cameras,
     drifting_cameras,
     wrong_falls,
+    impossible_speeds,
     undetermined_clocks,
     swapping_cameras,
     blind_cameras,

@@ -1,4 +1,4 @@
-"""What is suspicious of the motion itself: gaps, contradictions, turns, lives of people."""
+"""What is suspicious of the motion itself: gaps, contradictions, speeds, turns, lives of people."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, sigma_m
+from fgpose.report.series import known_quantile, root_m, sigma_m
 from fgpose.report.suspicion import Suspicion
 from fgpose.trajectory import Status, Trajectory
 
@@ -14,6 +14,8 @@ from fgpose.trajectory import Status, Trajectory
 _GAP_S, _GAP_SIGMAS = 0.5, 3.0
 # Of one kind: more are in the tables.
 _AT_MOST = 3
+# Above the fastest run: 44.72 km/h, 12.42 m/s (U. Bolt, from 60 to 80 m, World Championships in Athletics 2009).
+_MAX_SPEED_MPS = 13.0
 # The fastest spin on ice skates: 342 turns a minute, 2052 degrees a second (Guinness World Records 2015). Sides that
 # change places turn the body by 180 degrees in one to three frames. Less than 45 degrees in one frame may be noise of
 # pairs of joints that lie above each other.
@@ -113,6 +115,25 @@ def _contradicted_frames(trajectory: Trajectory) -> Bool[np.ndarray, " frame"]:
     found = (shares > _CONTRADICTED_SHARE) & (2 * judged.sum(axis=1) > judged.shape[1])
     before, after = np.append(False, found[:-1]), np.append(found[1:], False)
     return np.asarray(found & (before | after))
+
+
+def impossible_speeds(recording: FinishedRecording) -> list[Suspicion]:
+    """A body that is faster than anybody runs."""
+    found = []
+    for person, trajectory in recording.people.items():
+        way_m = np.linalg.norm(np.diff(root_m(trajectory), axis=0), axis=-1)
+        speed_mps = np.nan_to_num(way_m / np.diff(trajectory.time_s))
+        if len(speed_mps) and speed_mps.max() > _MAX_SPEED_MPS:
+            at_s = trajectory.time_s[int(np.argmax(speed_mps))]
+            reason = (
+                f"{recording.called(person) or 'the person'} is {speed_mps.max():.0f} m/s fast at {at_s:.2f} s: nobody "
+                f"runs faster than {_MAX_SPEED_MPS:.0f} m/s"
+            )
+            remedy = (
+                "Check the frame rate (--fps) and the scale of the calibration; is it another person from there on?"
+            )
+            found.append(Suspicion(recording.called(person), reason, remedy, 0.6))
+    return found
 
 
 def turns(recording: FinishedRecording) -> list[Suspicion]:
