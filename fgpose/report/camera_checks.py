@@ -9,6 +9,7 @@ from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.series import known_quantile
 from fgpose.report.suspicion import Suspicion
+from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
 _DISAGREES_RATIO = 2.0
@@ -17,8 +18,15 @@ _BLIND_RATIO = 0.5
 # The model of visibility expects some hallucinations everywhere: three times as many as the other cameras have is a
 # property of the view. Below a twentieth they do no harm.
 _HALLUCINATING_RATIO, _HALLUCINATING_SHARE = 3.0, 0.05
+# One joint that a view shows elsewhere more often than not, and hardly any other.
+_MISPLACED_SHARE, _MISPLACED_USUAL_SHARE = 0.5, 0.1
+_MISPLACED_LEAST_S = 1.0
 # As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
 _SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
+_MIN_PAIRS = 3  # that can be judged: one or two may look exchanged by chance
+# Hallucinations under occluders look like an exchange of one pair in up to 7 %, hips that a network misplaces in up to
+# 14 % (benchmarks/report_checks.py).
+_SWAPPED_PAIR_SHARE = 0.15
 _SWAP_TO_USUAL = 3.0  # the usual error of the camera is then no more than the tolerance
 # Swapped labels leave, at both joints, the distance between the two; to within what detections err usually.
 _SWAP_TOLERANCE = 0.25
@@ -125,26 +133,74 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Suspicion]:
     return found
 
 
+def misplaced_joints(recording: FinishedRecording) -> list[Suspicion]:
+    """A joint that one view shows in another place than the others: its network takes something else for it."""
+    found = []
+    for person, trajectory in recording.people.items():
+        if trajectory.visibility is None or trajectory.n_frames < 2:
+            continue
+        known = np.isfinite(trajectory.visibility)
+        duration_s = known.sum(axis=0) * usual_step_s(trajectory.time_s)
+        shares = ((trajectory.visibility < 0.5) & known).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        alone = np.median(shares, axis=1, keepdims=True) < _MISPLACED_USUAL_SHARE
+        for c, j in np.argwhere((shares > _MISPLACED_SHARE) & alone & (duration_s > _MISPLACED_LEAST_S)).tolist():
+            name, joint = recording.camera_names[c], trajectory.skeleton.joints[j]
+            reason = (
+                f"camera {name} shows {joint} elsewhere than the others do in {100 * shares[c, j]:.0f} % of its "
+                f"detections{_displacement(recording, person, c, j)}"
+            )
+            remedy = "Look at its images: what does the network take for this joint? A coat, a chair, the other side?"
+            found.append(Suspicion(name, reason, remedy, 0.3 * float(shares[c, j])))
+    return found
+
+
+def _displacement(recording: FinishedRecording, person: int, camera: int, joint: int) -> str:
+    """By how far on the body, where the detections are known."""
+    seen = recording.observations.get(person)
+    if seen is None or recording.rig is None:
+        return ""
+    joint_m = recording.people[person].positions_m[:, [joint]]
+    pinhole = recording.rig.cameras[camera]
+    error_px = pinhole.undistort(seen.points2d_px[:, camera, [joint]]) - pinhole.project(joint_m)
+    error_m = error_px[:, 0] / recording.rig.px_per_m(joint_m)[:, camera]
+    distance_m = np.linalg.norm([known_quantile(axis_m, 0.5) for axis_m in error_m.T])
+    return f", by {100 * distance_m:.0f} cm (median)"
+
+
 def swapping_cameras(recording: FinishedRecording) -> list[Suspicion]:
-    """A camera in which the network exchanges left and right."""
+    """A camera in which the network exchanges left and right, of the body or of one pair of joints."""
     if recording.rig is None or together_px(recording) is None:
         return []
-    swapped, judged = np.zeros(recording.rig.n_cameras), np.zeros(recording.rig.n_cameras)
-    for trajectory in recording.people.values():
-        own_swapped, own_judged = swapped_pairs(recording, trajectory.positions_m, trajectory.residual_px)
-        swapped, judged = swapped + own_swapped.sum(axis=(0, 2)), judged + own_judged.sum(axis=(0, 2))
-    shares = swapped / np.maximum(judged, 1)
-    return [
-        Suspicion(
-            name,
-            f"camera {name} exchanges left and right in {100 * share:.1f} % of the pairs that lie apart in its image",
-            "fgpose corrects whole poses that are turned; if errors remain there, use a network that looks at more of "
-            "the image, or leave the camera out (--cameras) for this recording.",
-            0.5 * float(share),
-        )
-        for name, share in zip(recording.camera_names, shares, strict=True)
-        if share > _SWAPPED_SHARE
-    ]
+    judged_people = [swapped_pairs(recording, each.positions_m, each.residual_px) for each in recording.people.values()]
+    swapped, judged = (np.concatenate(each) for each in zip(*judged_people, strict=True))
+    found = []
+    for c, name in enumerate(recording.camera_names):
+        share, what = _swapped_share(recording, swapped[:, c], judged[:, c])
+        if share > 0:
+            reason = f"camera {name} exchanges left and right of {what} in {100 * share:.1f} % of the frames"
+            remedy = (
+                "fgpose corrects whole poses that are turned; if errors remain there, use a network that looks at more "
+                "of the image, or leave the camera out (--cameras) for this recording."
+            )
+            found.append(Suspicion(name, reason, remedy, 0.5 * share))
+    return found
+
+
+def _swapped_share(
+    recording: FinishedRecording, swapped: Bool[np.ndarray, "frame pair"], judged: Bool[np.ndarray, "frame pair"]
+) -> tuple[float, str]:
+    """In which share of the frames that can be judged a camera exchanges the sides of what; 0 where it is too few."""
+    whole = judged.sum(axis=1) >= _MIN_PAIRS
+    poses = float(np.mean((2 * swapped.sum(axis=1) > judged.sum(axis=1))[whole])) if whole.any() else 0.0
+    if poses > _SWAPPED_SHARE:
+        return poses, "the body"
+    enough = judged.sum(axis=0) * usual_step_s(recording.main.time_s) > _MISPLACED_LEAST_S
+    shares = np.where(enough, swapped.sum(axis=0) / np.maximum(judged.sum(axis=0), 1), 0.0)
+    worst = int(np.argmax(shares)) if len(shares) else 0
+    if len(shares) == 0 or shares[worst] <= _SWAPPED_PAIR_SHARE:
+        return 0.0, ""
+    left, right = recording.main.skeleton.left_right[worst]
+    return float(shares[worst]), " and ".join(recording.main.skeleton.joints[each] for each in (left, right))
 
 
 def swapped_pairs(

@@ -10,32 +10,37 @@ from fgpose.report.camera_checks import (
     disagreeing_cameras,
     few_cameras,
     hallucinating_cameras,
+    misplaced_joints,
     swapping_cameras,
 )
-from fgpose.report.clock_checks import late_cameras, missing_frames, undetermined_clocks
+from fgpose.report.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.motion_checks import bones, gaps, jumps, short_lives, turns, unobservable
-from fgpose.report.solution_checks import covariance_scale, equal_confidences, not_converged, outside
+from fgpose.report.gravity_checks import wrong_falls
+from fgpose.report.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
+from fgpose.report.solution_checks import equal_confidences, large_errors, not_converged, outside
 from fgpose.report.suspicion import Suspicion
 
 CHECKS: tuple[Callable[[FinishedRecording], list[Suspicion]], ...] = (
     not_converged,
     few_cameras,
     calibration_findings,
+    large_errors,
     disagreeing_cameras,
     late_cameras,
+    drifting_cameras,
+    wrong_falls,
+    impossible_speeds,
     undetermined_clocks,
     swapping_cameras,
     blind_cameras,
     hallucinating_cameras,
+    misplaced_joints,
     outside,
-    covariance_scale,
     equal_confidences,
     unobservable,
     gaps,
-    jumps,
+    contradicted,
     turns,
-    bones,
     short_lives,
     missing_frames,
 )

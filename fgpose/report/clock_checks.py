@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from scipy.special import stdtrit
 
-from fgpose.geometry.camera import Camera
+from fgpose.config import ProjectionConfig
+from fgpose.estimation.clock_offsets import offset_information
+from fgpose.geometry.camera import CameraRig
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.series import known_quantile
 from fgpose.report.suspicion import Suspicion
@@ -17,77 +21,171 @@ from fgpose.trajectory import Trajectory
 # Errors of detections are correlated over about 0.15 s: blocks of a second are independent of each other.
 _BLOCK_S = 1.0
 _MIN_BLOCKS = 5
-# Standard errors. One camera in a thousand recordings of ten exceeds four by chance; block errors have heavy tails.
-_SIGNIFICANT = 5.0
+# Of a camera that is on time, by Student's distribution: there are few blocks. With eight it asks for 7.9 standard
+# deviations, with sixty for 4.2.
+_BY_CHANCE = 1e-4
 # As fgpose.calibration.camera_faults: at 50 Hz and walking speed 6 mm, half of the usual error.
 _NOTICEABLE_FRAMES = 0.2
+_DRIFT_FRAMES = 1.0  # from the first second to the last: half of it at either end
 # A frame that comes later than this many steps has missed one.
 _MISSING_STEPS = 1.5
+_OUTLIER_RATIO = 5.0  # of the median error
+_UNWEIGHTED = ProjectionConfig(sigma_px=1.0, kernel="none")
+# Relative: the lag that all cameras have in common has none but by rounding and by what keeps unseen joints invertible.
+_NO_INFORMATION = 1e-7
 
 
 @dataclass(frozen=True)
 class Lag:
-    """How much later than the result says a camera took its images, by what its errors have in common with the speed
-    of the joints in its image. The result has followed the camera by its share, so the true lag is larger."""
+    """How much later than the result says a camera took its images, against the median of all cameras."""
 
     lag_s: float
     sigma_s: float
     """From the scatter of blocks of a second."""
+    drift: float
+    """How much the lag grows per second of the recording."""
+    drift_sigma: float
+    n_blocks: int
+    """Seconds that say something."""
+    duration_s: float
+    """From the first to the last of them."""
+
+    def is_late(self, least_s: float) -> bool:
+        """By more than so much, and than by chance."""
+        return abs(self.lag_s) > max(least_s, _significant(self.n_blocks - 1) * self.sigma_s)
+
+    def drifts(self, least_s: float) -> bool:
+        """By more than so much in all, and than by chance."""
+        least = max(least_s / self.duration_s, _significant(self.n_blocks - 2) * self.drift_sigma)
+        return abs(self.drift) > least
 
 
-def lag_of(
-    trajectory: Trajectory,
-    detected_px: Float[np.ndarray, "frame joint 2"],
-    camera: Camera,
-) -> Lag | None:
-    """Lag of a camera; None where less than five seconds say something.
+def _significant(freedom: int) -> float:
+    return float(stdtrit(freedom, 1 - _BY_CHANCE / 2))
 
-    Args:
-        trajectory: the result.
-        detected_px: undistorted, of this camera, in its frames.
-        camera: as calibrated.
-    """
-    projected_px = camera.project(trajectory.positions_m)
-    speed_px_s = np.gradient(projected_px, trajectory.time_s, axis=0) if trajectory.n_frames > 2 else 0 * projected_px
-    error_px = detected_px - projected_px
-    # A constant error of a joint is no lag.
-    error_px = error_px - np.array(
-        [[known_quantile(axis, 0.5) for axis in joint.T] for joint in error_px.swapaxes(0, 1)]
+
+def lags(recording: FinishedRecording) -> dict[str, Lag]:
+    """Of each camera that can be told to be late, by what it saw of the main person; of none where there are fewer than
+    three cameras or five seconds."""
+    seen = recording.observations.get(recording.main_person)
+    if seen is None or recording.rig is None or recording.rig.n_cameras < 3 or recording.main.n_frames < 3:
+        return {}
+    blocks = _blocks(recording.main, recording.on_time_px(recording.main_person), recording.rig)
+    says = np.diagonal(blocks.information, axis1=1, axis2=2) > 0
+    told = says.sum(axis=0) >= _MIN_BLOCKS
+    if told.sum() < 3:
+        return {}
+    lag_s, sigma_s = _against_median(*_solved(blocks, degree=0), told)
+    drift, drift_sigma = _against_median(*_solved(blocks, degree=1), told)
+    found = {}
+    for c in np.flatnonzero(told).tolist():
+        own_s = blocks.time_s[says[:, c]]
+        numbers = (float(each[c]) for each in (lag_s, sigma_s, drift, drift_sigma))
+        found[recording.rig.names[c]] = Lag(*numbers, n_blocks=len(own_s), duration_s=float(np.ptp(own_s)))
+    return found
+
+
+class _Blocks(NamedTuple):
+    """Normal equations of the cameras' lags, the joints eliminated, of each second that says something."""
+
+    time_s: Float[np.ndarray, " block"]
+    information: Float[np.ndarray, "block camera camera"]
+    gradient: Float[np.ndarray, "block camera"]
+
+
+def _blocks(
+    trajectory: Trajectory, undistorted_px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig
+) -> _Blocks:
+    error_px = undistorted_px - rig.project(trajectory.positions_m)
+    # A constant error of a joint in a view is no lag.
+    bias_px = np.array(
+        [[[known_quantile(axis, 0.5) for axis in joint.T] for joint in view] for view in np.moveaxis(error_px, 0, 2)]
     )
-    known = np.isfinite(error_px).all(axis=-1) & np.isfinite(speed_px_s).all(axis=-1)
-    # Outliers would decide otherwise.
-    length_px = np.linalg.norm(error_px, axis=-1)
-    known &= length_px < 5 * known_quantile(length_px, 0.5)
-    product = np.where(known, np.einsum("tji,tji->tj", np.nan_to_num(error_px), np.nan_to_num(speed_px_s)), 0).sum(1)
-    square = np.where(known, np.einsum("tji,tji->tj", *2 * [np.nan_to_num(speed_px_s)]), 0).sum(1)
+    length_px = np.linalg.norm(error_px - bias_px, axis=-1)
+    # Outliers would decide otherwise. A robust kernel shrinks lags by a fifth: what lags most has large errors.
+    weights = (length_px < _OUTLIER_RATIO * known_quantile(length_px, 0.5)).astype(float)
+    if trajectory.visibility is not None:
+        weights *= np.nan_to_num(trajectory.visibility)
+    velocity_mps = np.gradient(trajectory.positions_m, trajectory.time_s, axis=0)
     block = ((trajectory.time_s - trajectory.time_s[0]) / _BLOCK_S).astype(int)
-    products, squares = np.bincount(block, product), np.bincount(block, square)
-    if (squares > 0).sum() < _MIN_BLOCKS:
-        return None
-    lag_s = products.sum() / squares.sum()
-    scatter = np.sqrt(np.sum((products - lag_s * squares) ** 2)) / squares.sum()
-    return Lag(float(lag_s), float(scatter))
+    found = []
+    for number in range(block[-1] + 1):
+        own = block == number
+        equations = offset_information(
+            trajectory.positions_m[own],
+            velocity_mps[own],
+            undistorted_px[own] - bias_px,
+            weights[own],
+            rig,
+            _UNWEIGHTED,
+        )
+        if equations[0].any():
+            found.append((number * _BLOCK_S, *equations))
+    times_s, information, gradients = zip(*found, strict=True) if found else ((), np.zeros((0, 1, 1)), ())
+    return _Blocks(np.array(times_s), np.array(information), np.array(gradients))
+
+
+def _solved(blocks: _Blocks, degree: int) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, "camera camera"]]:
+    """Highest coefficient of the polynomial of each camera's lag over time, and its covariance from the scatter of
+    blocks about it. What all cameras have in common is no lag, but another motion: it is 0 on average."""
+    unit_s = float(np.ptp(blocks.time_s))  # of time: of a long recording the numbers would be too different
+    powers = ((blocks.time_s - blocks.time_s.mean()) / unit_s) ** np.arange(degree + 1)[:, None]
+    together = [np.einsum("b,bij->ij", a * b, blocks.information) for a in powers for b in powers]
+    n_cameras = blocks.information.shape[1]
+    shape = (degree + 1, degree + 1, n_cameras, n_cameras)
+    information = np.reshape(together, shape).transpose(0, 2, 1, 3).reshape(2 * ((degree + 1) * n_cameras,))
+    inverse = np.linalg.pinv(information, rcond=_NO_INFORMATION, hermitian=True)
+    solution = -inverse @ np.concatenate([power @ blocks.gradient for power in powers])
+    lag_s = powers.T @ solution.reshape(degree + 1, n_cameras)
+    misfit = blocks.gradient + np.einsum("bij,bj->bi", blocks.information, lag_s)
+    scores = (powers.T[:, :, None] * misfit[:, None]).reshape(len(misfit), -1)
+    # A curve through few blocks is nearer to them than the truth is (MacKinnon and White 1985, HC1).
+    covariance = inverse @ scores.T @ scores @ inverse * len(misfit) / (len(misfit) - degree - 1)
+    return solution[-n_cameras:] / unit_s**degree, covariance[-n_cameras:, -n_cameras:] / unit_s ** (2 * degree)
+
+
+def _against_median(
+    values: Float[np.ndarray, " camera"],
+    covariance: Float[np.ndarray, "camera camera"],
+    told: Bool[np.ndarray, " camera"],
+) -> tuple[Float[np.ndarray, " camera"], Float[np.ndarray, " camera"]]:
+    """Most cameras are taken to be on time."""
+    return values - np.median(values[told]), np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
 def late_cameras(recording: FinishedRecording) -> list[Suspicion]:
     """A camera whose detections run ahead of the motion, or behind it."""
-    seen = recording.observations.get(recording.main_person)
-    if seen is None or recording.rig is None or recording.rig.n_cameras < 3 or recording.main.n_frames < 3:
-        return []
     step_s = usual_step_s(recording.main.time_s)
-    on_time_px = recording.on_time_px(recording.main_person)
     found = []
-    for c, camera in enumerate(recording.rig.cameras):
-        lag = lag_of(recording.main, on_time_px[:, c], camera)
-        if lag and abs(lag.lag_s) > max(_SIGNIFICANT * lag.sigma_s, _NOTICEABLE_FRAMES * step_s):
+    for camera, lag in lags(recording).items():
+        if lag.is_late(_NOTICEABLE_FRAMES * step_s):
             reason = (
-                f"camera {camera.name} is {'late' if lag.lag_s > 0 else 'early'} by at least "
+                f"camera {camera} is {'late' if lag.lag_s > 0 else 'early'} by at least "
                 f"{1000 * abs(lag.lag_s):.1f} ± {1000 * lag.sigma_s:.1f} ms ({abs(lag.lag_s) / step_s:.1f} frames)"
             )
             remedy = (
                 "Smooth again with --estimate-time-offsets; with --refine-calibration too if it may have been moved."
             )
-            found.append(Suspicion(camera.name, reason, remedy, 0.45))
+            found.append(Suspicion(camera, reason, remedy, 0.45))
+    return found
+
+
+def drifting_cameras(recording: FinishedRecording) -> list[Suspicion]:
+    """A camera that falls behind the others, or gains on them: another frame rate than is said, or lost images."""
+    step_s = usual_step_s(recording.main.time_s)
+    found = []
+    for camera, lag in lags(recording).items():
+        if lag.drifts(_DRIFT_FRAMES * step_s):
+            reason = (
+                f"camera {camera} {'falls behind' if lag.drift > 0 else 'gains on'} the others by at least "
+                f"{1000 * abs(lag.drift):.1f} ± {1000 * lag.drift_sigma:.1f} ms a second, "
+                f"{abs(lag.drift) * lag.duration_s / step_s:.1f} frames in all"
+            )
+            remedy = (
+                "Its frame rate is not what was said, or it lost images: give the times of its images, or its true "
+                "rate. --estimate-time-offsets finds constant offsets only."
+            )
+            found.append(Suspicion(camera, reason, remedy, 0.5))
     return found
 
 

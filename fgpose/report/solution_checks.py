@@ -1,4 +1,4 @@
-"""What is suspicious of the solution as a whole: convergence, covered volume, covariance against residuals."""
+"""What is suspicious of the solution as a whole: convergence, covered volume, errors of all cameras."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ from fgpose.trajectory import Trajectory
 
 # Less is somebody who comes and goes.
 _OUTSIDE_SHARE = 0.05
-# A smoother that is three times as sure as one frame alone claims nine independent frames; as errors of detections are
-# correlated over 0.15 s, that is 1.3 s in which a limb does not stay where it is. Three times less sure than one frame
-# alone, it has not used what the cameras saw.
-_SIGMA_RATIO = 3.0
+# 18 mm along each axis of the image, of BlazePose and OpenPose (fgpose.config.VisibilityConfig); three times as much.
+_MEDIAN_LENGTH = 1.1774  # of a vector of two normal numbers of standard deviation one
+_USUAL_ERROR_M = 0.018 * _MEDIAN_LENGTH
+_LARGE_ERROR_M = 3 * _USUAL_ERROR_M
 _SAMPLES = 200  # frames; the median needs no more
-# Median of the length of a vector of two normal numbers of standard deviation one.
-_MEDIAN_LENGTH = 1.1774
 
 
 def not_converged(recording: FinishedRecording) -> list[Suspicion]:
@@ -63,18 +61,28 @@ def views_of(points_m: Float[np.ndarray, "point 3"], rig: CameraRig) -> Float[np
     return inside.sum(axis=1).astype(float)
 
 
-def covariance_scale(recording: FinishedRecording) -> list[Suspicion]:
-    """A covariance that does not fit the residuals."""
-    ratio = sigma_ratio(recording)
-    if not np.isfinite(ratio) or 1 / _SIGMA_RATIO <= ratio <= _SIGMA_RATIO:
+def large_errors(recording: FinishedRecording) -> list[Suspicion]:
+    """Detections that are further from the result than those of any network."""
+    if recording.rig is None or together_px(recording) is None:
         return []
-    if ratio < 1:
-        reason = f"sigma is {1 / ratio:.1f} times smaller than the residuals of one frame allow: it is too sure"
-        remedy = "Do not use the bands; check --motion.* and the noise of the detections in the configuration."
-    else:
-        reason = f"sigma is {ratio:.1f} times larger than the residuals of one frame suggest: it is too careful"
-        remedy = "Check the noise of the detections in the configuration: most residuals are smaller than it says."
-    return [Suspicion("", reason, remedy, 0.3)]
+    median_m = known_quantile(
+        np.concatenate([_errors_m(each, recording.rig) for each in recording.people.values()]), 0.5
+    )
+    if not median_m > _LARGE_ERROR_M:
+        return []
+    reason = (
+        f"half of the reprojection errors are larger than {1000 * median_m:.0f} mm at the body; those of networks on "
+        f"people that they see are about {1000 * _USUAL_ERROR_M:.0f} mm"
+    )
+    remedy = "Is the calibration that of this recording, and are the cameras in its order? Calibrate anew."
+    return [Suspicion("", reason, remedy, 0.9)]
+
+
+def _errors_m(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, " error"]:
+    """Of a sample of frames, across the ray, at the joint."""
+    assert trajectory.residual_px is not None
+    sampled = spread_evenly(trajectory.n_frames, _SAMPLES)
+    return (trajectory.residual_px[sampled] / rig.px_per_m(trajectory.positions_m[sampled])).ravel()
 
 
 def sigma_ratio(recording: FinishedRecording) -> float:
