@@ -23,15 +23,18 @@ def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, s
     keypoints, rig = _by_plain_name(found, "keypoints"), _by_plain_name(rig_names, "calibration")
     lacking = [name for plain, name in keypoints.items() if plain not in rig]
     unused = [name for plain, name in rig.items() if plain not in keypoints]
+    kept = [name for name in rig.values() if name not in unused]
     problems = []
     if lacking:
+        others = "" if kept else ". They have no camera in common: is it the calibration of this recording?"
         problems.append(
             f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig.values())}"
+            + others
         )
-    if unused:
-        kept = [name for name in rig.values() if name not in unused]
+    if unused and kept:
         problems.append(
-            f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with rig.subset({kept})"
+            f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with "
+            f"--cameras {' '.join(kept)}, in Python with rig.subset({kept})"
         )
     if problems:
         raise ValueError("; ".join(problems))
