@@ -15,6 +15,7 @@ from fgpose.calibration.from_people.calibrate import calibrate
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
 from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
+from fgpose.calibration.synchronisation import Synchronised, synchronise
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config, load_config
 from fgpose.estimation.estimator import Estimator
@@ -65,6 +66,7 @@ __all__ = [
     "Skeleton",
     "SmoothedPeople",
     "Status",
+    "Synchronised",
     "TimeOffsets",
     "Tracked",
     "Tracker",
@@ -102,4 +104,5 @@ __all__ = [
     "self_calibrate",
     "smooth",
     "smooth_people",
+    "synchronise",
 ]

@@ -28,6 +28,7 @@ from fgpose.cli.models import Models
 from fgpose.cli.report import Report
 from fgpose.cli.run import Run
 from fgpose.cli.study import Study
+from fgpose.cli.synchronise import Synchronise
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 
@@ -50,6 +51,7 @@ _COMMANDS = {
     "run": Run,
     "study": Study,
     "detect": Detect,
+    "synchronise": Synchronise,
     "smooth": Smooth,
     "track": Track,
     "live": Live,
@@ -68,6 +70,7 @@ Command = (
     | Run
     | Study
     | Detect
+    | Synchronise
     | Smooth
     | Track
     | Live

@@ -209,10 +209,11 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
     def _bumped(self) -> int:
         from fgpose.calibration.bumped import refine_bumped
         from fgpose.calibration.from_people.calibrated import Grade
-        from fgpose.io.calibration import load_rig
+        from fgpose.io.calibration import load_calibration_origin, load_rig
         from fgpose.pipeline import write_bumped
 
         assert self.from_rig is not None
+        known = load_calibration_origin(self.from_rig)
         console, display = new_console(), None
         if self._has_videos():
             detected = self._seen_by_rig(self.from_rig, console)
@@ -224,7 +225,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             bumped = refine_bumped(people, rig)
         # The clocks are those of the file again, which were put into the times of the images.
         given = load_rig(self.from_rig).subset(rig.names)
-        written = write_bumped(bumped, given, self.output, self.format, self._scene, display)
+        written = write_bumped(bumped, given, self.output, self.format, self._scene, display, known)
         _print_bumped(console, bumped, written)
         if bumped.grade is not Grade.FAILED:
             return 0

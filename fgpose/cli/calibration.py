@@ -58,7 +58,10 @@ def _save_and_print(
     from fgpose.io.calibration import save_rig
 
     path = outputs.folder / f"{outputs.name}_calibration.toml"
-    save_rig(calibration.rig if origin is None or origin.rig is None else origin.rig, path)
+    if origin is None or origin.rig is None:
+        save_rig(calibration.rig, path)
+    else:
+        save_rig(origin.rig, path, origin=origin.calibration)
     console.print(calibration_table(calibration, frame_time_s))
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)

@@ -125,9 +125,11 @@ class VideoOptions(NetworkOptions):
 
     def with_rig(self, rig: Path) -> Sources:
         """The videos and the cameras of a calibration."""
-        from fgpose.io.calibration import load_rig
+        from fgpose.io.calibration import load_calibration_origin, load_rig
         from fgpose.monocular.sources import open_sources
 
+        # It is needed when the result is written; if it is damaged, that is said before the work.
+        load_calibration_origin(rig)
         return open_sources(self.videos, load_rig(rig, self.unit), fps=self.fps, cameras=self.cameras)
 
     def detect(self, console: Console) -> Detected:
@@ -206,10 +208,10 @@ class Detect(VideoOptions, RigOption):
             console.print(f"wrote {path}", soft_wrap=True)
 
     def _save_calibration(self, rig: CameraRig, outputs: Outputs) -> None:
-        from fgpose.io.calibration import save_rig
+        from fgpose.io.calibration import load_calibration_origin, save_rig
 
         outputs.check((), (self.rig,), calibration=True)
-        save_rig(rig, outputs.calibration)
+        save_rig(rig, outputs.calibration, origin=load_calibration_origin(self.rig).subset(rig.names))
 
 
 def print_detected(console: Console, detected: Detected, cache: Path | None) -> None:

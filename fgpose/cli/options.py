@@ -40,8 +40,8 @@ REGION = "Estimate one person: the one in this box in the first image of a camer
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordingOptions:
-    """Where a recording is, and its skeleton, rate and units."""
+class KeypointOptions:
+    """Where the keypoints and the calibration of a recording are, and their skeleton, rate and units."""
 
     keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
     rig: Annotated[Path, arg(metavar="FILE")]
@@ -51,12 +51,18 @@ class RecordingOptions:
     """Frames per second. Needed unless the keypoints file contains times."""
     unit: Literal["auto", "m", "mm"] = "auto"
     """Unit of the lengths in the calibration file; auto takes what its format prescribes."""
+    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Use these cameras only."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions(KeypointOptions):
+    """Where a recording is, and what of it is wanted."""
+
     points3d_frame: Literal["camera", "world"] = "camera"
     """Frame of the 3D joints of each view, where the keypoints have them."""
     points3d_unit: Literal["mm", "m"] = "mm"
     """Unit of the 3D joints of each view, where the keypoints have them."""
-    cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
-    """Use these cameras only."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
     """Use only this many frames, from the beginning."""
     people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"

@@ -31,13 +31,13 @@ class Report:
     """The file to be written."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: the only one)")] = None
     """Which result of the folder, if it has several."""
-    rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: NAME_calibration.toml)")] = None
+    rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: as the result says)")] = None
     """Calibration of the cameras that the result was made with."""
-    keypoints: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="(default: none)")] = None
-    """Detections that the result of one person was made from: they tell late cameras, and are drawn in the pictures."""
+    keypoints: Annotated[Path | None, arg(metavar="PATH", help_behavior_hint="(default: as the result says)")] = None
+    """Detections that the result was made from: they tell late cameras, and are drawn in the pictures."""
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
     """Frames per second of the keypoints, unless their file contains times, and of folders of images."""
-    videos: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: none)")] = None
+    videos: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: as the result says)")] = None
     """Videos of the cameras, for pictures of the worst moments."""
     world_up: Literal["z", "y"] = "z"
     """Axis of the calibration's world that points up."""

@@ -132,7 +132,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         if self.rig is not None:
             given = load_rig(self.rig, self.unit).subset(rig.names)
             rig, inputs = rig.with_time_offsets(given.time_offsets_s), inputs | {"Calibration": self.rig}
-        origin = origin_of(rig, self.fps, **inputs).with_inputs(*video_files(detected.sources))
+        origin = origin_of(rig, self.fps, **inputs).with_inputs(*video_files(detected.sources.clips))
         return origin if found is None else from_people(origin, found)
 
     def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> None:

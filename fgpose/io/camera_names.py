@@ -11,11 +11,14 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name) if part]
 
 
-def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, str]:
+def match_cameras(found: Iterable[str], rig_names: Iterable[str], *, ignore_others: bool = False) -> dict[str, str]:
     """For each camera of the rig, the name by which the keypoints call it.
 
     Case, underscores, hyphens, dots, blanks and a final ``_json`` do not count: cam01_json is cam_01. Neither does what
     Pose2Sim puts around the name in its intrinsics: int_cam01_img is cam_01 too.
+
+    Args:
+        ignore_others: whether keypoints may be of cameras that the rig lacks.
 
     Raises:
         ValueError: a camera is in one of the two only, or two names of one side are the same; the message names them.
@@ -25,16 +28,15 @@ def match_cameras(found: Iterable[str], rig_names: Iterable[str]) -> dict[str, s
     unused = [name for plain, name in rig.items() if plain not in keypoints]
     kept = [name for name in rig.values() if name not in unused]
     problems = []
-    if lacking:
-        others = "" if kept else ". They have no camera in common: is it the calibration of this recording?"
+    if lacking and not (ignore_others and kept):
         problems.append(
             f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig.values())}"
-            + others
+            + ("" if kept else ". They have no camera in common: is it the calibration of this recording?")
         )
-    if unused and kept:
+    if unused and (kept or not lacking):
         problems.append(
-            f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with "
-            f"--cameras {' '.join(kept)}, in Python with rig.subset({kept})"
+            f"camera {', '.join(unused)} of the calibration has no keypoints"
+            + (f"; leave it out with --cameras {' '.join(kept)}, in Python with rig.subset({kept})" if kept else "")
         )
     if problems:
         raise ValueError("; ".join(problems))

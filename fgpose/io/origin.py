@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
-import types
-import typing
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +12,11 @@ from typing import Any
 from fgpose.association.track import TrackEvent
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration.calibrated_view import rig_in_metres
+from fgpose.io.calibration.calibration_origin import CalibrationOrigin as CalibrationOrigin
+from fgpose.io.calibration.calibration_origin import MovedCamera as MovedCamera
+from fgpose.io.calibration.calibration_origin import Reason as Reason
 from fgpose.io.calibration.toml_formats import pose2sim_text, read
+from fgpose.io.typed_table import converted
 
 _VERSION = 1
 """Raised when a field changes its meaning. One of another version is not read, the result is."""
@@ -27,7 +27,7 @@ class InputFile:
     """A file, or a folder, that a result was made from."""
 
     what: str
-    """Keypoints, Calibration or Videos; Video of a single one."""
+    """Keypoints, Calibration or Videos; Video of a single one; or what a step of a study began from."""
     path: str
     """In a file relative to the folder of the result, in memory absolute."""
     size_bytes: int
@@ -48,38 +48,6 @@ class InputFile:
             return False
 
 
-@dataclass(frozen=True)
-class Reason:
-    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.Finding."""
-
-    camera: str
-    grade: str
-    reason: str
-    remedy: str
-
-
-@dataclass(frozen=True)
-class MovedCamera:
-    """By how much a camera was moved when the calibration was refined."""
-
-    camera: str
-    rotation_deg: float
-    translation_m: float
-
-
-@dataclass(frozen=True)
-class CalibrationOrigin:
-    """How the cameras became what they are; empty where they were taken as given."""
-
-    offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
-    """Standard deviation of the time offset of each camera whose offset was estimated."""
-    moved: tuple[MovedCamera, ...] = ()
-    grade: str = ""
-    """Of a calibration from people."""
-    findings: tuple[Reason, ...] = ()
-    """Of a calibration from people."""
-
-
 @dataclass(frozen=True, eq=False)
 class Origin:
     """What a result was made from, and with. The settings are those of its trajectories."""
@@ -87,7 +55,7 @@ class Origin:
     inputs: tuple[InputFile, ...] = ()
     rig: CameraRig | None = None
     """As it was used, its time offsets by the clocks of the inputs."""
-    calibration: CalibrationOrigin = CalibrationOrigin()
+    calibration: CalibrationOrigin = field(default_factory=CalibrationOrigin)
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of several people."""
     fps: float | None = None
@@ -147,7 +115,7 @@ def origin_from_json(text: str, folder: Path) -> Origin | None:
         if table.pop("version") != _VERSION:
             return None
         rig = _rig(table.pop("rig")) if "rig" in table else None
-        origin = replace(_converted(Origin, table, "origin"), rig=rig)
+        origin = replace(converted(Origin, table, "origin"), rig=rig)
     except RecursionError:
         raise ValueError("its origin is damaged: it is nested too deeply") from None
     except ValueError as error:
@@ -162,27 +130,3 @@ def _rig(text: Any) -> CameraRig:
         raise ValueError("rig: a text is needed")
     views, unit = read(text)
     return rig_in_metres(views, unit, "m")
-
-
-def _converted(kind: Any, value: Any, name: str) -> Any:
-    """A value of JSON as what the annotation of a field says; a field that is absent keeps its default."""
-    if dataclasses.is_dataclass(kind):
-        known = typing.get_type_hints(typing.cast(type, kind))
-        if not isinstance(value, dict) or not value.keys() <= known.keys():
-            raise ValueError(f"{name}: a table of {', '.join(known)} is needed")
-        values = {key: _converted(known[key], each, f"{name}.{key}") for key, each in value.items()}
-        try:
-            return typing.cast(type, kind)(**values)
-        except TypeError:
-            raise ValueError(f"{name}: something is missing") from None
-    if isinstance(kind, types.UnionType):
-        return None if value is None else _converted(typing.get_args(kind)[0], value, name)
-    if typing.get_origin(kind) is tuple and isinstance(value, list):
-        return tuple(_converted(typing.get_args(kind)[0], each, name) for each in value)
-    if typing.get_origin(kind) is Mapping and isinstance(value, dict):
-        return {key: _converted(typing.get_args(kind)[1], each, name) for key, each in value.items()}
-    if kind is float and type(value) in (int, float) and abs(value) < 1e300 and math.isfinite(value):
-        return float(value)
-    if kind in (int, str) and type(value) is kind:
-        return value
-    raise ValueError(f"{name}: it has {str(value)[:40]!r}")

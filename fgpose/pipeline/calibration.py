@@ -9,8 +9,9 @@ from pathlib import Path
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import RigFormat, save_rig
+from fgpose.io.calibration import CalibrationOrigin, RigFormat, save_rig
 from fgpose.people import PeopleObservations
+from fgpose.pipeline.origin import after_bumps, calibration_from_people
 from fgpose.pipeline.results import write_all
 from fgpose.pipeline.seen_walk import SeenWalk, of_bumped, of_calibrated, show_walk
 from fgpose.viewer import CalibrationRecording, open_calibration_recording
@@ -41,7 +42,8 @@ def write_calibration(
         OutputError: one could not be written; the others were.
     """
     rig = None if result.grade is Grade.FAILED else result.rig
-    return _write(rig, path, file_format, rrd, lambda: of_calibrated(result), display)
+    known = calibration_from_people(result)
+    return _write(rig, known, path, file_format, rrd, lambda: of_calibrated(result), display)
 
 
 def write_bumped(
@@ -51,6 +53,7 @@ def write_bumped(
     file_format: RigFormat = "auto",
     rrd: Path | None = None,
     display: Display | None = None,
+    known: CalibrationOrigin | None = None,
 ) -> tuple[Path, ...]:
     """Write the rig in which the cameras that were bumped have new poses, and the scene, which shows the old ones too.
 
@@ -58,6 +61,7 @@ def write_bumped(
         bumped: what was found.
         given: the rig as its file has it: its clocks are kept.
         path, file_format, rrd, display: as of write_calibration.
+        known: of the rig that was given, which the file then says too.
 
     Returns:
         The files; without the rig if the cameras still disagree.
@@ -66,11 +70,13 @@ def write_bumped(
         OutputError: one could not be written; the others were.
     """
     rig = None if bumped.grade is Grade.FAILED else bumped.rig.with_time_offsets(given.time_offsets_s)
-    return _write(rig, path, file_format, rrd, lambda: of_bumped(bumped, given), display)
+    origin = after_bumps(known or CalibrationOrigin(), bumped)
+    return _write(rig, origin, path, file_format, rrd, lambda: of_bumped(bumped, given), display)
 
 
 def _write(
     rig: CameraRig | None,
+    origin: CalibrationOrigin,
     path: Path,
     file_format: RigFormat,
     rrd: Path | None,
@@ -79,7 +85,7 @@ def _write(
 ) -> tuple[Path, ...]:
     writers: dict[Path | str, Callable[[], object]] = {}
     if rig is not None:
-        writers[path] = partial(save_rig, rig, path, file_format)
+        writers[path] = partial(save_rig, rig, path, file_format, origin)
     if rrd is not None:
         writers[rrd] = lambda: _write_scene(seen(), rrd, display or show_walk)
     return write_all(writers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
@@ -9,24 +10,33 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
+from fgpose.calibration.bumped import BumpedRig
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.calibration.self_calibration import CameraCalibration
+from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.calibration import load_calibration_origin
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file
-from fgpose.monocular.sources import Sources
+from fgpose.monocular.clips import Clip
 
 
 def origin_of(rig: CameraRig, fps: float | None = None, **inputs: Path) -> Origin:
-    """Files by what they are, and the cameras as they were read. Raises OSError if a file cannot be seen."""
+    """Files by what they are, and the cameras as they were read, with what the file of the Calibration says of them.
+
+    Raises:
+        OSError: a file cannot be seen.
+        ValueError: what the calibration says is damaged.
+    """
     files = tuple(input_file(what, path) for what, path in inputs.items())
-    return Origin(files, rig, fps=fps, fgpose=version("fgpose"))
+    known = load_calibration_origin(inputs["Calibration"]) if "Calibration" in inputs else CalibrationOrigin()
+    return Origin(files, rig, known.subset(rig.names), fps=fps, fgpose=version("fgpose"))
 
 
-def video_files(sources: Sources) -> tuple[InputFile, ...]:
+def video_files(clips: Sequence[Clip]) -> tuple[InputFile, ...]:
     """Of each camera. Raises OSError if a file cannot be seen."""
     return tuple(
         replace(input_file("Video", clip.path), camera=clip.name, image_px=clip.size_px, rate_hz=clip.fps)
-        for clip in sources.clips
+        for clip in clips
     )
 
 
@@ -43,7 +53,7 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
     if origin.rig is not None:
         given_s = origin.rig.subset(rig.names).time_offsets_s
         rig = rig.with_time_offsets(rig.time_offsets_s + given_s - before.time_offsets_s)
-    known = origin.calibration
+    known = origin.calibration.subset(rig.names)
     if found.time_offsets is not None:
         known = replace(known, offset_sigma_s=_known(found.rig, found.time_offsets.sigma_s))
     if found.refinement is not None:
@@ -52,12 +62,41 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
     return replace(origin, rig=rig, calibration=known)
 
 
+def synchronised(known: CalibrationOrigin, found: Synchronised) -> CalibrationOrigin:
+    """After it was found when the cameras of a rig began. What is said of those that were left out remains."""
+    sigma_s = _known(found.rig, found.sigma_s)
+    return replace(known, offset_sigma_s=sigma_s, findings=(*known.findings, *_reasons(found.findings)))
+
+
 def from_people(origin: Origin, found: CalibratedFromPeople) -> Origin:
     """After the cameras were calibrated from people."""
-    reasons = tuple(Reason(each.camera, each.grade.value, each.reason, each.remedy) for each in found.findings)
+    return replace(origin, rig=found.rig, calibration=calibration_from_people(found))
+
+
+def calibration_from_people(found: CalibratedFromPeople) -> CalibrationOrigin:
+    """Of the rig that was found."""
     sigma_s = _known(found.rig, found.sigmas.offset_s)
-    known = CalibrationOrigin(sigma_s, grade=found.grade.value, findings=reasons)
-    return replace(origin, rig=found.rig, calibration=known)
+    return CalibrationOrigin(sigma_s, grade=found.grade.value, findings=_reasons(found.findings))
+
+
+def after_bumps(known: CalibrationOrigin, found: BumpedRig[Any]) -> CalibrationOrigin:
+    """After the cameras that were bumped have got new poses: what was found of the rig before comes first, the grade is
+    the worst of both."""
+    known = known.subset(found.rig.names)
+    rows = zip(found.rig.names, found.moved.tolist(), found.rotation_deg, found.translation_m, strict=True)
+    # A rig that was given, and about which nothing was found, has no verdict.
+    grades = ["", *(grade.value for grade in Grade)]
+    own = found.grade.value if found.findings else ""
+    return replace(
+        known,
+        moved=tuple(MovedCamera(name, float(deg), float(m)) for name, has_moved, deg, m in rows if has_moved),
+        grade=max(known.grade, own, key=grades.index),
+        findings=(*known.findings, *_reasons(found.findings)),
+    )
+
+
+def _reasons(findings: Sequence[Finding]) -> tuple[Reason, ...]:
+    return tuple(Reason(each.camera, each.grade.value, each.reason, each.remedy) for each in findings)
 
 
 def _known(rig: CameraRig, sigma_s: np.ndarray) -> dict[str, float]:

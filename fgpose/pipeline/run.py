@@ -54,7 +54,7 @@ def load_source(
         keypoints: folder or file of the detected joints.
         calibration: file of the cameras.
         skeleton: what the keypoints are.
-        cameras: use only these, in this order. The calibration may then have cameras that the keypoints lack.
+        cameras: use only these, in this order. Calibration and keypoints may then have cameras that the other lacks.
         person: who, of several people.
 
     Raises:
@@ -63,7 +63,12 @@ def load_source(
     """
     rig = _rig(keypoints, calibration, unit, cameras)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
-    reading: dict[str, Any] = {"fps": fps, "points3d_frame": points3d_frame, "points3d_unit": points3d_unit}
+    reading: dict[str, Any] = {
+        "fps": fps,
+        "points3d_frame": points3d_frame,
+        "points3d_unit": points3d_unit,
+        "ignore_other_cameras": bool(cameras),
+    }
     if rig.time_offsets_s.any():
         people = load_people(keypoints, rig, skeleton, **reading)
         together, on_clock = on_common_clock(people, rig)
@@ -86,7 +91,15 @@ def load_people_source(
 ) -> PeopleSource:
     """Everybody in a recording, see load_source."""
     rig = _rig(keypoints, calibration, unit, cameras)
-    people = load_people(keypoints, rig, skeleton, fps=fps, points3d_frame=points3d_frame, points3d_unit=points3d_unit)
+    people = load_people(
+        keypoints,
+        rig,
+        skeleton,
+        fps=fps,
+        points3d_frame=points3d_frame,
+        points3d_unit=points3d_unit,
+        ignore_other_cameras=bool(cameras),
+    )
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     people, rig = on_common_clock(people, rig)
     return PeopleSource(rig, people, origin).subset(cameras)

@@ -75,9 +75,10 @@ def late_cameras(recording: FinishedRecording) -> list[Suspicion]:
     if seen is None or recording.rig is None or recording.rig.n_cameras < 3 or recording.main.n_frames < 3:
         return []
     step_s = usual_step_s(recording.main.time_s)
+    on_time_px = recording.on_time_px(recording.main_person)
     found = []
     for c, camera in enumerate(recording.rig.cameras):
-        lag = lag_of(recording.main, camera.undistort(seen.points2d_px[:, c]), camera)
+        lag = lag_of(recording.main, on_time_px[:, c], camera)
         if lag and abs(lag.lag_s) > max(_SIGNIFICANT * lag.sigma_s, _NOTICEABLE_FRAMES * step_s):
             reason = (
                 f"camera {camera.name} is {'late' if lag.lag_s > 0 else 'early'} by at least "

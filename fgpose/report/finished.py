@@ -7,11 +7,24 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+from jaxtyping import Float
+
 from fgpose.association.track import TrackEvent
 from fgpose.calibration.from_people.calibrated import Finding
+from fgpose.estimation.delays import image_motion_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Mark:
+    """Something that happened, as whoever recorded it has noted."""
+
+    time_s: float
+    """By the clock of the recording."""
+    name: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +42,16 @@ class FinishedRecording:
     rig: CameraRig | None = None
     """The cameras of the trajectories, in any order."""
     observations: Mapping[int, Observations] = field(default_factory=dict)
-    """What the cameras saw of each person, in the frames of the trajectory; of those for whom it is known."""
+    """What the cameras saw of each person, in the frames of the trajectory; of those for whom it is known. Where it has
+    a time for each camera, that is by the clock of the rig; else no camera is late."""
     offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the time offset of each camera whose offset was estimated; the offsets are the rig's."""
     findings: tuple[Finding, ...] = ()
     """Of the calibration from people, if the rig is from one."""
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of people."""
+    marks: tuple[Mark, ...] = ()
+    """Events of the recording itself, in the order of time."""
     videos: Path | None = None
     """Folder of the videos, or of the folders of images, of the cameras."""
     images_hz: float | None = None
@@ -79,6 +95,17 @@ class FinishedRecording:
     def axes(self) -> tuple[int, int, int]:
         """Of the world: two of the floor, and the one that points up; a right-handed frame."""
         return (0, 1, 2) if self.world_up == "z" else (2, 0, 1)
+
+    def on_time_px(self, person: int) -> Float[np.ndarray, "frame camera joint 2"]:
+        """The detections of a person who has observations, undistorted, where they would be if every image had been
+        taken at the time of its frame: those of a camera that is known to be late are moved by the motion."""
+        trajectory, seen, rig = self.people[person], self.observations[person], self.rig
+        assert rig is not None
+        undistorted_px = rig.undistort(seen.points2d_px)
+        if seen.time_s.ndim == 1:
+            return undistorted_px
+        delay_s = np.nan_to_num(seen.time_s - trajectory.time_s[:, None])
+        return undistorted_px - image_motion_px(trajectory.positions_m, trajectory.time_s, delay_s, rig)
 
     def called(self, person: int) -> str:
         """How a person is named; nothing where there is only one."""

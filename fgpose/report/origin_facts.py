@@ -26,7 +26,11 @@ def _described(file: InputFile) -> str:
         parts.append(" × ".join(map(str, file.image_px)) + " px")
     if file.rate_hz:
         parts.append(f"{file.rate_hz:.4g} Hz")
-    return ", ".join([*parts, f"{file.size_bytes / 1e6:.1f} MB"])
+    return ", ".join([*parts, _size(file.size_bytes)])
+
+
+def _size(n_bytes: int) -> str:
+    return f"{n_bytes / 1e6:.1f} MB" if n_bytes >= 1e5 else f"{n_bytes / 1e3:.1f} kB"
 
 
 def findings_of(origin: Origin) -> tuple[Finding, ...]:

@@ -13,7 +13,7 @@ def origin_section(recording: FinishedRecording) -> Section:
     facts = dict(recording.made_from)
     facts["Skeleton"] = f"{trajectory.skeleton.name}, {trajectory.skeleton.n_joints} joints"
     facts["Cameras"] = ", ".join(recording.camera_names) or "not stored with the result"
-    if recording.videos is not None:
+    if recording.videos is not None and "Videos" not in facts:
         facts["Videos"] = str(recording.videos)
     if trajectory.convergence is not None:
         convergence = trajectory.convergence

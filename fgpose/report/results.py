@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
-
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import load_rig
-from fgpose.io.keypoints import load_observations
-from fgpose.io.origin import Origin
+from fgpose.io.calibration import load_calibration_origin, load_rig
+from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import load_origin, load_people_trajectories
 from fgpose.observations import Observations
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.origin_facts import facts_of, findings_of
-from fgpose.sampling import nearest, usual_step_s
+from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory
 
 _EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
@@ -73,6 +72,7 @@ def load_finished(
     fps: float | None = None,
     videos: Path | None = None,
     world_up: Literal["z", "y"] = "z",
+    observed: bool = True,
 ) -> FinishedRecording:
     """Read the result of a run with what is known of its inputs.
 
@@ -81,10 +81,11 @@ def load_finished(
         title: how the recording is called, by default as the file.
         rig: file of the calibration; by default the one that the result says it was made with, else the
             one that a run wrote beside it.
-        keypoints: what the cameras saw of one person.
+        keypoints: what the cameras saw; by default what the result says it was made from, if that is still there.
         fps: of the keypoints, if their file has no times, and of folders of images.
-        videos: folder of the videos.
+        videos: folder of the videos; by default as of the keypoints.
         world_up: which axis of the world points up.
+        observed: whether what the cameras saw is looked for, if no keypoints are named.
 
     Raises:
         ValueError: a file is damaged, or they are not of one recording; the message names the file.
@@ -95,28 +96,46 @@ def load_finished(
     rig_file = rig or (None if origin.rig is not None else _rig_beside(result))
     given = load_rig(rig_file) if rig_file is not None else origin.rig
     cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
+    # Of another rig than the one that was used, what was found of it does not hold; its file may know of it itself.
+    known = origin.calibration if rig_file is None else load_calibration_origin(rig_file)
+    known = known.subset(cameras.names) if cameras is not None else known
+    origin = replace(origin, calibration=known)
     made_from = {"Result": str(result)} | facts_of(origin) | ({"Calibration": str(rig_file)} if rig_file else {})
-    observations = {}
-    if keypoints is not None:
-        if cameras is None or len(people) > 1:
-            raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE), of one person")
+    made_from |= {"Videos": str(videos)} if videos else {}
+    if keypoints is not None and given is None:
+        raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE)")
+    observations: Mapping[int, Observations] = {}
+    if keypoints is not None and given is not None:
         made_from["Keypoints"] = str(keypoints)
-        (person,) = people
-        observations[person] = _seen(keypoints, fps, cameras, people[person])
+        observations = used_detections(keypoints, given, people, fps)
+    elif observed and (file := origin.input_file("Keypoints")) is not None and given is not None:
+        observations, problem = _still_there(file, given, people, fps or origin.fps)
+        made_from["Keypoints"] += f". {problem}" if problem else ""
     return FinishedRecording(
         name=title or result.stem,
         people=people,
         rig=cameras,
         observations=observations,
-        # Of another rig than the one that was used, what was found of it does not hold.
-        offset_sigma_s={} if rig else origin.calibration.offset_sigma_s,
-        findings=() if rig else findings_of(origin),
+        offset_sigma_s=known.offset_sigma_s,
+        findings=findings_of(origin),
         events=origin.events,
         videos=videos or _videos(origin, cameras),
         images_hz=fps or origin.fps,
         world_up=world_up,
         made_from=made_from,
     )
+
+
+def _still_there(
+    file: InputFile, rig: CameraRig, people: Mapping[int, Trajectory], fps: float | None
+) -> tuple[Mapping[int, Observations], str]:
+    """What the cameras saw, or why that cannot be read any more."""
+    if not file.is_there:
+        return {}, "They are not there any more, or others: nothing that needs them is judged; --keypoints PATH helps"
+    try:
+        return used_detections(Path(file.path), rig, people, fps), ""
+    except (ValueError, OSError) as error:
+        return {}, f"They cannot be read any more ({error}): nothing that needs them is judged"
 
 
 def _rig_beside(result: Path) -> Path | None:
@@ -135,16 +154,3 @@ def _rig_of(path: Path, rig: CameraRig, trajectory: Trajectory) -> CameraRig:
     if missing:
         raise ValueError(f"{path}: camera {', '.join(missing)} of the result is not in this calibration")
     return rig.subset(trajectory.camera_names) if trajectory.camera_names else rig
-
-
-def _seen(path: Path, fps: float | None, rig: CameraRig, trajectory: Trajectory) -> Observations:
-    """In the frames of the trajectory."""
-    seen = load_observations(path, rig, trajectory.skeleton, fps=fps)
-    frames = nearest(trajectory.time_s, seen.frame_time_s)
-    apart_s = np.abs(seen.frame_time_s[frames] - trajectory.time_s)
-    if apart_s.max() > usual_step_s(trajectory.time_s) / 2:
-        at_s = trajectory.time_s[int(apart_s.argmax())]
-        raise ValueError(f"{path}: no frame at {at_s:.3f} s, where the result has one: are they of one recording?")
-    wanted = np.zeros(seen.n_frames, dtype=bool)
-    wanted[frames] = True
-    return seen.frames(wanted)

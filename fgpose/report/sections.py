@@ -7,6 +7,7 @@ from fgpose.report.blocks import Section
 from fgpose.report.body_sections import bone_section, sigma_section
 from fgpose.report.camera_sections import camera_section, reprojection_section, seen_section
 from fgpose.report.finished import FinishedRecording
+from fgpose.report.mark_section import draw_marks, mark_section
 from fgpose.report.moment_section import moment_section
 from fgpose.report.origin_section import origin_section
 from fgpose.report.people_section import people_section
@@ -20,9 +21,12 @@ def sections(recording: FinishedRecording) -> list[Section]:
         sigma_section(recording),
         bone_section(recording),
         angle_section(recording),
+        mark_section(recording),
         camera_section(recording),
         people_section(recording),
         moment_section(recording),
         origin_section(recording),
     ]
-    return [section for section in made if section is not None]
+    known = [section for section in made if section is not None]
+    draw_marks(known, recording.marks)
+    return known

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from fgpose.io.tables import column_names, read_table
+from fgpose.report.finished import Mark
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
 from fgpose.report.study_report import StudyRecording
 from fgpose.report.thumbnail import thumbnail
 
 TABLE, RECORDINGS, MOTION, REPORT = "quality.parquet", "recordings", "motion.parquet", "report.html"
+EVENTS = "events.parquet"
 Progress = Callable[[int, int], None]
 
 
@@ -40,15 +43,29 @@ def load_study(
     """
     rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
     base = (page or folder / REPORT).parent
+    marks = _marks(folder / EVENTS)
     found = []
     for n, row in enumerate(rows):
-        found.append(_recording(folder, row, base, reports=reports))
+        found.append(_recording(folder, row, base, marks if reports else None))
         if progress:
             progress(n + 1, len(rows))
     return found
 
 
-def _recording(folder: Path, row: dict[str, Any], base: Path, *, reports: bool) -> StudyRecording:
+def _marks(path: Path) -> dict[str, list[Mark]]:
+    """The events of each recording. Raises ValueError if the table is damaged; it is named."""
+    found: dict[str, list[Mark]] = {}
+    if path.is_file():
+        try:
+            for row in read_table(path, ["recording", "time_s", "event"]).to_pylist():
+                found.setdefault(str(row["recording"]), []).append(Mark(float(row["time_s"]), str(row["event"])))
+        except (ValueError, KeyError, TypeError) as error:
+            raise ValueError(f"{path}: no table of events: {error}") from None
+    return found
+
+
+def _recording(folder: Path, row: dict[str, Any], base: Path, marks: Mapping[str, list[Mark]] | None) -> StudyRecording:
+    """None in place of marks: no report is written."""
     name = str(row.get("recording") or row.get("source") or "")
     status = str(row.get("status") or "done")
     own = folder / RECORDINGS / name
@@ -58,7 +75,7 @@ def _recording(folder: Path, row: dict[str, Any], base: Path, *, reports: bool) 
     picture, failure = "", ""
     if row.get("recording") and motion.is_file() and status == "done":
         try:
-            picture = _shown(motion, report, name, reports=reports)
+            picture = _shown(motion, report, name, marks)
         except ValueError as error:  # One damaged file does not cost the report of the others.
             status, failure, numbers = "failed", str(error), {}
     return StudyRecording(
@@ -71,9 +88,11 @@ def _recording(folder: Path, row: dict[str, Any], base: Path, *, reports: bool) 
     )
 
 
-def _shown(motion: Path, report: Path, name: str, *, reports: bool) -> str:
+def _shown(motion: Path, report: Path, name: str, marks: Mapping[str, list[Mark]] | None) -> str:
     """The picture of a recording, whose report is written if it is due."""
-    recording = load_finished(motion, title=name)
-    if reports and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime):
-        write_report(recording, report)
+    due = marks is not None and not (report.is_file() and report.stat().st_mtime >= motion.stat().st_mtime)
+    recording = load_finished(motion, title=name, observed=due)
+    if marks is not None and due:
+        own = sorted(marks.get(name, ()), key=lambda mark: mark.time_s)
+        write_report(replace(recording, marks=tuple(own)), report)
     return thumbnail(recording)

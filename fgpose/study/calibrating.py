@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from fgpose.calibration.from_people.calibrate import Focal, calibrate
-from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.self_calibration import calibrate_cameras
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.self_calibration import CameraCalibration, calibrate_cameras
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
-from fgpose.io.calibration import load_intrinsics, save_rig
+from fgpose.io.calibration import CalibrationOrigin, load_intrinsics, save_rig
 from fgpose.io.keypoints import (
     check_sizes,
     likely_sizes_px,
@@ -18,7 +19,8 @@ from fgpose.io.keypoints import (
     save_people_observations,
 )
 from fgpose.people import PeopleObservations
-from fgpose.pipeline import PeopleSource
+from fgpose.pipeline import PeopleSource, Source
+from fgpose.pipeline.origin import calibration_from_people, recalibrated
 from fgpose.study.job import CALIBRATION, SEEN, Job
 from fgpose.study.study import Study
 
@@ -31,7 +33,8 @@ def recalibrate(job: Job) -> None:
         OSError: a file cannot be read or written.
     """
     if job.study.steps.calibrate == "people":
-        save_rig(_from_keypoints(job), job.path(CALIBRATION))
+        result = _from_keypoints(job)
+        save_rig(result.rig, job.path(CALIBRATION), origin=calibration_from_people(result))
         return
     source, config = job.source(), job.study.parameters
     wanted = {
@@ -41,14 +44,18 @@ def recalibrate(job: Job) -> None:
     if isinstance(source, PeopleSource):
         everybody = calibrate_cameras(source.people, source.rig, config, **wanted)
         save_people_observations(everybody.observations, job.path(SEEN))
-        save_rig(everybody.rig, job.path(CALIBRATION))
+        save_rig(everybody.rig, job.path(CALIBRATION), origin=_known(source, everybody))
         return
     one = calibrate_cameras(source.observations, source.rig, config, **wanted)
     save_observations(one.observations, job.path(SEEN))
-    save_rig(one.rig, job.path(CALIBRATION))
+    save_rig(one.rig, job.path(CALIBRATION), origin=_known(source, one))
 
 
-def _from_keypoints(job: Job) -> CameraRig:
+def _known(source: Source | PeopleSource, found: CameraCalibration[Any]) -> CalibrationOrigin | None:
+    return source.origin and recalibrated(source.origin, source.rig, found).calibration
+
+
+def _from_keypoints(job: Job) -> CalibratedFromPeople:
     data = job.study.data
     people = load_uncalibrated(
         job.recording.source, job.skeleton, fps=data.fps, points3d_unit=data.points3d_unit, cameras=data.cameras
@@ -72,7 +79,7 @@ def intrinsics_of(study: Study, names: Sequence[str], sizes_px: Sequence[tuple[i
     return guessed_intrinsics(names, sizes_px, None)
 
 
-def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig) -> CameraRig:
+def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig) -> CalibratedFromPeople:
     """Cameras calibrated from people. Raises ValueError, with the reasons, if that has failed."""
     known = study.from_people
     sizes = {camera.size_px for camera in intrinsics.cameras}
@@ -81,7 +88,7 @@ def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig)
     if result.grade is Grade.FAILED:
         reasons = "; ".join(_reason(finding) for finding in result.findings if finding.grade is Grade.FAILED)
         raise ValueError(f"the calibration from people has failed: {reasons}")
-    return result.rig
+    return result
 
 
 def _reason(finding: Finding) -> str:

@@ -10,9 +10,11 @@ from importlib.metadata import version
 from fgpose.study.calibrating import recalibrate
 from fgpose.study.detecting import detect
 from fgpose.study.estimating import estimate, export, judge, measure_angles, report
+from fgpose.study.events import own_events
 from fgpose.study.job import Job
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
+from fgpose.study.synchronising import find_starts, synchronises
 
 
 @dataclass(frozen=True)
@@ -26,6 +28,8 @@ class Step:
     applies: Callable[[Study, Recording], bool] = lambda study, recording: True
     after: tuple[str, ...] = ()
     """Steps whose files it reads, where they apply."""
+    own: Callable[[Study, Recording], object] = lambda study, recording: None
+    """What else changes its result, that is of the recording and in none of its files."""
 
 
 def _detects(study: Study, recording: Recording) -> bool:
@@ -33,9 +37,10 @@ def _detects(study: Study, recording: Recording) -> bool:
 
 
 def _calibrates(study: Study, recording: Recording) -> bool:
-    mode = study.steps.calibrate
-    # From videos, people calibrate the cameras while they are detected.
-    return mode != "given" and not (mode == "people" and recording.kind == "videos")
+    if study.steps.calibrate == "people":
+        # From videos, people calibrate the cameras while they are detected.
+        return recording.kind == "keypoints" and not recording.calibrated_on
+    return study.steps.calibrate != "given"
 
 
 def _reading(study: Study) -> tuple[object, ...]:
@@ -44,19 +49,25 @@ def _reading(study: Study) -> tuple[object, ...]:
 
 
 STEPS = (
-    Step("detect", detect, lambda s: (s.detect, s.steps.calibrate, s.from_people, _reading(s)), _detects),
+    Step(
+        "detect",
+        detect,
+        lambda s: (s.detect, s.steps.calibrate, s.steps.synchronise, s.from_people, _reading(s)),
+        _detects,
+    ),
+    Step("synchronise", find_starts, lambda s: (s.steps.synchronise, _reading(s)), synchronises, after=("detect",)),
     Step(
         "calibrate",
         recalibrate,
         lambda s: (s.steps.calibrate, s.steps.people, s.from_people, _reading(s), s.parameters),
         _calibrates,
-        after=("detect",),
+        after=("detect", "synchronise"),
     ),
     Step(
         "estimate",
         estimate,
         lambda s: (s.steps.people, _reading(s), s.parameters),
-        after=("detect", "calibrate"),
+        after=("detect", "synchronise", "calibrate"),
     ),
     Step(
         "angles",
@@ -72,13 +83,14 @@ STEPS = (
         lambda study, recording: bool(study.steps.formats),
         after=("estimate",),
     ),
-    Step("judge", judge, lambda s: (), after=("estimate", "calibrate")),
+    Step("judge", judge, lambda s: s.steps.world_up, after=("estimate", "calibrate")),
     Step(
         "report",
         report,
         lambda s: s.steps.world_up,
         lambda study, recording: study.steps.report,
         after=("estimate", "calibrate"),
+        own=own_events,
     ),
 )
 
@@ -99,6 +111,8 @@ def fingerprints(study: Study, recording: Recording, contents: Mapping[str, str]
     found: dict[str, str] = {}
     for step in steps_of(study, recording):
         before = [found[name] for name in step.after if name in found]
+        own = step.own(study, recording)
         made_from = (version("fgpose"), step.name, step.settings(study), before, sorted(contents.items()))
+        made_from += (own,) if own else ()
         found[step.name] = hashlib.blake2b(repr(made_from).encode(), digest_size=16).hexdigest()
     return found

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import os
 
-from fgpose.io.calibration import load_rig, save_rig
+import numpy as np
+
+from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig, save_rig
 from fgpose.io.keypoints import save_people_observations
 from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect as run_network
 from fgpose.monocular.sources import Sources, find_clips, open_sources
+from fgpose.pipeline.origin import calibration_from_people
 from fgpose.study.calibrating import from_people, intrinsics_of
 from fgpose.study.job import CAMERAS, DETECTED, Job
 from fgpose.study.networks import network
+from fgpose.study.synchronising import synchronises
 
 
 def detect(job: Job) -> None:
@@ -26,15 +30,21 @@ def detect(job: Job) -> None:
     # FFmpeg says on stderr of every process what the error says too.
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
-    detected = _calibrated(job) if job.study.steps.calibrate == "people" else _detected(job, _with_rig(job))
+    if job.recording.calibration is None:
+        detected, known = _calibrated(job)
+    else:
+        known = load_calibration_origin(job.recording.calibration)
+        detected = _detected(job, _with_rig(job))
     save_people_observations(detected.people, job.path(DETECTED))
-    save_rig(detected.rig, job.path(CAMERAS))
+    save_rig(detected.rig, job.path(CAMERAS), origin=known.subset(detected.rig.names))
 
 
 def _with_rig(job: Job) -> Sources:
     data = job.study.data
     assert job.recording.calibration is not None
-    rig = load_rig(job.recording.calibration, data.unit)
+    rig = load_rig(job.recording.calibration, job.reading["unit"])
+    if synchronises(job.study, job.recording):
+        rig = rig.with_time_offsets(np.zeros(rig.n_cameras))  # those of the trial that they were calibrated on
     return open_sources(job.recording.source, rig, fps=data.fps, cameras=data.cameras)
 
 
@@ -43,9 +53,10 @@ def _detected(job: Job, sources: Sources) -> Detected:
     return run_network(sources, network(job.study), cache=cache_folder() / "detections", jobs=1)
 
 
-def _calibrated(job: Job) -> Detected:
+def _calibrated(job: Job) -> tuple[Detected, CalibrationOrigin]:
     data = job.study.data
     clips = find_clips(job.recording.source, fps=data.fps, cameras=data.cameras)
     rig = intrinsics_of(job.study, [clip.name for clip in clips], [clip.size_px for clip in clips])
     detected = _detected(job, Sources(rig, clips))
-    return detected.recalibrated(from_people(job.study, detected.people, rig))
+    found = from_people(job.study, detected.people, rig)
+    return detected.recalibrated(found.rig), calibration_from_people(found)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.pipeline import PeopleSource, Source, load_people_source, load_source
 from fgpose.skeleton import Skeleton
@@ -15,6 +16,8 @@ from fgpose.study.study import Study, skeleton_of
 
 DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""
+SYNCHRONISED = "synchronised.toml"
+"""The cameras whose start is known, with their starts."""
 SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
 """The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
 MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
@@ -45,7 +48,7 @@ class Job:
     @property
     def calibration(self) -> Path:
         """Raises ValueError if there is none."""
-        found = self.first(CALIBRATION, CAMERAS) or self.recording.calibration
+        found = self.first(CALIBRATION, SYNCHRONISED, CAMERAS) or self.recording.calibration
         if found is None:
             raise ValueError("it has no calibration")
         return found
@@ -71,11 +74,13 @@ class Job:
         """How keypoints are read."""
         data = self.study.data
         own = self.keypoints.parent == self.folder
+        synchronised = self.first(SYNCHRONISED)
+        # Calibrations that fgpose has written are in metres.
+        in_metres = self.recording.calibrated_on or self.calibration.parent == self.folder
         return {
-            "cameras": data.cameras,
+            "cameras": data.cameras if synchronised is None else load_rig(synchronised).names,
             "fps": data.fps,
-            # Calibrations that fgpose has written are in metres.
-            "unit": "auto" if self.calibration.parent == self.folder else data.unit,
+            "unit": "auto" if in_metres else data.unit,
             "points3d_frame": "camera" if own else data.points3d_frame,
             "points3d_unit": data.points3d_unit,
         }

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
+from fgpose.study.job import CALIBRATION, CAMERAS
 from fgpose.study.layouts import in_folders, in_pose2sim
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
@@ -27,15 +28,44 @@ class Plan:
         Raises:
             OSError: a folder cannot be read.
         """
-        seen: set[bytes] = set()
+        for stage in self.stages():
+            yield from stage
+
+    def stages(self) -> Iterator[Iterator[Recording]]:
+        """The same, in parts each of which needs what comes of those before: first the trials on which the cameras of a
+        session are calibrated, if there are such. Raises OSError as they are read."""
+        keys = _Keys()
+        if not self.study.from_people.trial:
+            yield self._wanted(self._found(), keys)
+            return
+        walks = self._walks()
+        yield self._wanted(iter(walks.values()), keys)
+        others = (each for each in self._found() if walks.get((each.subject, each.session)) != each)
+        yield self._wanted((self._calibrated(each, walks) for each in others), keys)
+
+    def _walks(self) -> dict[tuple[str, str], Recording]:
+        """Of each session the trial on which its cameras are calibrated."""
+        walks: dict[tuple[str, str], Recording] = {}
         for recording in self._found():
-            if not self._is_wanted(recording):
-                continue
-            digest = hashlib.blake2b(recording.key.encode(), digest_size=16).digest()
-            if digest in seen:
-                recording = replace(recording, problem=f"it is there twice: {recording.source} is another of its name")
-            seen.add(digest)
-            yield recording
+            if fnmatchcase(recording.trial, self.study.from_people.trial) and self._is_in_study(recording):
+                walks.setdefault((recording.subject, recording.session), recording)
+        return walks
+
+    def _calibrated(self, recording: Recording, walks: Mapping[tuple[str, str], Recording]) -> Recording:
+        """With the calibration of its session."""
+        walk = walks.get((recording.subject, recording.session))
+        if recording.problem:
+            return recording
+        if walk is None:
+            trial = self.study.from_people.trial
+            return replace(recording, problem=f"its session has no trial {trial!r} to calibrate the cameras on")
+        file = walk.folder(self.study.output) / (CAMERAS if walk.kind == "videos" else CALIBRATION)
+        return replace(recording, calibration=file, calibrated_on=walk.key)
+
+    def _wanted(self, found: Iterable[Recording], keys: _Keys) -> Iterator[Recording]:
+        for recording in found:
+            if self._is_in_study(recording) and (not self.only or fnmatchcase(recording.key, self.only)):
+                yield recording if keys.is_new(recording) else _twice(recording)
 
     def counted(self) -> int:
         """How many there are.
@@ -61,14 +91,12 @@ class Plan:
             if not n_found:
                 yield _of_nothing(self.study, pattern)
 
-    def _is_wanted(self, recording: Recording) -> bool:
+    def _is_in_study(self, recording: Recording) -> bool:
         if not recording.trial:
             return not self.only
         if recording.source.is_relative_to(self.study.output):
             return False  # results of the study, not recordings
-        key = recording.key
-        excluded = any(fnmatchcase(key, pattern) for pattern in self.study.data.exclude)
-        return not excluded and (not self.only or fnmatchcase(key, self.only))
+        return not any(fnmatchcase(recording.key, pattern) for pattern in self.study.data.exclude)
 
     def _nothing(self) -> str:
         data, root = self.study.data, self.study.root
@@ -85,6 +113,23 @@ class Plan:
             return f"no folder below {root} is a trial of Pose2Sim; it holds {there}"
         patterns = ", ".join(map(repr, data.keypoints or data.videos))
         return f"no recording matches {patterns} in {root}, which holds {there}"
+
+
+@dataclass
+class _Keys:
+    """Those that there were so far, 16 bytes each."""
+
+    digests: set[bytes] = field(default_factory=set)
+
+    def is_new(self, recording: Recording) -> bool:
+        digest = hashlib.blake2b(recording.key.encode(), digest_size=16).digest()
+        is_new = digest not in self.digests
+        self.digests.add(digest)
+        return is_new
+
+
+def _twice(recording: Recording) -> Recording:
+    return replace(recording, problem=f"it is there twice: {recording.source} is another of its name")
 
 
 def _of_nothing(study: Study, pattern: str) -> Recording:

@@ -71,6 +71,8 @@ def failed(study: Study, recording: Recording, reason: str, details: str = "", t
 
 def due(study: Study, recording: Recording) -> tuple[str, ...]:
     """The steps that process would do. Raises OSError if an input cannot be read."""
+    if _waits(recording):
+        return tuple(step.name for step in steps_of(study, recording))
     state = load_state(recording.folder(study.output))
     _, _, wanted = _wanted(study, recording, state)
     return _due(recording.folder(study.output), state, wanted)
@@ -79,6 +81,10 @@ def due(study: Study, recording: Recording) -> tuple[str, ...]:
 def _work(study: Study, recording: Recording, caught: Iterable[warnings.WarningMessage]) -> tuple[str, ...]:
     folder = recording.folder(study.output)
     _remove_leftovers(folder)
+    if _waits(recording):
+        raise ValueError(
+            f"the cameras of its session are calibrated on {recording.calibrated_on}, which has failed or is not done"
+        )
     state = load_state(folder)
     stamp, contents, wanted = _wanted(study, recording, state)
     ran = _due(folder, state, wanted)
@@ -88,6 +94,12 @@ def _work(study: Study, recording: Recording, caught: Iterable[warnings.WarningM
         save_state(replace(state, stamp=stamp), folder)
     _put_into_data_sets(study, recording, wanted)
     return ran
+
+
+def _waits(recording: Recording) -> bool:
+    """Whether the trial on which its cameras are calibrated is not done."""
+    calibration = recording.calibration
+    return bool(recording.calibrated_on) and calibration is not None and not calibration.exists()
 
 
 def _wanted(

@@ -20,9 +20,11 @@ class Recording:
     """Folder or file of the keypoints or the videos."""
     kind: Kind
     calibration: Path | None = None
-    """None: there is none, or the cameras are calibrated from the people."""
+    """None: there is none, or the cameras are calibrated from the people in it."""
     problem: str = ""
     """Why it cannot be estimated, where that is known before any work."""
+    calibrated_on: str = ""
+    """Key of the trial of its session on which its cameras are calibrated from people."""
 
     @property
     def key(self) -> str:

@@ -13,10 +13,11 @@ from fgpose.io.atomic import check_writable
 from fgpose.io.studies.events import Event, read_events
 from fgpose.io.studies.rows import write_rows
 from fgpose.study.cluster import run, workers
+from fgpose.study.events import events_of
 from fgpose.study.plan import Plan
 from fgpose.study.process import Outcome
 from fgpose.study.study import Study
-from fgpose.study.tables import EVENTS, Tables, events_of
+from fgpose.study.tables import EVENTS, Tables
 
 OnBegin = Callable[[int], None]
 """Called with the number of recordings once the workers are there."""
@@ -79,7 +80,7 @@ def run_study(
         if on_begin:
             on_begin(n_recordings)
         try:
-            for outcome in run(client, study, plan):
+            for outcome in (each for stage in plan.stages() for each in run(client, study, stage)):
                 _note(result, outcome)
                 if on_outcome:
                     on_outcome(outcome)

@@ -57,6 +57,9 @@ class Steps:
     """A page (HTML) of each recording, about 1 MB; `fgpose report` makes those that are missing."""
     formats: tuple[Format, ...] = ("trc",)
     """Written beside the parquet files: trc and mot for OpenSim, bvh for Blender, c3d with segment rotations."""
+    synchronise: bool = False
+    """The cameras were started by hand: when each began is found in every recording, from the motion. Where people
+    calibrate the cameras it is always."""
     world_up: Literal["z", "y"] = "z"
     """Axis of the calibration's world that points up."""
 
@@ -77,8 +80,13 @@ class FromPeople:
 
     intrinsics: str = ""
     """Calibration with a board; by default focal lengths are estimated."""
+    trial: str = ""
+    """The trial of each session on which its cameras are calibrated, as "walk" or "walk*": the first that matches. The
+    other trials have its cameras, and starts of their own. By default each recording calibrates its own cameras."""
     stature_m: float | None = None
+    """Of whoever walks there."""
     synchronised: bool = False
+    """All cameras begin each recording at the same moment."""
 
 
 @dataclass(frozen=True)
@@ -111,6 +119,8 @@ class Study:
     parameters: Config = field(default_factory=Config)
     base: Path = Path()
     """Folder of the study file, to which its other paths are relative."""
+    file_name: str = ""
+    """Of the study file."""
 
     def __post_init__(self) -> None:
         _check(self)
@@ -168,11 +178,19 @@ def study_of(table: dict[str, Any], path: Path) -> Study:
         resources=given.resources,
         parameters=given.parameters,
         base=base,
+        file_name=path.name,
     )
 
 
 def _check(study: Study) -> None:
     data, of_people = study.data, study.steps.calibrate == "people"
+    if study.from_people.trial and not of_people:
+        raise ValueError('from_people.trial goes with steps.calibrate = "people"')
+    if study.steps.synchronise and of_people:
+        raise ValueError(
+            'steps.synchronise: where people calibrate the cameras (steps.calibrate = "people") their starts are found '
+            "anyway; leave it out"
+        )
     if data.keypoints and data.videos:
         raise ValueError("data.keypoints and data.videos: a study begins from one of them; leave the other out")
     if data.layout == "folders":

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from fgpose.io.studies.data_set import part_path, parts_of
-from fgpose.io.studies.events import Event
 from fgpose.io.studies.rows import write_rows
 from fgpose.io.studies.state import RecordingState, load_state
 from fgpose.study.chain import fingerprints
-from fgpose.study.pattern import PLACEHOLDERS
 from fgpose.study.process import DATA_SETS
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study
@@ -84,21 +82,3 @@ class Tables:
         """The recording before it that has the same content; a copy that was forgotten counts twice in a study."""
         first = self._first.setdefault(state.contents.get("source", key), key)
         return first if first != key else ""
-
-
-def events_of(recordings: Iterable[Recording], events: Iterable[Event]) -> tuple[list[dict[str, Any]], list[str]]:
-    """The events of recordings as rows of a table, and the names of those that no recording has."""
-    by_name: dict[tuple[tuple[str, str], ...], list[Event]] = {}
-    for event in events:
-        by_name.setdefault(tuple(event.whose.items()), []).append(event)
-    columns = [name for name, _ in next(iter(by_name), ())]
-    rows, found = [], set()
-    for recording in recordings:
-        names = tuple((name, getattr(recording, name)) for name in columns)
-        found.add(names)
-        whose = {name: getattr(recording, name) for name in PLACEHOLDERS}
-        rows += [
-            {"recording": recording.key, **whose, "event": event.name, "time_s": event.time_s, **event.others}
-            for event in by_name.get(names, ())
-        ]
-    return rows, ["/".join(value for _, value in names) for names in by_name if names not in found]

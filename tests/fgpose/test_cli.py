@@ -33,6 +33,7 @@ COMMANDS = (
     "run",
     "study",
     "detect",
+    "synchronise",
     "smooth",
     "track",
     "refine",

@@ -18,7 +18,8 @@ from turned_cameras import turned
 import fgpose
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.cli import main
-from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig, save_rig
+from fgpose.io.calibration.calibration_origin import MovedCamera, Reason
 from fgpose.io.trajectories import load_trajectory
 from fgpose.people import PeopleObservations
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 NAMES = ("cam1", "cam2", "cam3")
 COARSE = Finding("cam3", Grade.COARSE, "the person was on one line only", "walk across its view")
+WHOLE = Reason("", "coarse", "few people", "walk longer")
 BAD = Finding("", Grade.FAILED, "the cameras do not agree", "walk where all cameras see you")
 
 
@@ -77,6 +79,10 @@ def test_keypoints_become_a_rig_a_scene_a_table_and_a_verdict(
     rig = load_rig(tmp_path / "out" / "rig.toml")
     assert rig.names == NAMES
     np.testing.assert_array_equal(rig.time_offsets_s, [0.0, 61.25, -0.5])
+    known = load_calibration_origin(tmp_path / "out" / "rig.toml")
+    assert known.grade == "coarse"
+    assert known.findings == (Reason("cam3", "coarse", COARSE.reason, COARSE.remedy),)
+    assert known.offset_sigma_s == {"cam2": 0.002, "cam3": 0.002}
     printed = capsys.readouterr()
     for words in (
         "start [s] 0.000 61.250 -0.500",
@@ -268,7 +274,8 @@ def test_a_bumped_camera_is_named_and_the_rest_is_kept(
     source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = named(true_rig(), NAMES).with_time_offsets(np.array([0.0, 0.002, 0.0]))
-    save_rig(turned(rig, 1, 2.0), tmp_path / "old.toml")
+    known = CalibrationOrigin({"cam2": 0.003}, (MovedCamera("cam3", 0.1, 0.01),), "coarse", (WHOLE,))
+    save_rig(turned(rig, 1, 2.0), tmp_path / "old.toml", origin=known)
     assert main([*source, "--from", str(tmp_path / "old.toml"), "-o", str(tmp_path / "new.toml")]) == 0
     printed = plain(capsys.readouterr().out)
     assert "Moved: cam2. The others keep their poses." in printed
@@ -276,6 +283,11 @@ def test_a_bumped_camera_is_named_and_the_rest_is_kept(
     assert "Verdict: good" in printed
     found, old = load_rig(tmp_path / "new.toml"), load_rig(tmp_path / "old.toml")
     np.testing.assert_array_equal(found.time_offsets_s, rig.time_offsets_s)
+    # What was known before stays; what has moved is of the last time.
+    after = load_calibration_origin(tmp_path / "new.toml")
+    assert (after.offset_sigma_s, after.grade, after.findings) == (known.offset_sigma_s, "coarse", (WHOLE,))
+    assert [each.camera for each in after.moved] == ["cam2"]
+    assert after.moved[0].rotation_deg > 1
     for c in (0, 2):
         np.testing.assert_allclose(found.cameras[c].world_T_camera, old.cameras[c].world_T_camera, atol=1e-12)
     # The one that was moved is shown where it was, too.

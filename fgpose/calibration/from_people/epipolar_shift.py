@@ -1,8 +1,9 @@
 """Epipolar geometry of two cameras, and the shift between their clocks, from one walker: found together.
 
 A joint that moves is seen by a late camera where it was not when the other one saw it: it misses its epipolar line by
-its velocity times the shift, unless it moves along the line. Both are unknown, so both are estimated together (Albl et
-al. 2017, On the two-view geometry of unsynchronized cameras), by the Sampson error.
+its velocity times the shift, unless it moves along the line. Where the cameras stand is unknown too, so both are
+estimated together (Albl et al. 2017, On the two-view geometry of unsynchronized cameras), by the Sampson error; between
+cameras whose poses are known, the shift alone.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from fgpose.calibration.from_people.clocks import ClockShift
 from fgpose.calibration.from_people.views import HALF_STRIDE_S, View
 from fgpose.sampling import spread_evenly
 
-# 25 mm at a body of 0.5 m radius: what detectors miss a joint by, biases included.
-_SPREAD = 0.05
+SPREAD = 0.05
+"""25 mm at a body of 0.5 m radius: what detectors miss a joint by, biases included."""
 _MAX_SAMPLES = 500
 _MAX_ROBUST_POINTS = 800
 _MIN_POINTS = 60
@@ -26,8 +27,11 @@ _CONVERGED_S = 1e-4
 _MAX_STEP_S = 0.08  # further than this the joints do not move straight on
 _BLOCK_S = 1.0  # errors are correlated for 0.15 s, biases as long as somebody is seen from one side
 _MIN_STRIDE = 4  # samples, of which one is that itself
-_INDEPENDENT_S = 0.3  # twice the correlation time
+INDEPENDENT_S = 0.3
+"""Twice the correlation time of the errors of detections."""
 _EPSILON = 1e-6
+# Of the nine numbers: seven of the geometry, shift and rate of the clock.
+_ALL, _CLOCK = slice(0, 9), slice(7, 9)
 RATE_SIGMA = 1.5e-4
 """Of one clock relative to another: each drifts by 43 to 145 ppm."""
 
@@ -129,11 +133,13 @@ def fit_epipolar_shift(
     points = _points(first, second, time_s, shift_s, rate, middle_s)
     if points is None:
         return None
-    geometry, prior_rate = _robust_geometry(points), rate
+    are_placed, prior_rate = first.is_placed and second.is_placed, rate
+    geometry = _Geometry.of(essential_matrix(first, second)) if are_placed else _robust_geometry(points)
     if geometry is None:
         return None
+    free = _CLOCK if are_placed else _ALL
     for _ in range(_MAX_ROUNDS):
-        step = _Linearized.at(geometry, points, rate_sigma).step(rate - prior_rate)
+        step = _Linearized.at(geometry, points, rate_sigma).step(rate - prior_rate, free)
         moved_s = float(np.clip(step[7], -_MAX_STEP_S, _MAX_STEP_S))
         geometry, shift_s, rate = geometry.moved(step[:7]), shift_s + moved_s, rate + float(step[8])
         again = _points(first, second, time_s, shift_s, rate, middle_s)
@@ -143,7 +149,7 @@ def fit_epipolar_shift(
         if abs(moved_s) < _CONVERGED_S and np.abs(step[:7]).max() < 1e-4:
             break
     found = _Linearized.at(geometry, points, rate_sigma)
-    clock = ClockShift(shift_s, rate, middle_s, found.covariance(rate_sigma))
+    clock = ClockShift(shift_s, rate, middle_s, found.covariance(rate_sigma, free))
     square = found.residual**2
     return EpipolarShift(clock, float(np.mean(square / (1 + square))), len(square), geometry.F)
 
@@ -179,9 +185,19 @@ def _points(
     radius = np.sqrt(np.mean([view.radius_at(at_s) ** 2 for view, at_s in both], axis=0))
     # Of a recording that is short, a part; where samples are too far apart, nothing is slow.
     stride = round(min(2 * HALF_STRIDE_S, float(np.ptp(since_s)) / 5) / float(np.median(np.diff(since_s))))
-    independent = max(min(float(np.ptp(since_s)) / _INDEPENDENT_S / len(since_s), 1.0), 1e-3)
-    spread = _SPREAD * radius[sample]
+    independent = max(min(float(np.ptp(since_s)) / INDEPENDENT_S / len(since_s), 1.0), 1e-3)
+    spread = SPREAD * radius[sample]
     return _Points(xy, velocity, fast, spread, since_s[sample], known, stride, independent)
+
+
+def essential_matrix(first: View, second: View) -> Float[np.ndarray, "3 3"]:
+    """x_second^T E x_first = 0 in the images at unit focal length (Hartley and Zisserman 2004, eq. 9.12), of two
+    cameras whose poses are known."""
+    assert first.camera_T_world is not None
+    assert second.camera_T_world is not None
+    second_T_first = second.camera_T_world @ np.linalg.inv(first.camera_T_world)
+    x, y, z = second_T_first[:3, 3]
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ second_T_first[:3, :3]
 
 
 def _robust_geometry(points: _Points) -> _Geometry | None:
@@ -279,13 +295,15 @@ class _Linearized:
         weighted = np.stack([self.residual, self.swinging]) / (1 + self._squares)
         return self.instruments * np.repeat(weighted, [7, 2], axis=0).T
 
-    def step(self, from_prior_rate: float) -> Float[np.ndarray, " 9"]:
-        """To residuals that are not correlated with the instruments."""
+    def step(self, from_prior_rate: float, free: slice) -> Float[np.ndarray, " 9"]:
+        """To residuals that are not correlated with the instruments, by the numbers that are free."""
         gradient = self._scores.sum(axis=0)
         gradient[8] += self.prior * from_prior_rate
-        return -_solved(self._information(1 / (1 + self._squares)), gradient)
+        step = np.zeros(9)
+        step[free] = -_solved(self._information(1 / (1 + self._squares))[free, free], gradient[free])
+        return step
 
-    def covariance(self, rate_sigma: float) -> Float[np.ndarray, "2 2"]:
+    def covariance(self, rate_sigma: float, free: slice) -> Float[np.ndarray, "2 2"]:
         """Of shift and rate: the sandwich estimator over blocks of a second (Liang and Zeger 1986), within which errors
         may be correlated in any way. The prior of the rate counts as an observation."""
         _, block = np.unique(np.floor(self.time_s / _BLOCK_S), return_inverse=True)
@@ -295,13 +313,16 @@ class _Linearized:
         meat[8, 8] += (self.prior * rate_sigma) ** 2
         # What the weighted residuals do when the residuals change, on average: outliers do not follow.
         squares = self._squares
-        inverse = _solved(self._information((1 - squares) / (1 + squares) ** 2), np.eye(9))
-        return (inverse @ meat @ inverse.T)[7:, 7:]
+        information = self._information((1 - squares) / (1 + squares) ** 2)[free, free]
+        inverse = _solved(information, np.eye(len(information)))
+        return (inverse @ meat[free, free] @ inverse.T)[-2:, -2:]
 
 
-def _solved(information: Float[np.ndarray, "9 9"], right: Float[np.ndarray, "9 ..."]) -> Float[np.ndarray, "9 ..."]:
+def _solved(
+    information: Float[np.ndarray, "free free"], right: Float[np.ndarray, "free ..."]
+) -> Float[np.ndarray, "free ..."]:
     """With a damping that only counts where the points say nothing."""
     scale = np.sqrt(np.maximum(np.abs(np.diag(information)), 1e-12))
-    damped = information / np.outer(scale, scale) + 1e-6 * np.eye(9)
+    damped = information / np.outer(scale, scale) + 1e-6 * np.eye(len(scale))
     shape = (-1, *(1,) * (right.ndim - 1))
     return np.linalg.solve(damped, right / scale.reshape(shape)) / scale.reshape(shape)

@@ -23,7 +23,7 @@ _DECISIVE = 1.15
 
 
 @dataclass(frozen=True)
-class Proposal:
+class _Proposal:
     """A moment at which a camera may have joined, by the clock of the others."""
 
     offset_s: float
@@ -44,20 +44,14 @@ class Joined:
     """How a camera joined the others."""
 
     camera: int
-    best: Proposal
-    second: Proposal | None
+    best_s: float
+    """By the clock of the others: common time = own time + best_s."""
+    second_s: float | None
     """The next best."""
-
-    @property
-    def is_outstanding(self) -> bool:
-        """Whether the motion fits better than chance would have it."""
-        return self.best.score >= _MIN_SCORE and self.best.misfit < 1.0
-
-    @property
-    def is_decisive(self) -> bool:
-        """Whether it does, and fits much better than at any other moment."""
-        second = 0.0 if self.second is None else self.second.support
-        return self.is_outstanding and self.best.support >= _DECISIVE * second
+    is_outstanding: bool
+    """Whether the motion fits better than chance would have it."""
+    is_decisive: bool
+    """Whether it does, and fits much better than at any other moment."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +92,7 @@ def join_cameras(
             continue
         joining.joined[camera] = joined
         if joined.is_decisive:
-            joining.offsets_s[camera] = joined.best.offset_s
+            joining.offsets_s[camera] = joined.best_s
             waiting, postponed = [*waiting, *(other for other in postponed if other != camera)], []
     return joining
 
@@ -111,7 +105,7 @@ def _first_two(cameras: Sequence[int], pairs: Mapping[tuple[int, int], Correlati
         if joined is None:
             continue
         if joined.is_decisive:
-            return Joining({one: 0.0, other: joined.best.offset_s}, {other: joined})
+            return Joining({one: 0.0, other: joined.best_s}, {other: joined})
         failed.setdefault(other, joined)
         failed.setdefault(one, joined)
     return Joining({}, failed)
@@ -163,7 +157,10 @@ def _proposed(
     best = max(found, key=lambda proposal: proposal.support)
     # Neighbouring peaks may lead to the same moment.
     others = [proposal for proposal in found if abs(proposal.offset_s - best.offset_s) > PEAK_WIDTH_S]
-    return Joined(camera, best, max(others, key=lambda proposal: proposal.support, default=None))
+    second = max(others, key=lambda proposal: proposal.support, default=None)
+    is_outstanding = best.score >= _MIN_SCORE and best.misfit < 1.0
+    is_decisive = is_outstanding and (second is None or best.support >= _DECISIVE * second.support)
+    return Joined(camera, best.offset_s, None if second is None else second.offset_s, is_outstanding, is_decisive)
 
 
 def _judged(
@@ -173,7 +170,7 @@ def _judged(
     offsets_s: Mapping[int, float],
     pairs: Mapping[tuple[int, int], Correlation],
     views: Sequence[View],
-) -> Proposal:
+) -> _Proposal:
     """A peak, refined by the epipolar geometries with those that have most in common with the camera then."""
 
     def in_common(one: int) -> float:
@@ -184,8 +181,8 @@ def _judged(
     fits = [fit_epipolar_shift(views[one], views[camera], offset_s - offsets_s[one]) for one in partners]
     known = [(one, fit) for one, fit in zip(partners, fits, strict=True) if fit is not None]
     if not known:
-        return Proposal(offset_s, score, 1.0)
+        return _Proposal(offset_s, score, 1.0)
     weight = np.array([fit.n_points for _, fit in known], dtype=float)
     refined_s = [offsets_s[one] + fit.clock.shift_s for one, fit in known]
     misfit = float(np.average([fit.misfit for _, fit in known], weights=weight))
-    return Proposal(float(np.median(refined_s)), score, misfit)
+    return _Proposal(float(np.median(refined_s)), score, misfit)

@@ -58,8 +58,8 @@ def not_joined(
             f"{_WALK}; see that all cameras film at the same time and that frame rates are as the files say, {_GIVE}"
         )
         return Finding(camera, Grade.FAILED, reason, remedy)
-    assert joined.second is not None
-    apart_s = abs(joined.second.offset_s - joined.best.offset_s)
+    assert joined.second_s is not None
+    apart_s = abs(joined.second_s - joined.best_s)
     reason = f"when the video begins is ambiguous: starts that differ by {apart_s:.1f} s fit nearly alike" + (
         ", as with a gait that repeats itself" if apart_s < 5 else ""
     )

@@ -14,6 +14,7 @@ from fgpose.calibration.from_people.clocks import ClockShift, solve_clocks
 from fgpose.calibration.from_people.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
 from fgpose.calibration.from_people.joining import join_cameras
 from fgpose.calibration.from_people.motion_signals import motion_signals
+from fgpose.calibration.from_people.placed_joining import join_placed
 from fgpose.calibration.from_people.start_findings import about_clock, nobody, not_joined, same_camera
 from fgpose.calibration.from_people.views import View
 from fgpose.calibration.from_people.walk import Track
@@ -73,6 +74,8 @@ def find_starts(
     skeleton: Skeleton,
     intrinsics: CameraRig,
     given: Mapping[str, GivenStart] | None = None,
+    *,
+    placed: bool = False,
 ) -> Starts:
     """When the cameras began, relative to each other, from one walker.
 
@@ -83,22 +86,24 @@ def find_starts(
 
     Args:
         tracks: of the same person, one of each camera of the rig in its order; empty where nobody is seen.
-        intrinsics: known or guessed; poses do not matter.
+        intrinsics: known or guessed; poses do not matter unless the cameras are placed.
         given: of some cameras, by name, what is known already; no moments are searched for these. If it is exact for
             all of them, nothing is estimated.
+        placed: whether the poses of the cameras are known; the epipolar geometry is theirs then.
 
     Raises:
         ValueError: there are fewer than two cameras, fewer than two see anybody, or the cameras differ.
     """
     names, given = intrinsics.names, dict(given or {})
     _check(tracks, names, given)
-    views = [View.of(track, camera) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
+    views = [View.of(track, camera, placed=placed) for track, camera in zip(tracks, intrinsics.cameras, strict=True)]
     findings = [nobody(name) for name, track in zip(names, tracks, strict=True) if not len(track.time_s)]
     if all(name in given and given[name].sigma_s == 0 for name in names):
         return _as_given(names, given, views, findings)
     signals = [motion_signals(track, skeleton) for track in tracks]
     moves = float(np.median([each.moves for each, track in zip(signals, tracks, strict=True) if len(track.time_s)]))
-    joining = join_cameras(signals, views, {names.index(name): start.offset_s for name, start in given.items()})
+    given_s = {names.index(name): start.offset_s for name, start in given.items()}
+    joining = join_placed(views, given_s) if placed else join_cameras(signals, views, given_s)
     for c, name in enumerate(names):
         if c not in joining.offsets_s and len(tracks[c].time_s):
             findings.append(

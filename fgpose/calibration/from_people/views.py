@@ -28,12 +28,23 @@ class View:
     """NaN = missing."""
     radius: Float[np.ndarray, " image"]
     """Of the body, running median."""
+    camera_T_world: Float[np.ndarray, "4 4"] | None = None
+    """None: it is not known where the camera is."""
 
     @staticmethod
-    def of(track: Track, camera: Camera) -> View:
-        """With the intrinsics of a camera, known or guessed; its pose does not matter."""
+    def of(track: Track, camera: Camera, *, placed: bool = False) -> View:
+        """With the intrinsics of a camera, known or guessed.
+
+        Args:
+            placed: whether the pose of the camera is known; otherwise it does not matter.
+        """
         xy = (camera.undistort(track.points2d_px) - camera.K[:2, 2]) / np.diag(camera.K)[:2]
-        return View(track.time_s, xy, steady_radius(track.time_s, xy))
+        pose = camera.camera_T_world if placed else None
+        return View(track.time_s, xy, steady_radius(track.time_s, xy), pose)
+
+    @property
+    def is_placed(self) -> bool:
+        return self.camera_T_world is not None
 
     def at(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, "sample joint 2"]:
         """Joints between two images; NaN where not known in both."""

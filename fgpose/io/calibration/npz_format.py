@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.arrays import checked, read_arrays, texts, write_arrays
+from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
+from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
 
 # The longest distortion that Camera takes; shorter ones are filled up with NaN.
 _MAX_COEFFICIENTS = 8
@@ -23,6 +25,8 @@ _NUMBERS = {
 }
 _ADDED = ("time_offset_s",)
 """Arrays that older files lack; zero there."""
+_ORIGIN = "origin"
+"""A text of JSON, where something is known."""
 
 
 def read(path: Path) -> list[CalibratedView]:
@@ -68,9 +72,22 @@ def _view(
     )
 
 
-def write(rig: CameraRig, path: Path) -> None:
-    """Write a rig as read reads it."""
-    write_arrays(path, rig_arrays(rig))
+def read_origin(path: Path) -> CalibrationOrigin:
+    """How the cameras became what they are; empty where the file does not say. Raises ValueError if it is damaged."""
+    file = read_arrays(path, (_ORIGIN,))
+    if _ORIGIN not in file:
+        return CalibrationOrigin()
+    try:
+        table = json.loads(text(file, _ORIGIN))
+    except (json.JSONDecodeError, RecursionError):
+        table = None
+    return origin_of_table(table)
+
+
+def write(rig: CameraRig, path: Path, origin: CalibrationOrigin | None = None) -> None:
+    """Write a rig as read and read_origin read it."""
+    own = table_of(origin)
+    write_arrays(path, rig_arrays(rig) | ({_ORIGIN: np.array(json.dumps(own, allow_nan=False))} if own else {}))
 
 
 def rig_arrays(rig: CameraRig) -> dict[str, np.ndarray]:

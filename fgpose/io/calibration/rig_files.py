@@ -9,9 +9,11 @@ from typing import Literal
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import live_format, npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
+from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
+_Writer = Callable[[CameraRig, Path, CalibrationOrigin | None], None]
 
 # Files of caliscope also hold all points that it saw.
 _MAX_BYTES = 100_000_000
@@ -67,7 +69,29 @@ def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
         raise ValueError(f"not a calibration; it should be {_FORMATS}") from None
 
 
-def save_rig(rig: CameraRig, path: str | Path, file_format: RigFormat = "auto") -> None:
+def load_calibration_origin(path: str | Path) -> CalibrationOrigin:
+    """How the cameras of a calibration file became what they are, as save_rig was told; empty where the file does not
+    say, as those of other programs, or where its cameras were changed since.
+
+    Raises:
+        ValueError: what the file says of it is damaged; the message names the file. load_rig still reads the cameras.
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    try:
+        if path.is_dir() or live_format.is_live(path):
+            return CalibrationOrigin()
+        content = read_content(path, _MAX_BYTES)
+        if content.startswith(b"PK"):
+            return npz_format.read_origin(path)
+        return toml_formats.read_origin(content.decode("utf-8", errors="replace").removeprefix("\ufeff"))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+
+
+def save_rig(
+    rig: CameraRig, path: str | Path, file_format: RigFormat = "auto", origin: CalibrationOrigin | None = None
+) -> None:
     """Write a rig, in metres, world to camera.
 
     - npz: exact, of fgpose.
@@ -83,6 +107,8 @@ def save_rig(rig: CameraRig, path: str | Path, file_format: RigFormat = "auto") 
         rig: the cameras.
         path: the file; of easymocap the folder, which is made if it is absent.
         file_format: auto takes npz for .npz and pose2sim for .toml.
+        origin: how the cameras became what they are. npz, pose2sim and aniposelib keep it, as ``[metadata.fgpose]`` of
+            the TOML; where it is empty the file is as without.
 
     Warns:
         UserWarning: there are time offsets, and the format has none.
@@ -94,7 +120,7 @@ def save_rig(rig: CameraRig, path: str | Path, file_format: RigFormat = "auto") 
     path = Path(path)
     writer = _WRITERS[check_format(path, file_format)]
     try:
-        writer(rig, path)
+        writer(rig, path, origin)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -118,10 +144,14 @@ def check_format(path: str | Path, file_format: RigFormat = "auto") -> RigFormat
     return file_format
 
 
-_WRITERS: dict[RigFormat, Callable[[CameraRig, Path], None]] = {
+def _without_origin(write: Callable[[CameraRig, Path], None]) -> _Writer:
+    return lambda rig, path, origin: write(rig, path)
+
+
+_WRITERS: dict[RigFormat, _Writer] = {
     "npz": npz_format.write,
     "pose2sim": toml_formats.write_pose2sim,
     "aniposelib": toml_formats.write_aniposelib,
-    "caliscope": toml_formats.write_caliscope,
-    "easymocap": opencv_yaml.write,
+    "caliscope": _without_origin(toml_formats.write_caliscope),
+    "easymocap": _without_origin(opencv_yaml.write),
 }

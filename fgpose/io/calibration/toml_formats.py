@@ -7,6 +7,8 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 - aniposelib: ``[cam_0]``, ``[cam_1]``, ..., the unit of the calibration board (often mm), cameras in natural order.
 - fgpose: writes any of these, with ``time_offset_s`` in the table of a camera whose clock is off; others read by name
   and take no notice of it.
+- fgpose: in the table ``[metadata.fgpose]`` of Pose2Sim's and aniposelib's files, which these do not read, how the
+  cameras became what they are, where that is known.
 - caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; an ``ignore``d camera is left out.
 """
 
@@ -19,11 +21,14 @@ from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.atomic import write_text
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, numbers, rotation_matrix
+from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
 from fgpose.io.camera_names import natural_key
 
 _NO_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
 _AT_THE_ORIGIN = {"rotation": [0.0] * 3, "translation": [0.0] * 3}
 _METADATA = {"adjusted": False, "error": 0.0}
+_OWN = "fgpose"
+"""Table of the metadata that is ours."""
 _KEYS = ("matrix", "distortions", "rotation", "translation", "size")
 
 
@@ -51,6 +56,21 @@ def read(text: str, *, poses: bool = True) -> tuple[list[CalibratedView], Unit]:
     absent = {} if poses else _AT_THE_ORIGIN
     views = [_view(name, absent | tables[name]) for name in names if not tables[name].get("ignore", False)]
     return views, "m" if is_pose2sim or is_caliscope else "auto"
+
+
+def read_origin(text: str) -> CalibrationOrigin:
+    """How the cameras of a TOML calibration became what they are; empty where it does not say, or where its cameras
+    were changed since. Raises ValueError if that is damaged; the caller names the file."""
+    if f"[metadata.{_OWN}]" not in text:
+        # As in every file of another program, of which some are long.
+        return CalibrationOrigin()
+    try:
+        document = parse_toml(text)
+    except ValueError as error:
+        raise ValueError(f"not a calibration, or a truncated one: {error}") from None
+    metadata = document.get("metadata")
+    own = metadata.get(_OWN) if isinstance(metadata, dict) else None
+    return CalibrationOrigin() if own is None else origin_of_table(own, _camera_tables(document))
 
 
 def has_cameras(document: dict[str, Any]) -> bool:
@@ -94,12 +114,12 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
     )
 
 
-def write_pose2sim(rig: CameraRig, path: Path) -> None:
+def write_pose2sim(rig: CameraRig, path: Path, origin: CalibrationOrigin | None = None) -> None:
     """Write a rig as Pose2Sim TOML, see pose2sim_text."""
-    write_text(path, pose2sim_text(rig))
+    write_text(path, pose2sim_text(rig, origin))
 
 
-def pose2sim_text(rig: CameraRig) -> str:
+def pose2sim_text(rig: CameraRig, origin: CalibrationOrigin | None = None) -> str:
     """A rig as Pose2Sim TOML, metres. No distortion is written as four zeros, which Pose2Sim expects; a time offset
     only where there is one, so that the file of synchronous cameras is exactly Pose2Sim's."""
     import tomli_w
@@ -108,10 +128,15 @@ def pose2sim_text(rig: CameraRig) -> str:
     for camera in rig.cameras:
         own = {"size": [float(side) for side in camera.size_px], "fisheye": camera.lens == "fisheye"}
         tables[camera.name] = _table(camera, 4) | own
-    return tomli_w.dumps(tables | {"metadata": _METADATA})
+    return tomli_w.dumps(tables | _metadata(tables, origin))
 
 
-def write_aniposelib(rig: CameraRig, path: Path) -> None:
+def _metadata(tables: dict[str, Any], origin: CalibrationOrigin | None) -> dict[str, Any]:
+    own = table_of(origin, tables)
+    return {"metadata": _METADATA | ({_OWN: own} if own else {})}
+
+
+def write_aniposelib(rig: CameraRig, path: Path, origin: CalibrationOrigin | None = None) -> None:
     """Write a rig as aniposelib's TOML, metres.
 
     aniposelib reads the tables in the order of their texts, where cam_10 comes before cam_2: their numbers have as
@@ -119,7 +144,7 @@ def write_aniposelib(rig: CameraRig, path: Path) -> None:
     """
     digits = len(str(rig.n_cameras - 1))
     tables = {f"cam_{c:0{digits}}": _table(camera, 5) | _if_fisheye(camera) for c, camera in enumerate(rig.cameras)}
-    _write(path, tables | {"metadata": _METADATA})
+    _write(path, tables | _metadata(tables, origin))
 
 
 def write_caliscope(rig: CameraRig, path: Path) -> None:

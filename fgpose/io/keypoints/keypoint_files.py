@@ -39,6 +39,7 @@ def load_observations(
     person: Person = "consistent",
     points3d_frame: Points3dFrame = "camera",
     points3d_unit: Points3dUnit = "mm",
+    ignore_other_cameras: bool = False,
 ) -> Observations:
     """The keypoints of a recording; the format is recognised by its content.
 
@@ -60,6 +61,7 @@ def load_observations(
             takes that entry of every image; a region takes the person who is in it.
         points3d_frame: frame of the 3D joints of MeTRAbs: of each camera, or of the world if it was given extrinsics.
         points3d_unit: their unit.
+        ignore_other_cameras: whether there may be keypoints of cameras that the rig lacks.
 
     Raises:
         ValueError: a file is damaged or of no known format, formats are mixed, the keypoints do not fit the skeleton,
@@ -69,12 +71,13 @@ def load_observations(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, person, points3d_frame, points3d_unit)
-    own = _own_people(path, rig, skeleton)
+    own = _own_people(path, rig, skeleton, ignore_other_cameras)
     if own is not None:
         return person_of(path, own, rig, person)
     if recording_files.is_recording(path):
-        return recording_files.read(path, rig, skeleton)
-    return person_of(path, _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit), rig, person)
+        return recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
+    reading = fps, points3d_frame, points3d_unit, ignore_other_cameras
+    return person_of(path, _read_people(path, rig, skeleton, *reading), rig, person)
 
 
 def load_people(
@@ -85,6 +88,7 @@ def load_people(
     fps: float | None = None,
     points3d_frame: Points3dFrame = "camera",
     points3d_unit: Points3dUnit = "mm",
+    ignore_other_cameras: bool = False,
 ) -> PeopleObservations:
     """The keypoints of everybody in a recording, of the formats of load_observations; arguments and errors as there.
 
@@ -92,18 +96,21 @@ def load_people(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
-    own = _own_people(path, rig, skeleton)
+    own = _own_people(path, rig, skeleton, ignore_other_cameras)
     if own is not None:
         return own
     if recording_files.is_recording(path):
-        return PeopleObservations.of_one(recording_files.read(path, rig, skeleton))
-    return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit)
+        one = recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
+        return PeopleObservations.of_one(one)
+    return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
 
 
-def _own_people(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations | None:
+def _own_people(
+    path: Path, rig: CameraRig, skeleton: Skeleton, ignore_other_cameras: bool
+) -> PeopleObservations | None:
     """Everybody in our own formats that have several people; None: it is another one."""
     if people_files.is_people(path):
-        return people_files.read(path, rig, skeleton)
+        return people_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
     if path.is_file() and live_files.is_live(path):
         return live_files.read(path, rig, skeleton)
     return None
@@ -116,11 +123,12 @@ def _read_people(
     fps: float | None,
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
+    ignore_other_cameras: bool,
 ) -> PeopleObservations:
     """Everybody in the formats of others."""
     cameras = _read_cameras(path, skeleton)
     try:
-        own, fps = _in_order(cameras, rig), _needed(fps)
+        own, fps = _in_order(cameras, rig, ignore_other_cameras), _needed(fps)
         return _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -144,9 +152,9 @@ def _skeleton(skeleton: str | Path | Skeleton) -> Skeleton:
     return skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
 
 
-def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig) -> list[CameraDetections]:
+def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig, ignore_others: bool) -> list[CameraDetections]:
     """Of the cameras of the rig. Raises ValueError if names do not match."""
-    matched = match_cameras(cameras, rig.names)
+    matched = match_cameras(cameras, rig.names, ignore_others=ignore_others)
     return [cameras[matched[name]] for name in rig.names]
 
 

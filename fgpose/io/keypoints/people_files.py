@@ -51,7 +51,7 @@ def is_people(path: Path) -> bool:
         raise ValueError(f"{path}: {error}") from None
 
 
-def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations:
+def read(path: Path, rig: CameraRig, skeleton: Skeleton, *, ignore_other_cameras: bool = False) -> PeopleObservations:
     """A recording written by save_people_observations, with its cameras in the order of the rig.
 
     Raises:
@@ -59,7 +59,7 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations:
     """
     try:
         images = _read_parquet(path, skeleton) if is_parquet(path) else _read_npz(path, skeleton)
-        matched = match_cameras(images.cameras, rig.names)
+        matched = match_cameras(images.cameras, rig.names, ignore_others=ignore_other_cameras)
         _check_3d(images, skeleton)
         called = {matched[name]: name for name in rig.names}
         return PeopleObservations(skeleton, rig.names, tuple(_detections(images, called)))
@@ -72,6 +72,8 @@ def _detections(images: _Images, called: dict[str, str]) -> list[Detections]:
     found = []
     starts = np.cumsum(images.n_people) - images.n_people
     for camera, time_s, start, n_people in zip(images.camera, images.time_s, starts, images.n_people, strict=True):
+        if images.cameras[camera] not in called:
+            continue
         own = {name: array[start : start + n_people] for name, array in images.arrays.items()}
         given = {name: array for name, array in own.items() if name not in _IN_3D or not np.isnan(array).all()}
         found.append(Detections(called[images.cameras[camera]], float(time_s), **given))

@@ -40,7 +40,7 @@ def is_recording(path: Path) -> bool:
         raise ValueError(f"{path}: {error}") from None
 
 
-def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> Observations:
+def read(path: Path, rig: CameraRig, skeleton: Skeleton, *, ignore_other_cameras: bool = False) -> Observations:
     """A recording written by save_observations, with its cameras in the order of the rig.
 
     Raises:
@@ -48,7 +48,7 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> Observations:
     """
     try:
         observations = _read_parquet(path, skeleton) if is_parquet(path) else _read_npz(path, skeleton)
-        matched = match_cameras(observations.camera_names, rig.names)
+        matched = match_cameras(observations.camera_names, rig.names, ignore_others=ignore_other_cameras)
         in_order = observations.subset([matched[name] for name in rig.names])
         return replace(in_order, camera_names=rig.names)
     except ValueError as error:

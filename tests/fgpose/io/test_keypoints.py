@@ -190,6 +190,9 @@ def test_cameras_that_do_not_match(openpose: Path, balance_rig: CameraRig):
     assert "--cameras cam_01 cam_03 cam_04, in Python with rig.subset(['cam_01', 'cam_03', 'cam_04'])" in message
     rig = balance_rig.subset(["cam_04", "cam_01", "cam_03"])
     assert load_observations(openpose, rig, "body_25b", fps=60.0).camera_names == rig.names
+    fewer = rig.subset(["cam_04", "cam_01"])
+    seen = load_observations(openpose, fewer, "body_25b", fps=60.0, ignore_other_cameras=True)
+    assert seen.camera_names == fewer.names
 
 
 def test_the_calibration_of_other_cameras(openpose: Path, rig: CameraRig):
@@ -436,6 +439,8 @@ def test_our_own_files_follow_the_rig(tmp_path: Path, rig: CameraRig, extension:
     np.testing.assert_allclose(loaded.points2d_px, original.points2d_px[:, ::-1], atol=3e-5)
     assert "has no keypoints" in error_of(path, CameraRig((*rig.cameras, _renamed(rig.cameras[0], "cam_3"))))
     assert "lacks camera cam_2" in error_of(path, rig.subset(["cam_1"]))
+    alone = load_observations(path, rig.subset(["cam_2"]), STICK, ignore_other_cameras=True)
+    np.testing.assert_array_equal(alone.points2d_px, loaded.points2d_px[:, :1])
 
 
 def _renamed(camera: Camera, name: str) -> Camera:

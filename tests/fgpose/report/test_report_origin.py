@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fgpose.association.track import TrackEvent
@@ -12,9 +15,12 @@ from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.origin import CalibrationOrigin, Origin, Reason
 from fgpose.io.recordings import load_recording
-from fgpose.io.trajectories import load_trajectory, save_people
+from fgpose.io.trajectories import load_origin, load_trajectory, save_people
+from fgpose.report import load_finished
 
 pytest.importorskip("bokeh")
+
+FINDING = Reason("", "coarse", "the focal length is a guess", "walk towards the camera")
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +47,59 @@ def test_smooth_then_report(smoothed: Path) -> None:
     assert "Cameras in the world" in page
     for missing in ("No calibration was given", "they were not estimated from this motion"):
         assert missing not in page
+
+
+@pytest.mark.slow
+def test_keypoints_are_read_where_they_still_are(smoothed: Path, tmp_path: Path) -> None:
+    shutil.copytree(smoothed.parent.parent, tmp_path / "moved")
+    moved = tmp_path / "moved" / "out" / smoothed.name
+    seen = load_finished(moved).observations[0]
+    used = load_recording("balance_openpose")[1].points2d_px[: seen.n_frames]
+    known = seen.seen
+    np.testing.assert_allclose(seen.points2d_px[known], used[known], atol=1e-3)  # single precision
+    assert not load_finished(moved, observed=False).observations
+    for change in (b"another", None):
+        keypoints = tmp_path / "moved" / "seen.npz"
+        keypoints.write_bytes(change) if change else keypoints.unlink()
+        recording = load_finished(moved)
+        assert not recording.observations
+        assert "They are not there any more, or others" in recording.made_from["Keypoints"]
+    assert main(["report", str(moved)]) == 0
+    assert "nothing that needs them is judged" in (moved.parent / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_damaged_keypoints_are_a_note(smoothed: Path, tmp_path: Path) -> None:
+    shutil.copytree(smoothed.parent.parent, tmp_path / "moved")
+    keypoints = tmp_path / "moved" / "seen.npz"
+    keypoints.write_bytes(bytes(keypoints.stat().st_size))
+    recording = load_finished(tmp_path / "moved" / "out" / smoothed.name)
+    assert not recording.observations
+    assert "cannot be read any more" in recording.made_from["Keypoints"]
+
+
+@pytest.mark.slow
+def test_the_calibration_tells_a_later_result(smoothed: Path, tmp_path: Path) -> None:
+    """Of its own, and of a rig that is given to the report instead of the one that was used."""
+    rig = load_origin(smoothed)
+    assert rig is not None
+    assert rig.rig is not None
+    assert rig.calibration.offset_sigma_s.keys() == set(rig.rig.names[1:])
+    save_rig(rig.rig, tmp_path / "rig.toml", origin=replace(rig.calibration, grade="coarse", findings=(FINDING,)))
+    arguments = [
+        str(smoothed.parent.parent / "seen.npz"),
+        "--rig",
+        str(tmp_path / "rig.toml"),
+        "--skeleton",
+        "body_25b",
+    ]
+    assert main(["smooth", *arguments, "--frames", "20", "--formats", "parquet", "-o", str(tmp_path)]) == 0
+    for given in (None, tmp_path / "rig.toml"):
+        recording = load_finished(tmp_path / "seen.parquet", rig=given)
+        assert recording.offset_sigma_s == rig.calibration.offset_sigma_s
+        assert [each.reason for each in recording.findings] == [FINDING.reason]
+        assert recording.made_from["Calibration from people"] == "coarse"
+    assert not load_finished(tmp_path / "seen.parquet", rig=smoothed.parent.parent / "Calib.toml").findings
 
 
 @pytest.mark.slow

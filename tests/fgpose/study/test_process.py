@@ -14,10 +14,12 @@ import pytest
 
 from fgpose.estimation.smoother import smooth
 from fgpose.io import atomic
-from fgpose.io.calibration import load_rig
+from fgpose.io.calibration import CalibrationOrigin, load_rig, save_rig
+from fgpose.io.calibration.calibration_origin import Reason
 from fgpose.io.keypoints import load_observations
 from fgpose.io.studies.state import load_state
 from fgpose.io.trajectories import load_trajectory
+from fgpose.report import load_finished
 from fgpose.study import Outcome, Plan, Recording, load_study, process
 from fgpose.study.process import due
 
@@ -118,6 +120,63 @@ def test_calibrations_are_refined_on_the_recording(edited: Callable[[str, str], 
     (folder / "motion.parquet").unlink()
     assert run(file).ran == ("estimate",)
     assert content(folder) == before
+
+
+def test_what_is_known_of_a_calibration_reaches_the_motion(
+    study_file: Path, edited: Callable[[str, str], Path]
+) -> None:
+    calibration = study_file.parent / "S01" / "A" / "Calib.toml"
+    reason = Reason("ring_1", "coarse", "few people", "walk longer")
+    save_rig(load_rig(calibration), calibration, origin=CalibrationOrigin(grade="coarse", findings=(reason,)))
+    file = edited("[steps]", '[steps]\ncalibrate = "refine-poses"')
+    outcome = run(file)
+    folder = outcome.recording.folder(load_study(file).output)
+    recording = load_finished(folder / "motion.parquet")
+    assert [each.reason for each in recording.findings] == ["few people"]
+    made_from = recording.made_from
+    assert str(folder / "seen.parquet") in made_from["Keypoints"]
+    assert str(outcome.recording.source) in made_from["Keypoints as recorded"]
+    assert str(calibration) in made_from["Calibration as given"]
+    assert made_from["Calibration from people"] == "coarse"
+    assert all(f"Camera {name} moved by" in made_from for name in recording.camera_names)
+    assert made_from["Command"] == "fgpose study study.toml --only S01/A/run"
+    # What each camera saw is found again, so the row knows what the page does.
+    assert recording.observations
+    state = load_state(folder)
+    assert state is not None
+    assert "few people" in str(state.row["suspicions"])
+
+
+def test_a_calibration_that_says_nonsense_of_itself_fails(study_file: Path) -> None:
+    calibration = study_file.parent / "S01" / "A" / "Calib.toml"
+    save_rig(load_rig(calibration), calibration, origin=CalibrationOrigin(grade="coarse"))
+    calibration.write_text(calibration.read_text().replace('grade = "coarse"', "grade = 3"))
+    outcome = run(study_file)
+    assert outcome.status == "failed"
+    assert outcome.reason.startswith(f"{calibration}: what it says of its origin is damaged")
+
+
+EVENTS = "subject,trial,event,time_s\nS01,run,stumble,0.25\nS01,run,start,0.1\nS02,run,tumbling,0.2\n"
+
+
+@pytest.mark.slow
+def test_events_are_on_the_page_of_their_recording(edited: Callable[[str, str], Path]) -> None:
+    pytest.importorskip("bokeh")
+    edited("[steps]", 'events = "events.csv"\n[steps]')
+    file = edited("angles = false", "angles = false\nreport = true")
+    events = file.parent / "events.csv"
+    events.write_text(EVENTS)
+    outcome = run(file)
+    assert outcome.ran == (*ALL, "report"), outcome.reason
+    page = (outcome.recording.folder(load_study(file).output) / "report.html").read_text()
+    # In the table in order, and over the lines in the figures.
+    assert page.index(">start<") < page.index(">stumble<")
+    assert '"stumble"' in page
+    assert "tumbling" not in page
+    events.write_text(EVENTS.replace("tumbling", "jump"))
+    assert run(file).status == "unchanged"
+    events.write_text(EVENTS.replace("0.25", "0.2"))
+    assert run(file).ran == ("report",)
 
 
 def empty(path: Path) -> None:

@@ -64,6 +64,7 @@ def test_the_template_is_a_study(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert load_study(file).data.skeleton == "body_25b"
     # Also what it leaves as a comment, but for what excludes something else.
     text = file.read_text().replace("# videos", "## videos").replace("# layout", "## layout")
+    text = text.replace('calibrate = "given"', 'calibrate = "people"')
     file.write_text("\n".join(line.removeprefix("# ") if " = " in line else line for line in text.splitlines()[3:]))
     text = file.read_text()
     for section in ("detect", "from_people", "resources"):

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from calibrated_walks import calibrated
 
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.trajectories import load_trajectory
+from fgpose.people import PeopleObservations
+from fgpose.report import load_finished
 from fgpose.study import Plan, load_study, networks, process
 
 if TYPE_CHECKING:
@@ -55,6 +60,29 @@ def test_videos_are_detected_once(video_study: Path, squares: SquaresScene, squa
     video_study.write_text(STUDY + "[parameters.motion]\nmax_unseen_s = 2.0\n")
     assert process(load_study(video_study), recording).ran == ("estimate", "judge")
     assert len(squares_network.seen) == n_images
+
+
+def test_the_motion_names_its_videos(video_study: Path, squares: SquaresScene, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of cameras that were calibrated from people, with the verdict."""
+    coarse = Finding("", Grade.COARSE, "few people", "walk longer")
+
+    def chain(people: PeopleObservations, intrinsics: CameraRig, **given: Any) -> CalibratedFromPeople:
+        return calibrated(people, squares.rig, (coarse,))
+
+    monkeypatch.setattr("fgpose.study.calibrating.calibrate", chain)
+    video_study.write_text(STUDY.replace("angles = false", 'angles = false\ncalibrate = "people"'))
+    study = load_study(video_study)
+    (recording,) = Plan(study)
+    outcome = process(study, recording)
+    assert outcome.status == "done", outcome.reason
+    finished = load_finished(recording.folder(study.output) / "motion.parquet")
+    assert [each.reason for each in finished.findings] == ["few people"]
+    assert finished.offset_sigma_s.keys() == set(squares.rig.names[1:])
+    assert finished.videos == recording.source
+    width, height = squares.rig.cameras[0].size_px
+    described = finished.made_from[f"Video {squares.rig.names[0]}"]
+    assert f"{width} × {height} px, 20 Hz" in described
+    assert finished.observations
 
 
 def test_a_truncated_video_fails(video_study: Path) -> None:

@@ -1,0 +1,74 @@
+"""When the cameras of a calibrated rig began to film, where nobody has synchronised them: from the motion they show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.start_findings import in_words
+from fgpose.calibration.from_people.starts import Starts, find_starts
+from fgpose.calibration.from_people.tracks import find_tracks
+from fgpose.calibration.from_people.walk import Track
+from fgpose.calibration.from_people.walker import main_tracks
+from fgpose.geometry.camera import CameraRig
+from fgpose.people import PeopleObservations
+
+_REMEDY = "walk about where all cameras see you; or cut the recordings to begin at the same moment"
+
+
+@dataclass(frozen=True, eq=False)
+class Synchronised:
+    """A rig whose clocks are known."""
+
+    rig: CameraRig
+    """Of the cameras whose start is known. time_offset_s of each turns its clock into that of the first."""
+    sigma_s: Float[np.ndarray, " camera"]
+    """Standard deviation of the offsets; zero of the first camera."""
+    findings: tuple[Finding, ...]
+    """Of each camera whose start is not known the reason (grade failed), and doubts about others."""
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Cameras whose start is not known."""
+        return tuple(finding.camera for finding in self.findings if finding.grade is Grade.FAILED)
+
+
+def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
+    """Find when each camera of a rig began, however far apart that is, from the motion of the person who is seen most.
+
+    At the right shift the joints of one camera lie on the epipolar lines of those of another; see
+    fgpose.calibration.from_people.placed_joining. fgpose.estimate_time_offsets, which uses everybody, refines offsets
+    of less than a quarter of a second.
+
+    Args:
+        people: what the cameras saw, each by its own clock.
+        rig: the cameras; their time offsets are not used.
+
+    Raises:
+        ValueError: the cameras differ, fewer than two see the same person, or the starts of fewer than two are found;
+            the message gives the reasons.
+    """
+    people.check_cameras(rig.names)
+    unsynchronised = rig.with_time_offsets(np.zeros(rig.n_cameras))
+    tracks = main_tracks(find_tracks(people), people.skeleton)
+    starts = find_starts(tracks, people.skeleton, unsynchronised, placed=True)
+    if starts.trusted.sum() < 2:
+        failed = [replace(each, remedy=_REMEDY) for each in starts.findings if each.grade is Grade.FAILED]
+        raise ValueError(f"it is not found when the cameras began: {in_words(failed)}")
+    names = [name for name, is_trusted in zip(rig.names, starts.trusted.tolist(), strict=True) if is_trusted]
+    offsets_s = _offsets_s(starts, [track for track in tracks if track.camera in names])
+    own = rig.subset(names).with_time_offsets(offsets_s - offsets_s[0])
+    findings = tuple(replace(each, remedy=_REMEDY) for each in starts.findings)
+    return Synchronised(own, starts.sigma_s[starts.trusted], findings)
+
+
+def _offsets_s(starts: Starts, tracks: Sequence[Track]) -> Float[np.ndarray, " camera"]:
+    """What turns the clock of each camera into the common one: as it is in the middle of what all show, should it
+    drift."""
+    spans_s = np.array([starts.common_s(track.camera, track.time_s[[0, -1]]) for track in tracks])
+    middle_s = np.array([(spans_s[:, 0].max() + spans_s[:, 1].min()) / 2])
+    return np.array([middle_s[0] - starts.own_s(track.camera, middle_s)[0] for track in tracks])

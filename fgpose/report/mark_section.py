@@ -1,0 +1,35 @@
+"""What happened at known times, as whoever recorded it has noted: in a table, and in every figure over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fgpose.report.blocks import Cell, Plot, Section, Table, number
+from fgpose.report.finished import FinishedRecording, Mark
+from fgpose.report.plots import TIME_AXIS, models
+
+# More lines than this hide what is under them.
+_MAX_LINES = 40
+_MANY_ROWS = 10  # to be looked through
+_COLOUR = "#d81b8c"  # in none of the palettes of heat maps and curves, and dark enough on white
+
+
+def mark_section(recording: FinishedRecording) -> Section | None:
+    """None where nothing was noted."""
+    if not recording.marks:
+        return None
+    rows = tuple((Cell(mark.name), number(mark.time_s, 2)) for mark in recording.marks)
+    table = Table(("event", "time / s"), rows, identifier="marks" if len(rows) > _MANY_ROWS else "")
+    drawn = "Vertical lines in the figures over time." if len(rows) <= _MAX_LINES else ""
+    return Section("Events", "marks", [table], f"As noted in the table of events. {drawn}".rstrip())
+
+
+def draw_marks(sections: Sequence[Section], marks: Sequence[Mark]) -> None:
+    """Draw a line at the time of each into the figures over time, if there are not too many to be told apart."""
+    if not 0 < len(marks) <= _MAX_LINES:
+        return
+    for plot in (block.model for section in sections for block in section.blocks if isinstance(block, Plot)):
+        if TIME_AXIS in plot.tags:
+            noted = {"x": [mark.time_s for mark in marks], "name": [mark.name for mark in marks]}
+            lines = plot.vspan("x", line_color=_COLOUR, line_dash="dashed", line_width=1.5, source=noted)
+            plot.add_tools(models().HoverTool(renderers=[lines], tooltips=[("@name", "@x{0.00} s")]))

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from fgpose.calibration.synchronisation import synchronise
+from fgpose.io.skeletons import load_skeleton
+from fgpose.people import PeopleObservations
+from fgpose.synthetic import embedded_motion, ring_rig
+from fgpose.synthetic.crowd_motion import CrowdMotion
+from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+
+H36M = load_skeleton("h36m_17")
+
+
+@cache
+def filmed(clip: str, seconds: float, *, still: bool = False) -> WalkScene:
+    """By four cameras of 30 and 25 Hz, with a bias of 20 to 40 mm, that begin up to two seconds apart."""
+    motion_m, fps = embedded_motion(clip)
+    motion_m = motion_m[: round(seconds * fps)]
+    motion_m = motion_m - [*motion_m[:, 0, :2].mean(axis=0), 0.0]
+    if still:
+        motion_m = np.repeat(motion_m[:1], len(motion_m), axis=0)
+    motion = CrowdMotion(H36M, motion_m[None], fps)
+    return film(motion, ring_rig(4), 1, Network(in_3d=False), Clocks((30.0, 25.0), 2.0, 40.0, 145.0))
+
+
+def later(people: PeopleObservations, camera: str, by_s: float) -> PeopleObservations:
+    """The clock of a camera set."""
+    images = [replace(each, time_s=each.time_s + by_s) if each.camera == camera else each for each in people.images]
+    return PeopleObservations(people.skeleton, people.camera_names, tuple(sorted(images, key=lambda each: each.time_s)))
+
+
+# A puncher stays on the spot; over obstacles somebody walks straight on, and is seen for eight seconds.
+@pytest.mark.parametrize(("clip", "seconds"), [("cmu_02_05", 15.0), ("cmu_03_03_b", 8.0)])
+def test_starts_are_found_to_a_fraction_of_an_image(clip: str, seconds: float) -> None:
+    scene = filmed(clip, seconds)
+    found = synchronise(scene.observations, scene.rig.with_time_offsets(np.full(4, 7.0)))
+    assert found.rig.names == scene.rig.names
+    assert not found.left_out
+    errors_s = found.rig.time_offsets_s - (scene.rig.time_offsets_s - scene.rig.time_offsets_s[0])
+    assert errors_s[0] == 0
+    assert found.sigma_s[0] == 0
+    # A quarter of an image; sigmas are 3 to 5 ms.
+    assert np.abs(errors_s).max() < 10e-3
+    assert (np.abs(errors_s[1:]) < 3 * found.sigma_s[1:]).all()
+
+
+def test_poses_stay_and_minutes_do_not_matter() -> None:
+    scene = filmed("cmu_02_05", 15.0)
+    rig = scene.rig
+    found = synchronise(later(scene.observations, "ring_2", 300.0), rig)
+    before = synchronise(scene.observations, rig)
+    # Times are rounded at another place.
+    np.testing.assert_allclose(found.rig.time_offsets_s - before.rig.time_offsets_s, [0.0, 0.0, -300.0, 0.0], atol=1e-4)
+    for camera, given in zip(found.rig.cameras, rig.cameras, strict=True):
+        np.testing.assert_array_equal(camera.world_T_camera, given.world_T_camera)
+        np.testing.assert_array_equal(camera.K, given.K)
+
+
+def test_a_camera_that_filmed_something_else_is_left_out() -> None:
+    scene, other = filmed("cmu_02_05", 15.0), filmed("cmu_03_03_b", 8.0)
+    images = [each for each in scene.observations.images if each.camera != "ring_3"]
+    images += [each for each in other.observations.images if each.camera == "ring_3"]
+    people = PeopleObservations(H36M, scene.rig.names, tuple(sorted(images, key=lambda each: each.time_s)))
+    found = synchronise(people, scene.rig)
+    assert found.left_out == ("ring_3",)
+    assert found.rig.names == ("ring_0", "ring_1", "ring_2")
+    assert "cut the recordings" in found.findings[0].remedy
+
+
+def test_nobody_who_moves_gives_no_start() -> None:
+    scene = filmed("cmu_02_05", 15.0, still=True)
+    with pytest.raises(ValueError, match=r"not found when the cameras began: .*ring_0.*hardly moves"):
+        synchronise(scene.observations, scene.rig)
+
+
+def test_cameras_that_differ_are_named() -> None:
+    scene = filmed("cmu_02_05", 15.0)
+    with pytest.raises(ValueError, match="ring_3"):
+        synchronise(scene.observations, scene.rig.subset(("ring_0", "ring_1", "ring_2")))
