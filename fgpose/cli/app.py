@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
+import re
 import sys
 import traceback
 import typing
@@ -82,6 +84,8 @@ Command = (
     | Benchmark
 )
 _ESTIMATORS = ("run", "smooth", "track", "refine")
+# Options whose value is a number: those that end with its unit.
+_OPTION_OF_A_NUMBER = re.compile(r"--(fps|height|[\w.-]+[-_](s|m|px))")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -122,6 +126,7 @@ def _parse(arguments: list[str]) -> Command:
     import tyro
 
     arguments = with_action(arguments)
+    _check_decimal_points(arguments)
     config = _config_of(arguments)
     # The list of the commands has one line for each; the help of a command says everything.
     brief = arguments[:1] in ([], ["-h"], ["--help"])
@@ -134,6 +139,13 @@ def _parse(arguments: list[str]) -> Command:
         commands.append(Annotated[command, tyro.conf.subcommand(name, description=description)])
     any_command: Any = Union[tuple(commands)]  # noqa: UP007
     return tyro.cli(any_command, args=arguments, prog="fgpose", description=_DESCRIPTION)
+
+
+def _check_decimal_points(arguments: list[str]) -> None:
+    words = " ".join(arguments).replace("=", " ").split()
+    for option, value in itertools.pairwise(words):
+        if _OPTION_OF_A_NUMBER.fullmatch(option) and re.fullmatch(r"[+-]?\d*,\d+", value):
+            raise ValueError(f"{option} {value}: write a point, {value.replace(',', '.')}")
 
 
 def _with_defaults(command: type, config: Config) -> type:
@@ -162,7 +174,8 @@ def _config_of(arguments: list[str]) -> Config:
 def _one_line(error: BaseException) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
-    return " ".join(str(error).split()) or type(error).__name__
+    lines = [" ".join(line.split()) for line in str(error).splitlines()]
+    return "; ".join(line for line in lines if line) or type(error).__name__
 
 
 @contextmanager

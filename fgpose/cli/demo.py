@@ -43,7 +43,7 @@ class Demo:
 
     recording: Literal["balance_blazepose", "balance_openpose"] = "balance_blazepose"
     """blazepose: 33 joints, with 3D joints of each view to be fused; openpose: 25 joints, 2D only, some missing."""
-    output: Annotated[Path, arg(metavar="FOLDER")] = Path("out")
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out")
     """Folder for the results; it is made if it is absent."""
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
     """Use only this many frames, from the beginning."""

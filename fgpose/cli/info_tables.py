@@ -39,7 +39,7 @@ def print_info(console: Console, info: RecordingInfo, faults: tuple[CameraFault,
     remarks = [*hints(info), *_fault_hints(faults)]
     for remark in remarks:
         console.print(f"! {remark}")
-    if not info.suspicious and not any(fault.late for fault in faults):
+    if not info.suspicious and not any(fault.late or fault.moved for fault in faults):
         console.print("Nothing is clearly wrong." if remarks else "Nothing suspicious.")
 
 

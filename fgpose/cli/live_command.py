@@ -155,9 +155,11 @@ def _table(report: Report) -> Table:
         f"99 % {p99_ms:.0f} ms",
         title_justify="left",
         box=box.HORIZONTALS,
+        collapse_padding=True,
     )
     table.add_column("camera", no_wrap=True)
-    for heading in ("images", "used", "not used", "[Hz]", *(f"{state.value} [s]" for state in CameraState)):
+    # Broken by hand, so that no word is cut on a terminal of 80 columns.
+    for heading in ("images", "used", "not\nused", "[Hz]", *(f"{state.value}\n[s]" for state in CameraState)):
         table.add_column(heading, justify="right")
     for camera in report.cameras:
         seconds = [f"{report.seconds_in(camera.name, state):.0f}" for state in CameraState]

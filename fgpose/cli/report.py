@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -48,6 +49,9 @@ class Report:
 
         if not self.results.exists():
             raise ValueError(f"{self.results}: there is no such file or folder")
+        # Before any work; looked for, not imported: that takes a second.
+        if importlib.util.find_spec("bokeh") is None:
+            raise ImportError("a report needs Bokeh: pip install 'fgpose[report]'")
         if self.results.is_dir() and is_study(self.results):
             self._study()
         else:

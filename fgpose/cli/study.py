@@ -59,6 +59,8 @@ class Study:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         from fgpose.study import Plan, load_study
 
+        if not self.file.exists():
+            raise ValueError(f"{self.file}: there is no such file; fgpose study {self.file} --init writes one")
         study = load_study(self.file)
         if self.dry_run:
             return print_plan(new_console(), Plan(study, self.only))

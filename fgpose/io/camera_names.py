@@ -26,15 +26,17 @@ def match_cameras(found: Iterable[str], rig_names: Iterable[str], *, ignore_othe
     keypoints, rig = _by_plain_name(found, "keypoints"), _by_plain_name(rig_names, "calibration")
     lacking = [name for plain, name in keypoints.items() if plain not in rig]
     unused = [name for plain, name in rig.items() if plain not in keypoints]
+    kept = [name for name in rig.values() if name not in unused]
     problems = []
-    if lacking and not ignore_others:
+    if lacking and not (ignore_others and kept):
         problems.append(
             f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig.values())}"
+            + ("" if kept else ". They have no camera in common: is it the calibration of this recording?")
         )
-    if unused:
-        kept = [name for name in rig.values() if name not in unused]
+    if unused and (kept or not lacking):
         problems.append(
-            f"camera {', '.join(unused)} of the calibration has no keypoints; leave it out with rig.subset({kept})"
+            f"camera {', '.join(unused)} of the calibration has no keypoints"
+            + (f"; leave it out with --cameras {' '.join(kept)}, in Python with rig.subset({kept})" if kept else "")
         )
     if problems:
         raise ValueError("; ".join(problems))

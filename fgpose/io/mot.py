@@ -13,17 +13,36 @@ from fgpose.io.content import read_content
 
 
 def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
-    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres; NaN where unknown.
+    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres.
+
+    OpenSim's Storage, with which its GUI opens motions, stops reading at the first value that is no number. So values
+    are interpolated in time where they are NaN, at the ends the nearest one is held, and coordinates that are never
+    known are left out: a model keeps its own value of those.
 
     Raises:
+        ValueError: no coordinate is known in any frame.
         OSError: the file cannot be written.
     """
-    table = np.column_stack([np.asarray(time_s, dtype=float), *coordinates.values()])
+    known = {name: values for name, values in coordinates.items() if np.isfinite(values).any()}
+    if not known:
+        raise ValueError(f"{path}: no coordinate is known in any frame: there is no motion to be written")
+    time_s = np.asarray(time_s, dtype=float)
+    table = np.column_stack([time_s, *(_without_gaps(values, time_s) for values in known.values())])
     header = ["Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", ""]
     header += ["Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader"]
     # Tabs, and numbers as short as they read back the same.
-    rows = ["\t".join(repr(value) if value == value else "NaN" for value in row) for row in table.tolist()]
-    write_text(path, "\n".join([*header, "\t".join(["time", *coordinates]), *rows]) + "\n")
+    rows = ["\t".join(map(repr, row)) for row in table.tolist()]
+    write_text(path, "\n".join([*header, "\t".join(["time", *known]), *rows]) + "\n")
+
+
+def _without_gaps(values: Float[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]) -> np.ndarray:
+    """Interpolated the shorter way round a circle of 360; lengths in metres are far from one."""
+    known = np.isfinite(values)
+    found = values[known]
+    unwrapped = np.unwrap(found, period=360.0)
+    last_found = np.maximum(np.cumsum(known) - 1, 0)
+    between = np.interp(time_s, time_s[known], unwrapped) - (unwrapped - found)[last_found]
+    return np.where(known, values, between)
 
 
 def read_mot(path: Path) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:

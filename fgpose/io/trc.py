@@ -24,7 +24,7 @@ _N_HEADER_LINES = 5  # of the TRC format
 
 
 def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> None:
-    """Write positions in metres with y up; gaps are empty cells.
+    """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is one
     over their median interval (1 for a single frame). Frame numbers count from 1.
@@ -60,8 +60,8 @@ def _frame_lines(trajectory: Trajectory, world_up: UpAxis) -> list[str]:
     rows = positions_m.reshape(trajectory.n_frames, 3 * trajectory.skeleton.n_joints).tolist()
     times_s = np.asarray(trajectory.time_s, dtype=float).tolist()
     return [
-        # repr is the shortest text that reads back as the same number.
-        "\t".join([str(number), repr(time_s), *("" if math.isnan(cell) else repr(cell) for cell in row)])
+        # repr is the shortest text that reads back as the same number. OpenSim refuses a row whose last cell is empty.
+        "\t".join([str(number), repr(time_s), *map(repr, row)])
         for number, (time_s, row) in enumerate(zip(times_s, rows, strict=True), start=1)
     ]
 

@@ -1,8 +1,9 @@
-"""Coordinates of OpenSim's full-body models (Rajagopal et al. 2016), as far as joints determine them.
+"""Coordinates of OpenSim's full-body model (Rajagopal et al. 2016), as far as joints determine them.
 
-Rotations are about z, x and y of the parent segment, in this order, with flexion, adduction and internal rotation
-positive; knee_angle is positive in flexion (in gait2392 it is negative). The pelvis is tilted with the trunk, for joint
-centres do not tell its own tilt: lumbar_extension is zero, and hip_flexion is that against the trunk.
+Names, axes and signs are those of Rajagopal2016.osim in opensim-org/opensim-models. Rotations are about z, x and y of
+the parent segment, in this order, with flexion, adduction and internal rotation positive; knee_angle is positive in
+flexion (in gait2392 it is negative). The pelvis is tilted with the trunk, for joint centres do not tell its own tilt:
+lumbar_extension is zero, and hip_flexion is that against the trunk.
 """
 
 from __future__ import annotations
@@ -30,12 +31,16 @@ _OF_A_SIDE = {
 }
 # OpenSim's ground has y up. The world's axes are mapped as in the TRC files of Pose2Sim and fgpose, which then fit.
 _GROUND_R_WORLD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+# Origin of the unscaled model's pelvis from the middle of its hips (hip_r and hip_l in the file), in the pelvis.
+_ORIGIN_FROM_HIPS_M = np.array([0.056276, 0.07849, 0.0])
 
 
 def opensim_coordinates(
     trajectory: Trajectory, world_up: Literal["z", "y"] = "z"
 ) -> dict[str, Float[np.ndarray, " frame"]]:
     """Values by coordinate: degrees; pelvis_tx, pelvis_ty and pelvis_tz in metres; NaN = not determined.
+
+    pelvis_rotation does not jump at 180 degrees: somebody who has turned round is at 360.
 
     Raises:
         ValueError: the skeleton determines no angle.
@@ -54,7 +59,7 @@ def opensim_coordinates(
 
 
 def _pelvis(trajectory: Trajectory, world_up: Literal["z", "y"]) -> dict[str, Float[np.ndarray, " frame"]]:
-    """Its rotation and the middle of the hips, in OpenSim's ground."""
+    """Its rotation, and where its origin is if the model's hips are in the middle of ours, in OpenSim's ground."""
     from scipy.spatial.transform import Rotation
 
     joints = landmarks(trajectory.skeleton)
@@ -66,6 +71,8 @@ def _pelvis(trajectory: Trajectory, world_up: Literal["z", "y"]) -> dict[str, Fl
     turned_deg = np.full((trajectory.n_frames, 3), np.nan)
     if known.any():
         turned_deg[known] = Rotation.from_matrix(ground_R_pelvis[known]).as_euler("ZXY", degrees=True)
-    centre_m = (points["left_hip"] + points["right_hip"]) / 2 @ _GROUND_R_WORLD.T
+        turned_deg[known, 2] = np.unwrap(turned_deg[known, 2], period=360.0)
+    hips_m = (points["left_hip"] + points["right_hip"]) / 2 @ _GROUND_R_WORLD.T
+    origin_m = hips_m + ground_R_pelvis @ _ORIGIN_FROM_HIPS_M
     names = ("pelvis_tilt", "pelvis_list", "pelvis_rotation", "pelvis_tx", "pelvis_ty", "pelvis_tz")
-    return dict(zip(names, np.concatenate([turned_deg, centre_m], axis=1).T, strict=True))
+    return dict(zip(names, np.concatenate([turned_deg, origin_m], axis=1).T, strict=True))

@@ -156,7 +156,7 @@ def _fitted(live_rig: LiveRig, opened: Mapping[str, Source]) -> CameraRig:
     """The rig for the images that come. Raises ValueError where they are not the calibration's."""
     return CameraRig(
         tuple(
-            fitted_camera(camera, opened[camera.name].size_px, "its source") if camera.name in opened else camera
+            fitted_camera(camera, opened[camera.name].size_px, "sources") if camera.name in opened else camera
             for camera in live_rig.rig.cameras
         )
     )

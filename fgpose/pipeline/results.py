@@ -164,7 +164,9 @@ class Outputs:
 def _require_rerun() -> None:
     # Looked for, not imported: that takes a second.
     if importlib.util.find_spec("rerun") is None:
-        raise ImportError("a .rrd file needs Rerun: pip install 'fgpose[viewer]'; or leave rrd out of the formats")
+        raise ImportError(
+            "a .rrd file needs Rerun: pip install 'fgpose[viewer]'; or leave rrd out: --formats parquet trc"
+        )
 
 
 def show(result: Result, recording: Recording) -> None:

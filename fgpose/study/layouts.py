@@ -25,6 +25,8 @@ def in_folders(study: Study, pattern: str) -> Iterator[Recording]:
     kind: Kind = "keypoints" if study.data.keypoints else "videos"
     for source, names in Pattern(pattern).matches(study.root):
         calibration, problem = _calibration(study, names)
+        if source == calibration:
+            continue  # of {subject}/{session}/{trial}, where it lies beside the trials
         subject, session, trial = (names.get(name, _ALL) for name in PLACEHOLDERS)
         yield Recording(subject, session, trial, source, kind, calibration, problem)
 

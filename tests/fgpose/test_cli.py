@@ -254,6 +254,7 @@ def test_info_names_the_suspect(capsys: pytest.CaptureFixture[str]) -> None:
     printed = " ".join(capsys.readouterr().out.split())
     assert "cam_03 seems to have been moved since it was calibrated" in printed
     assert "Use --refine-calibration." in printed
+    assert "Nothing" not in printed
     assert "takes its images" not in printed
 
 
@@ -321,6 +322,8 @@ def test_view_without_a_display_says_how_to_look(
         (["--config", "no/such.toml"], "no/such.toml"),
         (["--frames", "0"], "--frames"),
         (["--projection.sigma-px", "-1"], "projection.sigma_px"),
+        (["--projection.sigma-px", "4,5"], "--projection.sigma-px 4,5: write a point, 4.5"),
+        (["--fps=59,94"], "--fps 59,94: write a point, 59.94"),
     ],
 )
 def test_wrong_input_is_one_line_that_names_it(
@@ -404,6 +407,17 @@ def test_missing_package_is_one_line(
     monkeypatch.setitem(sys.modules, "ezc3d", None)
     line = failure(["smooth", *source, "--output", str(tmp_path), "--formats", "c3d"], capsys)
     assert 'pip install "fgpose[c3d]"' in line
+
+
+def test_a_report_without_its_extra_is_one_line(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "bokeh", None)
+    assert "pip install 'fgpose[report]'" in failure(["report", str(folder)], capsys)
+
+
+def test_an_error_of_several_lines_is_one_line() -> None:
+    assert app._one_line(ValueError("camera a: gone\n\n  camera b:  gone\n")) == "camera a: gone; camera b: gone"
 
 
 def test_unknown_option_suggests_the_nearest(source: list[str], capsys: pytest.CaptureFixture[str]) -> None:

@@ -75,7 +75,7 @@ def test_what_cannot_be_is_one_line(
 
 def test_a_study_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["study", str(tmp_path / "none.toml")]) == 2
-    assert "none.toml: No such file or directory" in capsys.readouterr().err
+    assert "none.toml --init writes one" in capsys.readouterr().err
 
 
 @pytest.mark.slow

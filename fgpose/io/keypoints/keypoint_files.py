@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Literal
 
@@ -206,7 +207,12 @@ def _sources(path: Path) -> dict[str, Path]:
     """By camera, in natural order: folders of image files, or files of a whole camera."""
     if not path.is_dir():
         return {path.stem: path}
-    folders = [folder for folder in path.iterdir() if folder.is_dir() and any(folder.glob("*.json"))]
+    # os.listdir says so if a folder must not be read; glob finds nothing there.
+    folders = [
+        folder
+        for folder in path.iterdir()
+        if folder.is_dir() and any(name.endswith(".json") for name in os.listdir(folder))
+    ]
     files = [file for file in path.iterdir() if file.is_file() and file.suffix in (".json", ".npz")]
     if folders and files:
         raise ValueError(

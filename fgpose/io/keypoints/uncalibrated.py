@@ -200,8 +200,9 @@ def check_sizes(people: PeopleObservations, rig: CameraRig) -> None:
     for camera, extent in zip(rig.cameras, extents, strict=True):
         if (extent > np.array(camera.size_px) * (1 + _BEYOND)).any():
             raise ValueError(
-                f"camera {camera.name}: joints reach to ({extent[0]:.0f}, {extent[1]:.0f}) px, but the intrinsics are "
-                f"for images of {camera.size_px[0]} x {camera.size_px[1]}; give the size of the images (--size)"
+                f"camera {camera.name}: joints reach to ({extent[0]:.0f}, {extent[1]:.0f}) px, but the images are of "
+                f"{camera.size_px[0]} x {camera.size_px[1]} by the intrinsics or --size; give the size of the images "
+                "that the keypoints are from (--size)"
             )
     filled = extents / sizes
     if np.isfinite(filled).any() and np.nanmax(filled) < _FILLED:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
@@ -186,12 +187,31 @@ def test_cameras_that_do_not_match(openpose: Path, balance_rig: CameraRig):
     shutil.rmtree(openpose / "cam02_json")
     message = error_of(openpose, balance_rig, "body_25b")
     assert "camera cam_02 of the calibration has no keypoints" in message
-    assert "rig.subset(['cam_01', 'cam_03', 'cam_04'])" in message
+    assert "--cameras cam_01 cam_03 cam_04, in Python with rig.subset(['cam_01', 'cam_03', 'cam_04'])" in message
     rig = balance_rig.subset(["cam_04", "cam_01", "cam_03"])
     assert load_observations(openpose, rig, "body_25b", fps=60.0).camera_names == rig.names
     fewer = rig.subset(["cam_04", "cam_01"])
     seen = load_observations(openpose, fewer, "body_25b", fps=60.0, ignore_other_cameras=True)
     assert seen.camera_names == fewer.names
+
+
+def test_the_calibration_of_other_cameras(openpose: Path, rig: CameraRig):
+    for camera in ("cam02_json", "cam03_json", "cam04_json"):
+        shutil.rmtree(openpose / camera)
+    (openpose / "cam01_json").rename(openpose / "left_json")
+    message = error_of(openpose, rig, "body_25b")
+    assert "They have no camera in common: is it the calibration of this recording?" in message
+    assert "rig.subset" not in message
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_folder_that_must_not_be_read_is_named(openpose: Path, balance_rig: CameraRig):
+    (openpose / "cam02_json").chmod(0)
+    try:
+        with pytest.raises(PermissionError, match="cam02_json"):
+            load_observations(openpose, balance_rig, "body_25b", fps=60.0)
+    finally:
+        (openpose / "cam02_json").chmod(0o755)
 
 
 def test_cameras_that_cannot_be_told_apart(openpose: Path, balance_rig: CameraRig):

@@ -24,6 +24,11 @@ def test_recordings_and_their_calibrations(study_file: Path) -> None:
     assert not any(recording.problem for recording in recordings)
 
 
+def test_a_calibration_beside_the_trials_is_no_recording(edited: Callable[[str, str], Path]) -> None:
+    study = load_study(edited("{trial}.npz", "{trial}"))
+    assert keys(study) == ["S01/A/run.npz", "S01/A/walk.npz", "S02/A/run.npz", "S02/A/walk.npz"]
+
+
 def test_some_are_excluded_or_chosen(edited: Callable[[str, str], Path]) -> None:
     study = load_study(edited("[steps]", 'exclude = ["S02/*/*", "*/*/r?n"]\n[steps]'))
     assert keys(study) == ["S01/A/walk"]
