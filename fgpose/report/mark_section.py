@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fgpose.report.blocks import Cell, Plot, Section, Table, number
-from fgpose.report.finished import FinishedRecording, Mark
+from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import TIME_AXIS, models
 
 # More lines than this hide what is under them.
@@ -24,12 +24,16 @@ def mark_section(recording: FinishedRecording) -> Section | None:
     return Section("Events", "marks", [table], f"As noted in the table of events. {drawn}".rstrip())
 
 
-def draw_marks(sections: Sequence[Section], marks: Sequence[Mark]) -> None:
+def draw_marks(sections: Sequence[Section], recording: FinishedRecording) -> None:
     """Draw a line at the time of each into the figures over time, if there are not too many to be told apart."""
-    if not 0 < len(marks) <= _MAX_LINES:
+    first_s = min(each.time_s[0] for each in recording.people.values())
+    last_s = max(each.time_s[-1] for each in recording.people.values())
+    # One at another time would widen the axes.
+    marks = [mark for mark in recording.marks if first_s <= mark.time_s <= last_s]
+    if not marks or len(recording.marks) > _MAX_LINES:
         return
     for plot in (block.model for section in sections for block in section.blocks if isinstance(block, Plot)):
         if TIME_AXIS in plot.tags:
             noted = {"x": [mark.time_s for mark in marks], "name": [mark.name for mark in marks]}
             lines = plot.vspan("x", line_color=_COLOUR, line_dash="dashed", line_width=1.5, source=noted)
-            plot.add_tools(models().HoverTool(renderers=[lines], tooltips=[("@name", "@x{0.00} s")]))
+            plot.add_tools(models().HoverTool(renderers=[lines], tooltips=[("", "@name, @x{0.00} s")]))

@@ -28,5 +28,5 @@ def sections(recording: FinishedRecording) -> list[Section]:
         origin_section(recording),
     ]
     known = [section for section in made if section is not None]
-    draw_marks(known, recording.marks)
+    draw_marks(known, recording)
     return known

@@ -18,7 +18,7 @@ from fgpose.association.track import TrackEvent
 from fgpose.benchmark.predictions import load_predictions
 from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
+from fgpose.io.calibration import load_calibration_origin, load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
 from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.live_recordings import RecordedImage, images_document, start_document
@@ -234,6 +234,10 @@ def _read_keypoints(folder: Path) -> Observations:
     return load_observations(folder, rig(), STICK, fps=50.0)
 
 
+def _known_rig(extension: str) -> Callable[[Path], None]:
+    return lambda folder: save_rig(rig(), folder / f"rig{extension}", origin=origin().calibration)
+
+
 def _make_easymocap(folder: Path) -> None:
     intrinsics, extrinsics = (["%YAML:1.0", "---", "names:", '   - "cam_1"', '   - "cam_2"'] for _ in range(2))
     for camera, name in zip(rig().cameras, ("cam_1", "cam_2"), strict=True):
@@ -393,6 +397,8 @@ FORMATS = {
             "rig caliscope", "toml", lambda folder: save_rig(rig(), folder / "rig.toml", "caliscope"), _one(load_rig)
         ),
         Format("rig npz", "npz", lambda folder: save_rig(rig(), folder / "rig.npz"), _one(load_rig)),
+        Format("origin of a rig toml", "toml", _known_rig(".toml"), _one(load_calibration_origin)),
+        Format("origin of a rig npz", "npz", _known_rig(".npz"), _one(load_calibration_origin)),
         Format("skeleton toml", "toml", _make_skeleton, _one(load_skeleton)),
         Format(
             "config toml",
