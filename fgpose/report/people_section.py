@@ -33,6 +33,10 @@ def _lives(recording: FinishedRecording) -> Plot:
     names = [f"person {person}" for person in recording.people][::-1]
     height_px = 24 * len(names) + 70
     plot = time_figure("", height_px)
+    everybody = recording.people.values()
+    plot.x_range = models().Range1d(
+        min(float(each.time_s[0]) for each in everybody), max(float(each.time_s[-1]) for each in everybody)
+    )
     bars: dict[str, list[object]] = {"y": [], "left": [], "right": [], "name": [], "colour": []}
     for n, (person, trajectory) in enumerate(recording.people.items()):
         known = np.isfinite(root_m(trajectory)).all(axis=1)

@@ -9,7 +9,7 @@ from typing import Any
 
 from fgpose.io.studies.data_set import part_path, parts_of
 from fgpose.io.studies.events import Event
-from fgpose.io.studies.rows import write_rows
+from fgpose.io.studies.rows import STUDY_NAME, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
 from fgpose.study.chain import fingerprints
 from fgpose.study.pattern import PLACEHOLDERS
@@ -53,7 +53,7 @@ class Tables:
         """The tables of quality. Raises OSError if one cannot be written."""
         for suffix in (".csv", ".parquet"):
             path = self.study.output / f"{QUALITY}{suffix}"
-            write_rows(self.rows, path)
+            write_rows(self.rows, path, {STUDY_NAME: self.study.name})
             yield path
 
     def remove_other_parts(self) -> None:
