@@ -43,6 +43,8 @@ def sigma_section(recording: FinishedRecording) -> Section:
 
 def _sigma_plots(trajectory: Trajectory, columns: int) -> list[Block]:
     sigma_mm = 1000 * sigma_m(trajectory)
+    if not np.isfinite(sigma_mm).any():
+        return [Note(NO_COVARIANCE, is_missing=True)]
     curves = {"median of the joints": quantile_of_frames(sigma_mm), "worst joint": quantile_of_frames(sigma_mm, 1.0)}
     rows = {joint: sigma_mm[:, j] for j, joint in enumerate(trajectory.skeleton.joints)}
     limits = 0.0, 3 * known_quantile(sigma_mm, 0.5)

@@ -97,6 +97,7 @@ def plain_figure(
     plot.min_border_right = 14
     # A wheel over a figure scrolls the page.
     plot.toolbar.active_scroll = None
+    plot.toolbar.active_drag = plot.select_one(models().BoxZoomTool)
     return plot
 
 
