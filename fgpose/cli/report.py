@@ -60,13 +60,13 @@ class Report:
     def _study(self) -> None:
         from fgpose.io.atomic import check_writable
         from fgpose.report import write_study_report
-        from fgpose.report.study_results import load_study
+        from fgpose.report.study_results import load_study, study_name
 
         path = self._path(self.results)
         check_writable(path.parent)
         with progress_bar("reporting", "recordings") as progress:
             recordings = load_study(self.results, reports=self.recordings, page=path, progress=progress)
-        write_study_report(recordings, path, self.results.resolve().name)
+        write_study_report(recordings, path, study_name(self.results))
         new_console().print(f"wrote {path}", soft_wrap=True)
 
     def _recording(self) -> None:

@@ -23,6 +23,8 @@ IMAGE_SUFFIXES = frozenset((".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 
 # Cameras are decoded in parallel; more threads for each would only wait for each other.
 _DECODER_THREADS = 1
+# What OpenCV calls the format of packets that it is not to decode.
+_AS_STORED = -1
 # Containers without a frame rate state the rate of their clock instead.
 _MAX_FPS = 2000.0
 # Numbers with larger gaps than this between the images are not frame numbers.
@@ -108,6 +110,28 @@ class Clip:
         finally:
             video.release()
         return found
+
+    def stamps_s(self) -> Float[np.ndarray, " image"]:
+        """Of all images, as pictures() gives them, read without decoding an image; NaN where files hold none.
+
+        Raises:
+            ValueError: it is no video any more; the message names the file.
+        """
+        import cv2
+
+        if self.files:
+            return np.full(len(self.files), np.nan)
+        stamps_ms = list[float]()
+        video = _open_video(self.path, [cv2.CAP_PROP_FORMAT, _AS_STORED])
+        try:
+            while video.grab():
+                stamps_ms.append(video.get(cv2.CAP_PROP_POS_MSEC))
+        finally:
+            video.release()
+        if not stamps_ms:  # Of a container that OpenCV reads no packets from.
+            return np.full(self.n_images, np.nan)
+        # Where images are predicted from later ones, they are not stored in the order of time.
+        return np.sort(np.array(stamps_ms, dtype=float)) / 1000
 
     def times_s(self, stamps_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
         """Time of each of the first images, given the stamps that they were read with.
@@ -239,10 +263,11 @@ def _frame_numbers(files: tuple[Path, ...]) -> np.ndarray:
     return numbers if (np.diff(numbers) > 0).all() and np.isfinite(numbers).all() else np.arange(len(files)) * 1.0
 
 
-def _open_video(path: Path) -> cv2.VideoCapture:
+def _open_video(path: Path, options: Sequence[int] = ()) -> cv2.VideoCapture:
+    """With options of OpenCV: numbers of properties, each with its value."""
     import cv2
 
-    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, _DECODER_THREADS])
+    video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, _DECODER_THREADS, *options])
     if not video.isOpened():
         raise ValueError(f"{path}: not a video, or a damaged or truncated one")
     return video

@@ -1,4 +1,4 @@
-"""Joint angles over time, with bands of one sigma."""
+"""Joint angles over time, with bands that hold 95 % of what they may be."""
 
 from __future__ import annotations
 
@@ -6,16 +6,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number
-from fgpose.report.camera_sections import people_shown, titled
+from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
+from fgpose.report.curves import lines
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.plots import lines
+from fgpose.report.person_blocks import of_people
 from fgpose.report.series import known_quantile
+from fgpose.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from fgpose.kinematics.angles import JointAngles
 
 _SIDES = ("left", "right")
+BAND_SIGMAS = 1.96
+"""Half the width of a band: 95 % of a normal distribution."""
+# Less than a tenth of the time is a handful of dashes, whose figure says nothing; the table does.
+_LEAST_DETERMINED = 0.1
+_LEAST_SPAN_DEG = 20.0  # of an axis: errors of two degrees do not look like motion
+_LONG_S = 20.0  # strides of longer recordings need the width of the page
 
 
 def angle_section(recording: FinishedRecording) -> Section:
@@ -26,27 +33,35 @@ def angle_section(recording: FinishedRecording) -> Section:
     if not angle_names(skeleton):
         missing = f"Skeleton {skeleton.name} determines no joint angle: hips, knees, ankles, shoulders, ... are needed."
         return Section("Joint angles", "angles", [Note(missing, is_missing=True)])
-    blocks: list[Block] = []
-    for called, trajectory in people_shown(recording):
+
+    def blocks_of(trajectory: Trajectory, columns: int) -> list[Block]:
         angles = joint_angles(trajectory, recording.world_up)
-        blocks += _plots(angles, called)
-        blocks.append(_table(angles, called))
+        return [*_plots(angles, columns), _table(angles)]
+
+    blocks = of_people(recording, blocks_of)
+    intro = (
+        f"Bands are ± {BAND_SIGMAS} sigma, propagated from the covariance of the joints: they hold the angle in 95 % "
+        "of the frames, if the covariance is right. Angles that are determined in less than "
+        f"{100 * _LEAST_DETERMINED:.0f} % of the frames are in the table alone."
+    )
     if recording.main.covariance_m2 is None:
         blocks.append(Note("No bands: the result has no covariance.", is_missing=True))
-    intro = "Bands are ± one sigma, propagated from the covariance of the joints."
+        intro = ""
     return Section("Joint angles", "angles", blocks, intro)
 
 
-def _plots(angles: JointAngles, called: str) -> list[Plot]:
-    plots = []
+def _plots(angles: JointAngles, columns: int) -> list[Block]:
+    plots: list[Block] = []
+    is_short = float(angles.time_s[-1] - angles.time_s[0]) <= _LONG_S
     for kind, of_sides in _kinds(angles).items():
         curves = {side: angles.angle_deg[:, n] for side, n in of_sides.items()}
-        bands = {side: angles.sigma_deg[:, n] for side, n in of_sides.items()}
-        if any(np.isfinite(curve).any() for curve in curves.values()):
-            caption = titled(kind.replace("_", " ").capitalize(), called)
-            plots.append(
-                lines(curves, angles.time_s, "angle / °", caption, bands=bands, height_px=200, circular=True, half=True)
-            )
+        bands = {side: BAND_SIGMAS * angles.sigma_deg[:, n] for side, n in of_sides.items()}
+        if max(np.isfinite(curve).mean() for curve in curves.values()) >= _LEAST_DETERMINED:
+            caption = kind.replace("_", " ").capitalize()
+            plots.append(lines(
+                curves, angles.time_s, "angle / °", caption, bands=bands, height_px=220, circular=True,
+                least_span=_LEAST_SPAN_DEG, half=is_short, columns=columns,
+            ))  # fmt: skip
     return plots
 
 
@@ -60,7 +75,7 @@ def _kinds(angles: JointAngles) -> dict[str, dict[str, int]]:
     return kinds
 
 
-def _table(angles: JointAngles, called: str) -> Table:
+def _table(angles: JointAngles) -> Table:
     rows = []
     for n, name in enumerate(angles.names):
         own_deg = angles.angle_deg[:, n]
@@ -71,4 +86,4 @@ def _table(angles: JointAngles, called: str) -> Table:
             number(known_quantile(angles.sigma_deg[:, n], 0.5)), Cell(f"{100 * share:.0f} %", key=share),
         ))  # fmt: skip
     columns = ("angle", "2.5 % / °", "median / °", "97.5 % / °", "range / °", "sigma / °", "determined")
-    return Table(columns, tuple(rows), titled("Angles", called))
+    return Table(columns, tuple(rows), "Angles")

@@ -39,6 +39,13 @@ class Table:
     """What each heading means."""
     identifier: str = ""
     """Makes it sortable and filterable, if it has one."""
+    sorted_by: int | None = None
+    """Column by which the rows fall, if they are in the order of one."""
+
+    @property
+    def explained(self) -> list[tuple[str, str]]:
+        """The headings that have a hint, and the hint."""
+        return [(name, hint) for name, hint in zip(self.columns, self.hints, strict=False) if hint]
 
     def is_numeric(self, column: int) -> bool:
         return self.numeric[column] if self.numeric else column > 0
@@ -76,6 +83,8 @@ class Picture:
     source: str
     """data: address."""
     caption: str
+    alt: str = ""
+    """What is seen on it, for those who do not see it."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +106,19 @@ class Text:
     text: str
 
 
-Block = Table | Plot | Note | Moment | Text
+@dataclass(frozen=True)
+class OfPerson:
+    """What is shown of one of several people, while that person is chosen."""
+
+    kind: ClassVar[str] = "person"
+    person: str
+    """How they are called."""
+    blocks: tuple[Block, ...]
+    is_chosen: bool = False
+    """Whether they are the one who is shown first."""
+
+
+Block = Table | Plot | Note | Moment | Text | OfPerson
 
 
 @dataclass(frozen=True)
@@ -110,6 +131,12 @@ class Section:
     intro: str = ""
     short: str = ""
     """The title in the list of sections, if it is too long for that."""
+
+    @property
+    def plots(self) -> list[Plot]:
+        """In their order, those of people included."""
+        inner = [part for block in self.blocks for part in (block.blocks if isinstance(block, OfPerson) else (block,))]
+        return [block for block in inner if isinstance(block, Plot)]
 
 
 def number(value: float | int | None, digits: int = 1, unit: str = "", *, worst: float = np.nan) -> Cell:

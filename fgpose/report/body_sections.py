@@ -6,12 +6,14 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
-from fgpose.report.camera_sections import people_shown, titled
+from fgpose.report.curves import lines
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.plots import heat_map, lines
+from fgpose.report.person_blocks import of_everybody, of_people
+from fgpose.report.plots import heat_map
 from fgpose.report.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.report.solution_checks import sigma_ratio
 from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Trajectory
 
 NO_COVARIANCE = (
     "The result has no covariance: estimate it with --uncertainty.covariance, and save it as parquet or npz."
@@ -25,24 +27,11 @@ def sigma_section(recording: FinishedRecording) -> Section:
     """Standard deviation of the joints over time."""
     intro = (
         "The standard deviation of each joint along the axis in which it is largest, from the covariance: where "
-        " it is high, the position rests on bones and motion rather than on cameras."
+        "it is high, the position rests on bones and motion rather than on cameras."
     )
     if all(trajectory.covariance_m2 is None for trajectory in recording.people.values()):
         return Section("Uncertainty", "sigma", [Note(NO_COVARIANCE, is_missing=True)])
-    blocks: list[Block] = []
-    for called, trajectory in people_shown(recording):
-        sigma_mm = 1000 * sigma_m(trajectory)
-        curves = {
-            "median of the joints": quantile_of_frames(sigma_mm),
-            "worst joint": quantile_of_frames(sigma_mm, 1.0),
-        }
-        caption = titled("Sigma over time", called)
-        blocks.append(lines(curves, trajectory.time_s, "sigma / mm", caption, from_zero=True, peaks=True))
-        rows = {joint: sigma_mm[:, j] for j, joint in enumerate(trajectory.skeleton.joints)}
-        limits = 0.0, 3 * known_quantile(sigma_mm, 0.5)
-        caption = titled("Sigma of each joint; the strongest colour is three times the median, or more", called)
-        blocks.append(heat_map(rows, trajectory.time_s, _SIGMA_PALETTE, limits, "sigma / mm", caption))
-    blocks.append(_sigma_table(recording))
+    blocks = [*of_people(recording, _sigma_plots), _sigma_table(recording)]
     ratio = sigma_ratio(recording)
     if np.isfinite(ratio):
         blocks.append(Note(
@@ -50,6 +39,20 @@ def sigma_section(recording: FinishedRecording) -> Section:
             "as they are. Between 1/3 and 3 the two fit; smoothing makes it smaller than one."
         ))  # fmt: skip
     return Section("Uncertainty", "sigma", blocks, intro)
+
+
+def _sigma_plots(trajectory: Trajectory, columns: int) -> list[Block]:
+    sigma_mm = 1000 * sigma_m(trajectory)
+    if not np.isfinite(sigma_mm).any():
+        return [Note(NO_COVARIANCE, is_missing=True)]
+    curves = {"median of the joints": quantile_of_frames(sigma_mm), "worst joint": quantile_of_frames(sigma_mm, 1.0)}
+    rows = {joint: sigma_mm[:, j] for j, joint in enumerate(trajectory.skeleton.joints)}
+    limits = 0.0, 3 * known_quantile(sigma_mm, 0.5)
+    caption = "Sigma of each joint; the strongest colour is three times the median, or more"
+    return [
+        lines(curves, trajectory.time_s, "sigma / mm", "Sigma over time", from_zero=True, peaks=True, columns=columns),
+        heat_map(rows, trajectory.time_s, _SIGMA_PALETTE, limits, "sigma / mm", caption, columns=columns),
+    ]
 
 
 def _sigma_table(recording: FinishedRecording) -> Table:
@@ -68,7 +71,7 @@ def _sigma_table(recording: FinishedRecording) -> Table:
         for j, joint in enumerate(recording.main.skeleton.joints)
     ]
     columns = ("joint", "median / mm", "95 % / mm", "largest / mm", "seen by two")
-    return Table(columns, tuple(rows), "Sigma of the joints")
+    return Table(columns, tuple(rows), "Sigma of the joints" + of_everybody(recording))
 
 
 def bone_section(recording: FinishedRecording) -> Section:
@@ -79,25 +82,28 @@ def bone_section(recording: FinishedRecording) -> Section:
             f"Skeleton {recording.main.skeleton.name} has no bones: give one that has (TRC and C3D files hold none)."
         )
         return Section("Bone lengths", "bones", [Note(missing, is_missing=True)])
-    blocks: list[Block] = []
-    for called, trajectory in people_shown(recording):
-        skeleton = trajectory.skeleton
-        lengths_mm = 1000 * skeleton.bone_lengths(trajectory.positions_m)
-        spread = [known_quantile(np.abs(own - known_quantile(own, 0.5)), 0.9) for own in lengths_mm.T]
-        order = np.argsort(-np.nan_to_num(np.array(spread)))
-        deviations = {
-            skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5)
-            for b in order[:12].tolist()
-        }
-        caption = titled("Deviation of the bones that vary most; click on the legend for more", called)
-        blocks.append(
-            lines(deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280)
-        )
-        blocks.append(_bone_table(called, trajectory.skeleton, lengths_mm))
-    return Section("Bone lengths", "bones", blocks, intro)
+    return Section("Bone lengths", "bones", of_people(recording, _bone_blocks), intro)
 
 
-def _bone_table(called: str, skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"]) -> Table:
+def _bone_blocks(trajectory: Trajectory, columns: int) -> list[Block]:
+    skeleton = trajectory.skeleton
+    lengths_mm = 1000 * skeleton.bone_lengths(trajectory.positions_m)
+    spread = [known_quantile(np.abs(own - known_quantile(own, 0.5)), 0.9) for own in lengths_mm.T]
+    order = np.argsort(-np.nan_to_num(np.array(spread)))
+    deviations = {
+        skeleton.bone_name(skeleton.bones[b]): lengths_mm[:, b] - known_quantile(lengths_mm[:, b], 0.5)
+        for b in order[:12].tolist()
+    }
+    caption = "Deviation of the bones that vary most; click on the legend for more"
+    return [
+        lines(
+            deviations, trajectory.time_s, "deviation / mm", caption, shown=_BONES_SHOWN, height_px=280, columns=columns
+        ),
+        _bone_table(skeleton, lengths_mm),
+    ]
+
+
+def _bone_table(skeleton: Skeleton, lengths_mm: Float[np.ndarray, "frame bone"]) -> Table:
     number_of = {frozenset(bone): b for b, bone in enumerate(skeleton.bones)}
     rows = []
     done = set()
@@ -117,4 +123,4 @@ def _bone_table(called: str, skeleton: Skeleton, lengths_mm: Float[np.ndarray, "
         ))  # fmt: skip
     columns = ("bone", "left or middle / mm", "right / mm", "difference / mm", "variation / mm")
     hints = ("", "median over time", "median over time", "", "68 % of the deviations from the median are smaller")
-    return Table(columns, tuple(rows), titled("Lengths", called), hints=hints)
+    return Table(columns, tuple(rows), "Lengths", hints=hints)

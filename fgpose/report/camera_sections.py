@@ -7,8 +7,10 @@ from jaxtyping import Float
 
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
 from fgpose.report.camera_checks import together_px
+from fgpose.report.curves import lines
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.plots import COLOURS, heat_map, lines, models, plain_figure
+from fgpose.report.person_blocks import of_everybody, of_people
+from fgpose.report.plots import COLOURS, heat_map, models, plain_figure
 from fgpose.report.rig_figures import plan_and_side
 from fgpose.report.series import known_quantile, quantile_of_frames
 from fgpose.trajectory import Trajectory
@@ -16,18 +18,7 @@ from fgpose.trajectory import Trajectory
 NO_RESIDUALS = "The result has no reprojection errors: it is from a TRC or C3D file, or of a version that wrote none."
 # From nothing seen to everything: the two ends are told apart by the colour-blind, too.
 SEEN_PALETTE = ("#d55e00", "#e8975a", "#f2cfa9", "#bcd9dd", "#7fb8c2", "#3f93a5", "#0b6e86")
-_AT_MOST_PEOPLE = 3
 _MAX_JOINTS = 34
-
-
-def people_shown(recording: FinishedRecording) -> list[tuple[str, Trajectory]]:
-    """Whose figures are drawn, those seen most first, and how they are called."""
-    people = sorted(recording.people.items(), key=lambda each: -int(each[1].observed.sum()))
-    return [(recording.called(person), trajectory) for person, trajectory in people[:_AT_MOST_PEOPLE]]
-
-
-def titled(caption: str, called: str) -> str:
-    return f"{called.capitalize()}: {caption[0].lower()}{caption[1:]}" if called else caption
 
 
 def seen_section(recording: FinishedRecording) -> Section:
@@ -35,20 +26,26 @@ def seen_section(recording: FinishedRecording) -> Section:
     blocks: list[Block] = []
     if together_px(recording) is None:
         blocks.append(Note(NO_RESIDUALS, is_missing=True))
-    for called, trajectory in people_shown(recording):
-        if trajectory.residual_px is not None:
-            seen = np.isfinite(trajectory.residual_px)
-            shares = {name: 100 * seen[:, c].mean(axis=1) for c, name in enumerate(trajectory.camera_names)}
-            caption = titled("Share of the joints that each camera sees", called)
-            blocks.append(heat_map(shares, trajectory.time_s, SEEN_PALETTE, (0.0, 100.0), "seen / %", caption))
-            views = seen.sum(axis=1).astype(float)
-            rows = {joint: views[:, j] for j, joint in enumerate(trajectory.skeleton.joints[:_MAX_JOINTS])}
-            caption = titled("Number of cameras that see each joint; fewer than two do not determine it", called)
-            n_cameras = float(len(trajectory.camera_names))
-            blocks.append(
-                heat_map(rows, trajectory.time_s, SEEN_PALETTE, (0.0, n_cameras), "cameras / ", caption, counts=True)
-            )
-    return Section("What the cameras saw", "seen", blocks, short="Seen")
+    return Section("What the cameras saw", "seen", [*blocks, *of_people(recording, _seen_plots)], short="Seen")
+
+
+def _seen_plots(trajectory: Trajectory, columns: int) -> list[Block]:
+    if trajectory.residual_px is None:
+        return []
+    seen = np.isfinite(trajectory.residual_px)
+    shares = {name: 100 * seen[:, c].mean(axis=1) for c, name in enumerate(trajectory.camera_names)}
+    views = seen.sum(axis=1).astype(float)
+    rows = {joint: views[:, j] for j, joint in enumerate(trajectory.skeleton.joints[:_MAX_JOINTS])}
+    whole, limits = (0.0, 100.0), (0.0, float(len(trajectory.camera_names)))
+    caption = "Number of cameras that see each joint; fewer than two do not determine it"
+    shown = heat_map(
+        shares, trajectory.time_s, SEEN_PALETTE, whole, "seen / %", "Share of the joints that each camera sees",
+        columns=columns,
+    )  # fmt: skip
+    return [
+        shown,
+        heat_map(rows, trajectory.time_s, SEEN_PALETTE, limits, "cameras / ", caption, counts=True, columns=columns),
+    ]
 
 
 def reprojection_section(recording: FinishedRecording) -> Section:
@@ -63,15 +60,17 @@ def reprojection_section(recording: FinishedRecording) -> Section:
             "Reprojection errors", "reprojection", [Note(NO_RESIDUALS, is_missing=True)], short="Reprojection"
         )
     blocks: list[Block] = [_per_camera(recording, residual_px), _per_joint(recording, residual_px)]
-    for called, trajectory in people_shown(recording):
-        if trajectory.residual_px is not None:
-            medians = {
-                name: quantile_of_frames(trajectory.residual_px[:, c]) for c, name in enumerate(trajectory.camera_names)
-            }
-            caption = titled("Median reprojection error of each camera over time", called)
-            blocks.append(lines(medians, trajectory.time_s, "reprojection error / px", caption, from_zero=True))
-    blocks.append(_histogram(recording.camera_names, residual_px))
+    blocks.append(_histogram(recording, residual_px))
+    blocks += of_people(recording, _errors_over_time)
     return Section("Reprojection errors", "reprojection", blocks, intro, short="Reprojection")
+
+
+def _errors_over_time(trajectory: Trajectory, columns: int) -> list[Block]:
+    if trajectory.residual_px is None:
+        return []
+    medians = {name: quantile_of_frames(trajectory.residual_px[:, c]) for c, name in enumerate(trajectory.camera_names)}
+    caption = "Median reprojection error of each camera over time"
+    return [lines(medians, trajectory.time_s, "reprojection error / px", caption, from_zero=True, columns=columns)]
 
 
 def _per_camera(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Table:
@@ -91,7 +90,7 @@ def _per_camera(recording: FinishedRecording, residual_px: Float[np.ndarray, "fr
             number(known_quantile(residual_px[:, c], 0.9)), percent(float(np.mean(own < 0.5)) if own.size else np.nan),
         ))  # fmt: skip
     columns = ("camera", "seen", "median / px", "90 % / px", "hallucinated")
-    return Table(columns, tuple(rows), "Cameras", hints=hints)
+    return Table(columns, tuple(rows), "Cameras" + of_everybody(recording), hints=hints)
 
 
 def _per_joint(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Table:
@@ -108,15 +107,16 @@ def _per_joint(recording: FinishedRecording, residual_px: Float[np.ndarray, "fra
         )
         for j, joint in enumerate(joints)
     ]
-    caption = "Median reprojection error of each joint, px; coloured from twice the median of all on"
+    whose = of_everybody(recording)
+    caption = f"Median reprojection error of each joint{whose}, px; coloured from twice the median of all on"
     return Table(("joint", *recording.camera_names, "all"), tuple(rows), caption)
 
 
-def _histogram(names: tuple[str, ...], residual_px: Float[np.ndarray, "frame camera joint"]) -> Plot:
+def _histogram(recording: FinishedRecording, residual_px: Float[np.ndarray, "frame camera joint"]) -> Plot:
     limit_px = 1.5 * known_quantile(residual_px, 0.95)
     edges_px = np.linspace(0, limit_px if limit_px > 0 else 1.0, 60)
     plot = plain_figure("reprojection error / px", "density / 1/px", 240)
-    for c, name in enumerate(names):
+    for c, name in enumerate(recording.camera_names):
         own_px = residual_px[:, c][np.isfinite(residual_px[:, c])]
         if own_px.size:
             count, _ = np.histogram(own_px, edges_px)
@@ -129,7 +129,8 @@ def _histogram(names: tuple[str, ...], residual_px: Float[np.ndarray, "frame cam
     plot.add_tools(models().HoverTool(tooltips=[("", "$name"), ("error", "$x{0.0} px")], mode="mouse"))
     plot.legend.click_policy = "hide"
     plot.legend.background_fill_color = plot.legend.border_line_color = None
-    caption = "Distribution of the reprojection errors of each camera; the last few per cent are cut off"
+    whose = of_everybody(recording)
+    caption = f"Distribution of the reprojection errors of each camera{whose}; the last few per cent are cut off"
     return Plot(plot, caption, 240)
 
 

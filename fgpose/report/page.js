@@ -2,6 +2,7 @@
 // Plots one after the other, so that the first is there at once and the page stays usable.
 const dark = matchMedia("(prefers-color-scheme: dark)");
 const views = [];
+const places = new Map();
 let linking = false;
 
 function colours() {
@@ -32,19 +33,22 @@ function paint(model) {
   }
 }
 
+const isOverTime = (model) => model.tags.includes("time");
+const isHidden = (model) => places.get(model).closest("[hidden]") !== null;
+const copyTime = (from, to) => to.x_range.setv({ start: from.x_range.start, end: from.x_range.end });
+
 function link(model) {
-  if (!model.tags.includes("time")) return;
-  const range = model.x_range;
+  if (!isOverTime(model)) return;
+  const other = views.find(isOverTime);
+  if (other) copyTime(other, model);
   const follow = () => {
     if (linking) return;
     linking = true;
-    for (const other of views) {
-      if (other !== model && other.tags.includes("time")) other.x_range.setv({ start: range.start, end: range.end });
-    }
+    for (const each of views) if (each !== model && isOverTime(each) && !isHidden(each)) copyTime(model, each);
     linking = false;
   };
-  range.properties.start.change.connect(follow);
-  range.properties.end.change.connect(follow);
+  model.x_range.properties.start.change.connect(follow);
+  model.x_range.properties.end.change.connect(follow);
 }
 
 // A finger over a plot scrolls the page.
@@ -53,12 +57,26 @@ function leaveTouchAlone(model) {
   for (const tool of model.toolbar.tools) if (/Zoom|Pan/.test(tool.type)) tool.active = false;
 }
 
+// As many columns of a legend as there is room for; more rows make the figure higher, not its curves lower.
+function fitLegend(model) {
+  const legend = model.below.find((each) => each.type === "Legend");
+  if (!legend) return;
+  const longest = Math.max(...legend.items.map((item) => (item.label.value ?? "").length));
+  const room = places.get(model).clientWidth - 70;
+  const columns = Math.max(1, Math.min(6, Math.floor(room / (7 * longest + 36))));
+  const rows = (n) => Math.ceil(legend.items.length / n);
+  const height = model.height + 22 * (rows(columns) - rows(legend.ncols));
+  if (columns !== legend.ncols) { legend.ncols = columns; model.height = height; }
+}
+
 async function show(data) {
   const target = document.getElementById(data.dataset.for);
   const shown = await Bokeh.embed.embed_item(JSON.parse(data.textContent), target);
   const model = shown.roots[0].model;
+  places.set(model, target);
   paint(model);
   link(model);
+  fitLegend(model);
   leaveTouchAlone(model);
   views.push(model);
   target.style.minHeight = "";
@@ -66,28 +84,54 @@ async function show(data) {
   if (views.length === 1) requestAnimationFrame(() => performance.mark("first plot"));
 }
 
+// Those that are not hidden with a person, in the order of the page.
+const due = () => [...document.querySelectorAll("script.plot-data")].find((data) => {
+  const { dataset, parentElement } = document.getElementById(data.dataset.for);
+  return !dataset.shown && !parentElement.closest("[hidden]");
+});
+
+let drawing = false;
 async function showAll() {
-  for (const data of document.querySelectorAll("script.plot-data")) {
+  if (drawing) return;
+  drawing = true;
+  delete document.documentElement.dataset.plots;
+  for (let data = due(); data; data = due()) {
     await show(data);
     await new Promise((resolve) => setTimeout(resolve));
   }
+  drawing = false;
   document.documentElement.dataset.plots = String(views.length);
 }
 
+function choose(person) {
+  // What is read stays where it is on the screen.
+  const read = [...document.querySelectorAll("section")].find((each) => each.getBoundingClientRect().bottom > 60);
+  const top = read?.getBoundingClientRect().top ?? 0;
+  const known = views.find((model) => isOverTime(model) && !isHidden(model));
+  for (const each of document.querySelectorAll(".of-person")) each.hidden = each.dataset.person !== person;
+  if (known) views.filter((model) => isOverTime(model) && !isHidden(model)).forEach((model) => copyTime(known, model));
+  document.getElementById("printed").textContent = person;
+  if (read) scrollBy({ top: read.getBoundingClientRect().top - top, behavior: "instant" });
+  showAll();
+}
+
+const collator = new Intl.Collator(undefined, { numeric: true });
+
 function sortable(table) {
   const headings = [...table.tHead.rows[0].cells];
+  const keyOf = (cell) => {
+    const text = cell.dataset.key ?? cell.textContent;
+    return { text, value: Number(text.replace("inf", "Infinity")) };
+  };
+  const compare = ({ key: a }, { key: b }) =>
+    Number.isNaN(a.value) || Number.isNaN(b.value) ? collator.compare(a.text, b.text) : a.value === b.value ? 0 : a.value - b.value;
   headings.forEach((heading, column) => {
     heading.querySelector("button").addEventListener("click", () => {
       const falling = heading.getAttribute("aria-sort") !== "descending";
       for (const each of headings) each.removeAttribute("aria-sort");
       heading.setAttribute("aria-sort", falling ? "descending" : "ascending");
-      const key = (row) => row.cells[column].dataset.key ?? row.cells[column].textContent;
-      const rows = [...table.tBodies[0].rows].sort((a, b) => {
-        const [x, y] = [key(a), key(b)];
-        const [p, q] = [Number(x.replace("inf", "Infinity")), Number(y.replace("inf", "Infinity"))];
-        return Number.isNaN(p) || Number.isNaN(q) ? x.localeCompare(y, undefined, { numeric: true }) : p === q ? 0 : p - q;
-      });
-      table.tBodies[0].append(...(falling ? rows.reverse() : rows));
+      const rows = [...table.tBodies[0].rows].map((row) => ({ row, key: keyOf(row.cells[column]) })).sort(compare);
+      table.tBodies[0].append(...(falling ? rows.reverse() : rows).map(({ row }) => row));
     });
   });
 }
@@ -107,7 +151,43 @@ function filters(input) {
   });
 }
 
-dark.addEventListener("change", () => views.forEach(paint));
+// Canvases do not follow the width of the paper: they are scaled to it.
+function toPaper() {
+  for (const plot of document.querySelectorAll(".plot")) {
+    const isHalf = plot.parentElement.classList.contains("half");
+    const width = document.body.classList.contains("study") ? PAPER.wide : isHalf ? PAPER.half : PAPER.whole;
+    if (plot.clientWidth) plot.style.setProperty("--zoom", Math.min(width / plot.clientWidth, 1));
+  }
+  for (const each of document.querySelectorAll("details")) each.open = true;
+}
+const PAPER = { wide: 1016, whole: 687, half: 328 }; // Pixels between the margins of A4, as in page.css.
+
+// Drawn anew for the paper, so that its text is as large as that of the page.
+async function print() {
+  const { classList } = document.documentElement;
+  for (const isPaper of [true, false]) {
+    classList.toggle("paper", isPaper);
+    paintAll();
+    views.forEach(fitLegend);
+    if (!isPaper) return;
+    await new Promise((resolve) => setTimeout(resolve, 500));
+    window.print();
+  }
+}
+
+function paintAll() {
+  views.forEach(paint);
+  document.documentElement.dataset.painted = dark.matches && !document.documentElement.classList.contains("paper") ? "dark" : "light";
+}
+
+addEventListener("beforeprint", toPaper);
+addEventListener("resize", () => views.filter((model) => !isHidden(model)).forEach(fitLegend));
+document.getElementById("print").addEventListener("click", print);
+dark.addEventListener("change", paintAll);
 document.querySelectorAll("table.sortable").forEach(sortable);
 document.querySelectorAll("input[data-filters]").forEach(filters);
+document.getElementById("person")?.addEventListener("change", (event) => choose(event.target.value));
+// What is wider than the screen can be scrolled with the keyboard.
+for (const each of document.querySelectorAll(".scroll, nav")) if (each.scrollWidth > each.clientWidth) each.tabIndex = 0;
+paintAll();
 showAll();

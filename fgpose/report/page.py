@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from importlib import metadata, resources
 from typing import Any
 
-from fgpose.report.blocks import Plot, Section
+from fgpose.report.blocks import OfPerson, Section
+from fgpose.report.plots import share_time
 from fgpose.report.suspicion import Suspicion
 
 
@@ -49,7 +50,8 @@ def html(page: Page) -> str:
     """The text of the file. Raises ImportError, which says what to install, without Bokeh."""
     jinja2 = _jinja2()
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
-    plots = [block for section in page.sections for block in section.blocks if isinstance(block, Plot)]
+    plots = [plot for section in page.sections for plot in section.plots]
+    share_time(plots)
     identifiers = {plot: f"plot-{n}" for n, plot in enumerate(plots)}
     return environment.from_string(_text("page.html")).render(
         page.__dict__,
@@ -58,8 +60,15 @@ def html(page: Page) -> str:
         program=_text("page.js"),
         bokeh=_bokeh() if plots else "",
         identifiers=identifiers,
+        people=people(page),
         plots=[{"identifier": identifiers[plot], "json": _json(plot.model)} for plot in plots],
     )
+
+
+def people(page: Page) -> dict[str, bool]:
+    """Those of whom one is shown at a time, in their order, and whether each is the first to be shown."""
+    blocks = (block for section in page.sections for block in section.blocks)
+    return {block.person: block.is_chosen for block in blocks if isinstance(block, OfPerson)}
 
 
 def _jinja2() -> Any:

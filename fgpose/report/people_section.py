@@ -6,6 +6,7 @@ import numpy as np
 
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
 from fgpose.report.finished import FinishedRecording
+from fgpose.report.person_blocks import people_shown
 from fgpose.report.plots import COLOURS, models, time_figure
 from fgpose.report.series import known_quantile, root_m, sigma_m
 
@@ -17,6 +18,10 @@ def people_section(recording: FinishedRecording) -> Section | None:
     if len(recording.people) == 1 and not recording.events:
         return None
     blocks: list[Block] = [_lives(recording), _table(recording)]
+    n_shown = len(people_shown(recording))
+    if n_shown < len(recording.people):
+        note = f"The {n_shown} people who are seen most can be chosen at the top; no figures are drawn of the others."
+        blocks.append(Note(note, is_missing=True))
     if recording.events:
         rows = [
             (number(event.time_s, 2), Cell(f"person {event.person}"), Cell(event.what), Cell(event.reason))
@@ -33,6 +38,10 @@ def _lives(recording: FinishedRecording) -> Plot:
     names = [f"person {person}" for person in recording.people][::-1]
     height_px = 24 * len(names) + 70
     plot = time_figure("", height_px)
+    everybody = recording.people.values()
+    plot.x_range = models().Range1d(
+        min(float(each.time_s[0]) for each in everybody), max(float(each.time_s[-1]) for each in everybody)
+    )
     bars: dict[str, list[object]] = {"y": [], "left": [], "right": [], "name": [], "colour": []}
     for n, (person, trajectory) in enumerate(recording.people.items()):
         known = np.isfinite(root_m(trajectory)).all(axis=1)

@@ -14,6 +14,7 @@ from fgpose.monocular.sources import open_sources
 from fgpose.report.blocks import Picture
 from fgpose.report.finished import FinishedRecording
 from fgpose.report.moments import WorstMoment
+from fgpose.sampling import nearest
 
 _WIDTH_PX = 260
 _ASPECT = 4 / 3  # height to width: people stand
@@ -34,18 +35,21 @@ def pictures(recording: FinishedRecording, moments: Sequence[WorstMoment]) -> di
     sources = open_sources(recording.videos, recording.rig, fps=recording.images_hz)
     found: dict[WorstMoment, list[Picture]] = {moment: [] for moment in moments}
     for c, (camera, clip) in enumerate(zip(sources.rig.cameras, sources.clips, strict=True)):
-        numbers = {moment: _image_number(clip, moment.time_s + camera.time_offset_s) for moment in moments}
-        images = clip.images_at(sorted(set(numbers.values())))
-        for moment in moments:
-            image = images.get(numbers[moment])
-            if image is not None:
-                found[moment].append(_picture(recording, moment, camera, c, image))
+        times_s = np.array([moment.time_s + camera.time_offset_s for moment in moments])
+        numbers = dict(zip(moments, _image_numbers(clip, times_s), strict=True))
+        images = clip.images_at(sorted({number for number in numbers.values() if number is not None}))
+        for moment, number in numbers.items():
+            if number in images:
+                found[moment].append(_picture(recording, moment, camera, c, images[number]))
     return {moment: tuple(of_moment) for moment, of_moment in found.items()}
 
 
-def _image_number(clip: Clip, time_s: float) -> int:
-    """That of the image taken then, of a clip with a constant rate."""
-    return max(round((time_s - clip.begin_s) * clip.fps), 0)
+def _image_numbers(clip: Clip, times_s: Float[np.ndarray, " moment"]) -> list[int | None]:
+    """That of the image nearest to each time; none before the first image, and after the last."""
+    taken_s = clip.times_s(clip.stamps_s())
+    step_s = 1 / clip.fps
+    is_there = (times_s > taken_s[0] - step_s) & (times_s < taken_s[-1] + step_s)
+    return [n if there else None for n, there in zip(nearest(times_s, taken_s).tolist(), is_there, strict=True)]
 
 
 def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, c: int, image: np.ndarray) -> Picture:
@@ -66,7 +70,9 @@ def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, 
         worst = trajectory.skeleton.index(moment.joints[0])
         error_px = trajectory.residual_px[moment.frame, c, worst]
         note = f": {error_px:.0f} px" if np.isfinite(error_px) else f": {moment.joints[0]} not seen"
-    return Picture(_jpeg(cut), f"{camera.name}{note}")
+    called = recording.called(moment.person) or "the person"
+    alt = f"Image of camera {camera.name} at {moment.time_s:.2f} s: {called}, with the skeleton of the result over it"
+    return Picture(_jpeg(cut), f"{camera.name}{note}", alt)
 
 
 def _cut(

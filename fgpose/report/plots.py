@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.report.blocks import Plot
 
@@ -15,7 +15,7 @@ from fgpose.report.blocks import Plot
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7b6bb2")
 TIME_AXIS = "time"
 """Tag of figures whose x axis is the time of the recording: page.js links them."""
-_MAX_COLUMNS = 900  # of a picture of values over time: as many as a page has pixels
+MAX_COLUMNS = 900  # of a picture of values over time: as many as a page has pixels
 _ROW_PX, _LOW_ROW_PX, _MANY_ROWS = 22, 16, 20
 _FRAME_PX = 64  # axis, labels and toolbar
 
@@ -31,13 +31,13 @@ def models() -> Any:
     return bokeh.models
 
 
-def bins(n_frames: int, at_most: int = _MAX_COLUMNS) -> np.ndarray:
+def bins(n_frames: int, at_most: int = MAX_COLUMNS) -> np.ndarray:
     """First frame of each of the equal parts into which frames are gathered."""
     n_bins = min(n_frames, at_most)
     return np.unique(np.linspace(0, n_frames, n_bins + 1).astype(int)[:-1])
 
 
-def gathered(values: Float[np.ndarray, " frame *row"], at_most: int = _MAX_COLUMNS) -> Float[np.ndarray, " bin *row"]:
+def gathered(values: Float[np.ndarray, " frame *row"], at_most: int = MAX_COLUMNS) -> Float[np.ndarray, " bin *row"]:
     """Means of the known values of parts of the frames; NaN where there is none."""
     first = bins(len(values), at_most)
     known = np.isfinite(values)
@@ -46,7 +46,7 @@ def gathered(values: Float[np.ndarray, " frame *row"], at_most: int = _MAX_COLUM
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def largest(values: Float[np.ndarray, " frame *row"], at_most: int = _MAX_COLUMNS) -> Float[np.ndarray, " bin *row"]:
+def largest(values: Float[np.ndarray, " frame *row"], at_most: int = MAX_COLUMNS) -> Float[np.ndarray, " bin *row"]:
     """Largest known values of parts of the frames; NaN where there is none."""
     found = np.maximum.reduceat(np.where(np.isfinite(values), values, -np.inf), bins(len(values), at_most), axis=0)
     return np.where(np.isfinite(found), found, np.nan)
@@ -93,8 +93,11 @@ def plain_figure(
     plot.axis.minor_tick_line_color = None
     plot.xgrid.grid_line_color = None
     plot.ygrid.grid_line_alpha = 0.5
+    # Room for half of the last number of the axis.
+    plot.min_border_right = 14
     # A wheel over a figure scrolls the page.
     plot.toolbar.active_scroll = None
+    plot.toolbar.active_drag = plot.select_one(models().BoxZoomTool)
     return plot
 
 
@@ -107,6 +110,7 @@ def heat_map(
     caption: str,
     *,
     counts: bool = False,
+    columns: int = MAX_COLUMNS,
 ) -> Plot:
     """Values over time, a row for each name, the first on top.
 
@@ -117,12 +121,13 @@ def heat_map(
         limits: values of its ends.
         value: what the values are, as a tooltip shows it: "share seen / %".
         counts: whether they are whole numbers from the lower limit to the upper.
+        columns: parts of the time, of each of which the mean is shown.
     """
     height_px = (_ROW_PX if len(rows) <= _MANY_ROWS else _LOW_ROW_PX) * len(rows) + _FRAME_PX
     plot = time_figure("", max(height_px, 130))
-    begin_s, width_s = _extent_s(time_s)
+    begin_s, width_s = extent_s(time_s)
     names = list(rows)[::-1]
-    images = [gathered(rows[name]).astype(np.float32)[None] for name in names]
+    images = [gathered(rows[name], columns).astype(np.float32)[None] for name in names]
     places = {"y": [n - 0.46 for n in range(len(names))], "x": len(names) * [begin_s]}
     source = models().ColumnDataSource({"image": images, "name": names, **places})
     if counts:
@@ -160,103 +165,15 @@ _BAR = {
 }
 
 
-def _extent_s(time_s: Float[np.ndarray, " frame"]) -> tuple[float, float]:
+def extent_s(time_s: Float[np.ndarray, " frame"]) -> tuple[float, float]:
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     return float(time_s[0]), float(time_s[-1] - time_s[0]) + step_s
 
 
-def lines(
-    series: Mapping[str, Float[np.ndarray, " frame"]],
-    time_s: Float[np.ndarray, " frame"],
-    y_label: str,
-    caption: str,
-    *,
-    height_px: int = 260,
-    bands: Mapping[str, Float[np.ndarray, " frame"]] | None = None,
-    shown: int = 8,
-    from_zero: bool = False,
-    peaks: bool = False,
-    circular: bool = False,
-    half: bool = False,
-) -> Plot:
-    """Curves over time, a colour for each; a click on the legend hides one.
-
-    Args:
-        series: by name.
-        time_s: of the frames.
-        y_label: with the unit.
-        bands: half the width of the band around each curve.
-        shown: how many are not hidden at first.
-        from_zero: whether the axis begins at zero.
-        peaks: whether the largest of the gathered values is shown, not their mean.
-        circular: whether they are angles in degrees that go on at -180 when they have reached 180.
-        half: whether it takes half the width of the page.
-    """
-    plot = time_figure(y_label, height_px)
-    begin_s, width_s = _extent_s(time_s)
-    gathered_s = gathered(time_s)
-    for n, (name, values) in enumerate(series.items()):
-        shown_values = (
-            largest(values) if peaks else _broken(values[bins(len(values))]) if circular else gathered(values)
-        )
-        data = {"t": gathered_s, "y": shown_values, "name": len(gathered_s) * [name]}
-        band = gathered(bands[name]) if bands and name in bands else None
-        _curve(plot, data, band, COLOURS[n % len(COLOURS)], name, visible=n < shown, legend=len(series) > 1)
-    unit = y_label.rpartition(" / ")[2]
-    plot.add_tools(
-        models().HoverTool(tooltips=[("", "@name"), ("time", "@t{0.00} s"), ("", f"@y{{0.0[0]}} {unit}")], mode="mouse")
-    )
-    plot.x_range = models().Range1d(begin_s, begin_s + width_s)
-    if from_zero:
-        plot.y_range.start = 0
-    if len(series) > 1:
-        _legend_below(plot)
-    return Plot(plot, caption, height_px, half)
-
-
-def parts(known: Bool[np.ndarray, " bin"]) -> list[tuple[int, int]]:
-    """First and one past the last of each run of at least two."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2)
-    return [(first, last) for first, last in edges.tolist() if last - first > 1]
-
-
-def _broken(angle_deg: Float[np.ndarray, " bin"]) -> Float[np.ndarray, " bin"]:
-    """With a gap where it goes on at the other end."""
-    jumps = np.abs(np.diff(angle_deg, prepend=angle_deg[:1])) > 180
-    return np.where(jumps, np.nan, angle_deg)
-
-
-def _curve(
-    plot: Figure,
-    data: dict[str, Any],
-    band: np.ndarray | None,
-    colour: str,
-    name: str,
-    *,
-    visible: bool,
-    legend: bool,
-) -> None:
-    labelled = {"legend_label": name} if legend else {}
-    columns = {key: np.asarray(values, np.float32) if key != "name" else values for key, values in data.items()}
-    if band is not None:
-        # An area would go on over gaps: a patch for each part.
-        half, style = band.astype(np.float32), {"fill_color": colour, "fill_alpha": 0.22, "line_color": None}
-        t, y = columns["t"], columns["y"]
-        runs = [slice(*run) for run in parts(np.isfinite(data["y"]) & np.isfinite(band))]
-        xs = [np.concatenate([t[run], t[run][::-1]]) for run in runs]
-        ys = [np.concatenate([(y - half)[run], (y + half)[run][::-1]]) for run in runs]
-        plot.patches(xs, ys, visible=visible, **style, **labelled)
-    source = models().ColumnDataSource(columns)
-    plot.line("t", "y", source=source, color=colour, line_width=1.6, visible=visible, **labelled)
-
-
-def _legend_below(plot: Figure) -> None:
-    (legend,) = plot.legend
-    legend.location = "left"
-    legend.click_policy = "hide"
-    legend.ncols = 6
-    legend.orientation = "horizontal"
-    legend.label_text_font_size = "12px"
-    legend.border_line_color = legend.background_fill_color = None
-    legend.padding = legend.margin = 2
-    plot.add_layout(legend, "below")
+def share_time(plots: Sequence[Plot]) -> None:
+    """Give all that are over time the same axis: from the first time of any to the last."""
+    ranges = [plot.model.x_range for plot in plots if TIME_AXIS in plot.model.tags]
+    if ranges:
+        begin_s, end_s = min(each.start for each in ranges), max(each.end for each in ranges)
+        for each in ranges:
+            each.update(start=begin_s, end=end_s)

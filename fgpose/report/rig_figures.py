@@ -17,6 +17,7 @@ _HEIGHT_PX = 420
 _CELLS = 44  # of the map of the covered volume, along each side
 _WAY_POINTS = 500
 _POSES = 5
+_NAME_COLOUR = "#7a808a"  # seen on white and on the ground of the dark page alike
 
 
 def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
@@ -52,12 +53,17 @@ def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
         loop = [*corners_m, corners_m[0]]
         plot.line([p[axes[0]] for p in loop], [p[axes[1]] for p in loop], color="#8a8f98", line_width=1)
     places_m = np.array([camera.position_m for camera in rig.cameras])
-    data = {"x": places_m[:, axes[0]], "y": places_m[:, axes[1]], "name": list(rig.names)}
+    x, y = places_m[:, axes[0]], places_m[:, axes[1]]
+    # Names stand inside of the figure.
+    is_right = x > (x.min() + x.max()) / 2
+    align, offset_px = np.where(is_right, "right", "left").tolist(), np.where(is_right, -8, 8)
+    data = {"x": x, "y": y, "name": list(rig.names), "align": align, "offset_px": offset_px}
     dots = plot.scatter("x", "y", size=9, color="#d55e00", source=data)
-    plot.text("x", "y", "name", source=data, x_offset=8, y_offset=-4, text_font_size="12px", text_color="#8a8f98")
+    plot.text(
+        "x", "y", "name", source=data, x_offset="offset_px", y_offset=-6, text_align="align", text_font_size="12px",
+        text_color=_NAME_COLOUR,
+    )  # fmt: skip
     plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("", "@name"), ("", "@x{0.00} m, @y{0.00} m")]))
-    # Room for the names, which begin at the right of their dots.
-    plot.x_range.range_padding = 0.4
     plot.xgrid.grid_line_color = plot.ygrid.grid_line_color
     plot.xgrid.grid_line_alpha = 0.5
     return plot

@@ -92,7 +92,9 @@ def write_study_report(recordings: Sequence[StudyRecording], path: str | Path, t
 _INTRO = (
     "What failed first, then what is unlike the others: z is the distance from the median of the study in robust "
     f"standard deviations, in the measure in which a recording is furthest on the bad side; from {OUTLIER_Z} on it is "
-    "an outlier. Click on a heading to sort."
+    "an outlier. Click on a heading to sort. Small pictures: the way of the hips from above, turned so that it fills "
+    "the picture, with a dot at its end, and how far it reaches; the share of joints that two cameras see over time, "
+    "from orange to blue, which is all."
 )
 
 
@@ -127,7 +129,7 @@ def _table(
     columns: Mapping[str, Float[np.ndarray, " recording"]],
     scores: Sequence[Outlier],
 ) -> Table:
-    headings = ("recording", "way and seen", "status", "z", "in words", *(heading for _, heading, *_ in _COLUMNS))
+    headings = ("recording", "way, and seen", "status", "z", "in words", *(heading for _, heading, *_ in _COLUMNS))
     unknown = len(_COLUMNS) * [number(None)]
     rows: list[tuple[Cell, ...]] = [
         (_linked(each), Cell(""), Cell(each.status, 1.0), number(None), Cell(each.reason, is_long=True), *unknown)
@@ -144,9 +146,7 @@ def _table(
             number(score.z, 1, worst=2 * OUTLIER_Z), Cell(f"{unlike}{each.reason}", is_long=True), *numbers,
         ))  # fmt: skip
     numeric = (False, False, False, True, False, *len(_COLUMNS) * (True,))
-    hints = ("", "way of the hips over the floor; share of joints seen by two cameras over time", "", _INTRO)
-    hints += tuple("" for _ in range(len(headings) - len(hints)))
-    return Table(headings, tuple(rows), "", numeric, hints, identifier="recordings-table")
+    return Table(headings, tuple(rows), "", numeric, identifier="recordings-table", sorted_by=3)
 
 
 def _linked(recording: StudyRecording) -> Cell:

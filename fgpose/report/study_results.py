@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from fgpose.io.tables import column_names, read_table
+from fgpose.io.studies.rows import STUDY_NAME
+from fgpose.io.tables import column_names, file_metadata, read_table
 from fgpose.report.finished import Mark
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
@@ -24,6 +25,11 @@ def is_study(folder: Path) -> bool:
     """Whether there is the table of a study. Raises ValueError if it is damaged."""
     table = folder / TABLE
     return table.is_file() and "recording" in column_names(table)
+
+
+def study_name(folder: Path) -> str:
+    """How a study calls itself; older ones as their folder. Raises ValueError if its table is damaged."""
+    return file_metadata(folder / TABLE).get(STUDY_NAME) or folder.resolve().name
 
 
 def load_study(

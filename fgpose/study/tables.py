@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.io.studies.data_set import part_path, parts_of
-from fgpose.io.studies.rows import write_rows
+from fgpose.io.studies.rows import STUDY_NAME, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
 from fgpose.study.chain import fingerprints
 from fgpose.study.process import DATA_SETS
@@ -51,7 +51,7 @@ class Tables:
         """The tables of quality. Raises OSError if one cannot be written."""
         for suffix in (".csv", ".parquet"):
             path = self.study.output / f"{QUALITY}{suffix}"
-            write_rows(self.rows, path)
+            write_rows(self.rows, path, {STUDY_NAME: self.study.name})
             yield path
 
     def remove_other_parts(self) -> None:

@@ -45,7 +45,7 @@ class Browser:
             message["sessionId"] = self._session
         os.write(self._requests, json.dumps(message).encode() + b"\0")
         while True:
-            text = b""
+            text = bytearray()  # A picture of a page is megabytes.
             while not text.endswith(b"\0"):
                 byte = self._read.read(1)
                 assert byte, "the browser has ended"

@@ -11,10 +11,13 @@ from typing import Any
 from fgpose.io.atomic import write_text
 from fgpose.io.tables import write_table
 
+STUDY_NAME = "fgpose.study"
+"""Key of the metadata that holds how the study is called."""
 
-def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+
+def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, metadata: Mapping[str, str] | None = None) -> None:
     """Write a table, as .parquet or .csv, by the extension. Its columns are those of any row, in the order in which
-    they first occur; what a row lacks is empty.
+    they first occur; what a row lacks is empty. A parquet file holds the metadata too.
 
     Raises:
         OSError: the file cannot be written; the message names it.
@@ -23,7 +26,8 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
     if path.suffix == ".parquet":
         import pyarrow as pa
 
-        write_table(path, pa.table({name: [row.get(name) for row in rows] for name in columns}))
+        table = pa.table({name: [row.get(name) for row in rows] for name in columns})
+        write_table(path, table.replace_schema_metadata(dict(metadata or {})))
         return
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")

@@ -83,6 +83,14 @@ def test_the_users_frame_rate_overrides_that_of_the_video(tmp_path: Path, video_
     np.testing.assert_allclose(clip.times_s(stamps_s), np.arange(4) / 120)
 
 
+def test_stamps_are_read_without_decoding(tmp_path: Path, video_writer: Writer) -> None:
+    clip = open_clip("a", video_writer(tmp_path / "a.mp4", [grey(level) for level in (20, 60, 100, 140)], 25.0))
+    np.testing.assert_array_equal(clip.stamps_s(), [picture.stamp_s for picture in clip.pictures()])
+    np.testing.assert_allclose(clip.stamps_s(), np.arange(4) / 25)
+    folder = write_images(tmp_path / "b", ["1.png", "2.png"], [10, 20])
+    np.testing.assert_array_equal(open_clip("b", folder, 10.0).stamps_s(), [np.nan, np.nan])
+
+
 def test_stamps_that_do_not_increase_are_not_believed(tmp_path: Path, video_writer: Writer) -> None:
     clip = open_clip("a", video_writer(tmp_path / "a.mp4", [grey(50)] * 4, 25.0))
     np.testing.assert_allclose(clip.times_s(np.array([0.0, 0.1, 0.1, 0.2])), np.arange(4) / 25)

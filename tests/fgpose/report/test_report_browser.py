@@ -26,13 +26,14 @@ addEventListener("unhandledrejection", (event) => complaints.push(String(event.r
 addEventListener("securitypolicyviolation", (event) => complaints.push("blocked " + event.blockedURI));
 for (const kind of ["error", "warn"]) console[kind] = (...what) => complaints.push(what.join(" "));"""
 _IS_SHOWN = "document.documentElement.dataset.plots !== undefined || (window.complaints ?? []).length > 0"
-# Canvases with something on them, of all plots: they are in shadow roots.
+# Canvases with something on them, of all plots that are shown: they are in shadow roots.
 _DRAWN = """(() => {
   const canvases = (node) => [...node.querySelectorAll("*")].flatMap((each) =>
     [...(each.tagName === "CANVAS" ? [each] : []), ...(each.shadowRoot ? canvases(each.shadowRoot) : [])]);
   const isDrawn = (canvas) => canvas.width > 0
     && canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0);
-  return [...document.querySelectorAll(".plot")].map((plot) => canvases(plot).some(isDrawn));
+  const isShown = (plot) => !plot.closest("[hidden]");
+  return [...document.querySelectorAll(".plot")].filter(isShown).map((plot) => canvases(plot).some(isDrawn));
 })()"""
 
 
@@ -61,6 +62,8 @@ def test_a_browser_shows_a_recording(rig: CameraRig, skeleton: Skeleton, tmp_pat
     with opened(tmp_path / "report.html") as page:
         complaints, drawn = page.value("complaints"), page.value(_DRAWN)
         loaded = page.value("performance.getEntriesByType('resource').length")
+        # As the foot of the page says.
+        zooms = page.value("views.every((v) => v.toolbar.tools.some((t) => t.type === 'BoxZoomTool' && t.active))")
         # A zoom in one plot over time is a zoom in all.
         page.value("views.filter((view) => view.tags.includes('time'))[0].x_range.setv({start: 2, end: 3})")
         starts = page.value("views.filter((view) => view.tags.includes('time')).map((view) => view.x_range.start)")
@@ -78,6 +81,71 @@ def test_a_browser_shows_a_recording(rig: CameraRig, skeleton: Skeleton, tmp_pat
     assert loaded == 0
     assert len(starts) > 5
     assert set(starts) == {2}
+    assert zooms
+
+
+# Of what is shown: headings in order, pictures with words, and controls with names.
+_IS_ACCESSIBLE = """(() => {
+  const shown = (each) => !each.closest("[hidden]");
+  const levels = [...document.querySelectorAll("h1, h2, h3")].filter(shown).map((each) => Number(each.tagName[1]));
+  const skipped = levels.some((level, n) => level > (levels[n - 1] ?? 0) + 1);
+  const pictures = [...document.querySelectorAll("img, [role=img]")];
+  const nameless = pictures.filter((each) => !(each.alt || each.getAttribute("aria-label"))).length;
+  const controls = [...document.querySelectorAll("select, input")].filter((each) => !each.labels.length).length;
+  return levels[0] === 1 && !skipped && nameless === 0 && controls === 0;
+})()"""
+
+
+def press(page: Browser, key: str, code: int, text: str = "") -> None:
+    for kind in ("keyDown", "keyUp"):
+        words = {"text": text} if text and kind == "keyDown" else {}
+        page.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **words)
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_browser_shows_the_person_who_is_chosen(rig: CameraRig, skeleton: Skeleton, tmp_path: Path) -> None:
+    from finished_walk import finished_walk
+
+    pytest.importorskip("bokeh")
+    walk = finished_walk(rig, skeleton)
+    late = replace(walk.main, time_s=walk.main.time_s + 5)
+    two = replace(walk, people={3: walk.main, 8: late}, observations={})
+    write_report(two, tmp_path / "report.html")
+    visible = "[...document.querySelectorAll('.of-person:not([hidden]) > h3')].map((each) => each.innerText)"
+    with opened(tmp_path / "report.html") as page:
+        n_all = page.value("document.querySelectorAll('.plot').length")
+        n_first, first = page.value("views.length"), page.value(visible)
+        page.value("views.find(isOverTime).x_range.setv({start: 6, end: 7})")
+        page.value("document.getElementById('person').focus()")
+        press(page, "ArrowDown", 40)
+        page.wait_for(f"views.length === {n_all} && document.documentElement.dataset.plots === '{n_all}'")
+        second, drawn, complaints = page.value(visible), page.value(_DRAWN), page.value("complaints")
+        # The zoom is kept, and what was printed is said on the paper.
+        starts = page.value("views.filter((each) => isOverTime(each) && !isHidden(each)).map((e) => e.x_range.start)")
+        printed, is_accessible = page.value("document.getElementById('printed').innerText"), page.value(_IS_ACCESSIBLE)
+        page.value(
+            "addEventListener('beforeprint', () => { window.wide = [...document.querySelectorAll('.plot')]"
+            ".filter((each) => each.clientWidth * each.style.getPropertyValue('--zoom') > 688).length; })"
+        )
+        paper = page.call("Page.printToPDF", preferCSSPageSize=True)["data"]
+        n_wide = page.value("window.wide")
+        press(page, "ArrowUp", 38)
+        again = page.value(visible)
+        page.wait_for(f"{_DRAWN}.every(Boolean)")
+    assert set(first) == {"Person 3"}
+    assert set(second) == {"Person 8"}
+    assert again == first
+    assert len(first) == len(second) == 5
+    assert n_first < n_all - 5
+    assert all(drawn)
+    assert complaints == []
+    assert set(starts) == {6}
+    assert printed == "person 8"
+    assert is_accessible
+    # As wide as A4 between its margins, at most.
+    assert n_wide == 0
+    assert base64.b64decode(paper).startswith(b"%PDF")
 
 
 @pytest.mark.slow
@@ -100,10 +168,12 @@ def test_a_browser_sorts_and_filters_a_study(rig: CameraRig, skeleton: Skeleton,
     with opened(tmp_path / "study.html") as page:
         first = page.value(rows)
         pictures = page.value("[...document.querySelectorAll('td svg')].every((svg) => svg.getBBox().width > 100)")
+        is_accessible = page.value(_IS_ACCESSIBLE)
         heading = "[...document.querySelectorAll('th button')].find((button) => button.innerText.startsWith('sigma'))"
         page.value(f"{heading}.click()")
         falling, arrow = page.value(rows), page.value(f"{heading}.closest('th').getAttribute('aria-sort')")
-        page.value(f"{heading}.click()")
+        page.value(f"{heading}.focus()")
+        press(page, "Enter", 13, "\r")
         rising = page.value(rows)
         page.value(
             "{const input = document.querySelector('input[type=search]'); input.value = 'LATE ring_2';"
@@ -120,6 +190,7 @@ def test_a_browser_sorts_and_filters_a_study(rig: CameraRig, skeleton: Skeleton,
     assert complaints == []
     assert drawn == [True]
     assert pictures
+    assert is_accessible
 
 
 if __name__ == "__main__":

@@ -6,11 +6,11 @@ import base64
 import json
 import re
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pyarrow as pa
 import pytest
 from finished_walk import FPS, finished_walk
 
@@ -18,20 +18,22 @@ from fgpose.association.track import TrackEvent
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
-from fgpose.io.tables import write_table
 from fgpose.io.trajectories import save_trajectory
+from fgpose.kinematics.angles import joint_angles
 from fgpose.report import (
     FinishedRecording,
-    StudyRecording,
     find_result,
     load_finished,
     write_report,
-    write_study_report,
 )
-from fgpose.report.moments import worst_moments
-from fgpose.report.study_results import is_study, load_study
+from fgpose.report.angle_section import angle_section
+from fgpose.report.camera_sections import reprojection_section, seen_section
+from fgpose.report.moments import WorstMoment, worst_moments
+from fgpose.report.page import Page, html
+from fgpose.report.plots import TIME_AXIS, share_time
+from fgpose.report.sections import sections
 from fgpose.skeleton import Skeleton
-from fgpose.trajectory import Trajectory
+from fgpose.trajectory import Status, Trajectory
 
 pytest.importorskip("bokeh")
 # What makes a browser load something: neither the program of Bokeh, which names addresses, nor data: inside.
@@ -58,7 +60,7 @@ def test_a_report_has_all_sections_and_loads_nothing(walk: FinishedRecording, tm
         "What the cameras saw", "Reprojection errors", "Uncertainty", "Bone lengths", "Joint angles",
         "Cameras, calibration and clocks", "Worst moments", "What was recorded, and with what",
     ):  # fmt: skip
-        assert f"<h2>{heading}</h2>" in page
+        assert re.search(f'<h2 id="[a-z]+-title">{heading}</h2>', page)
     assert not LOADS.search(page)
     assert "default-src 'none'" in page
     # Tables are tables, and figures are valid JSON.
@@ -113,6 +115,53 @@ def test_people_clocks_and_the_verdict_are_shown(walk: FinishedRecording, tmp_pa
     assert "ring_1 coarse the focal length is not determined walk away from it" in text
 
 
+def test_one_person_is_shown_at_a_time(walk: FinishedRecording) -> None:
+    # The second is seen less.
+    status = walk.main.status.copy()
+    status[::2] = Status.PREDICTED
+    recording = replace(walk, people={4: replace(walk.main, status=status), 7: walk.main}, observations={})
+    made = [seen_section(recording), reprojection_section(recording)]
+    page = html(Page("two", "Recording", "", made))
+    assert re.findall(r'<option value="([^"]+)"( selected)?>', page) == [("person 4", ""), ("person 7", " selected")]
+    shown = re.findall(r'<div class="blocks of-person" data-person="([^"]+)"( hidden)?>', page)
+    assert shown == 2 * [("person 4", " hidden"), ("person 7", "")]
+    # Tables and figures of everybody stand outside.
+    assert "Cameras, all people" in page
+    assert [len(section.plots) for section in made] == [4, 3]
+    alone = html(Page("one", "Recording", "", [seen_section(walk)]))
+    assert "<select" not in alone
+    assert "data-person=" not in alone
+
+
+def test_figures_over_time_have_one_axis(walk: FinishedRecording) -> None:
+    late = replace(walk.main, time_s=walk.main.time_s + 5)
+    recording = replace(walk, people={0: walk.main, 1: late}, observations={})
+    plots = [plot for section in sections(recording) for plot in section.plots if TIME_AXIS in plot.model.tags]
+    share_time(plots)
+    assert len(plots) > 20
+    for plot in plots:
+        assert plot.model.x_range.start == 0
+        # Until the last frame ends.
+        assert plot.model.x_range.end == pytest.approx(5 + len(late.time_s) / FPS)
+
+
+def test_bands_hold_95_percent_and_axes_do_not_magnify_errors(walk: FinishedRecording) -> None:
+    angles = joint_angles(walk.main)
+    knee = next(plot for plot in angle_section(walk).plots if plot.caption == "Knee flexion")
+    (left, right) = [each for each in knee.model.renderers if each.name in ("left", "right")]
+    assert (left.name, right.name) == ("left", "right")
+    patch = next(each for each in knee.model.renderers if each.name is None)
+    low_and_high = np.concatenate(patch.data_source.data["ys"])
+    n = len(low_and_high) // 2
+    half_deg = (low_and_high[n:][::-1] - low_and_high[:n]) / 2
+    # 1.96 sigma: 95 % of a normal distribution. Single precision of angles up to 180 degrees.
+    expected_deg = 1.96 * angles.sigma_deg[:, angles.names.index("left_knee_flexion")]
+    np.testing.assert_allclose(half_deg, expected_deg, atol=1e-4)
+    assert knee.model.yaxis[0].axis_label == "angle / °"
+    spans_deg = [plot.model.y_range.end - plot.model.y_range.start for plot in angle_section(walk).plots]
+    assert min(spans_deg) >= 20
+
+
 def test_worst_moments_are_where_it_is_worst(walk: FinishedRecording) -> None:
     covariance_m2 = np.array(walk.main.covariance_m2)
     covariance_m2[200:204] *= 100
@@ -147,6 +196,50 @@ def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_pat
         assert abs(int(image[2, 2, 0]) - moment.frame % 250) <= 2
 
 
+def test_pictures_are_those_of_the_time_in_videos_of_variable_rate(walk: FinishedRecording, tmp_path: Path) -> None:
+    from fgpose.report.pictures import pictures
+
+    assert walk.rig is not None
+    # As phones record when the light changes: 30 images per second, then 10, then 60.
+    times_ms = np.cumsum([0, *(20 * [33]), *(10 * [100]), *(20 * [17])])
+    for name in walk.rig.names:
+        write_video_at(tmp_path / f"{name}.mp4", times_ms)
+    moments = [WorstMoment(0, round(at_s * FPS), at_s, "", ("pelvis",)) for at_s in (0.3, 1.2, 1.9)]
+    late = WorstMoment(0, 100, float(times_ms[-1]) / 1000 + 1, "", ("pelvis",))
+    found = pictures(replace(walk, videos=tmp_path), [*moments, late])
+    for moment in moments:
+        content = np.frombuffer(base64.b64decode(found[moment][0].source.partition(",")[2]), np.uint8)
+        image = cv2.imdecode(content, cv2.IMREAD_COLOR)
+        assert image is not None
+        expected = LEVEL_STEP * (int(np.abs(times_ms / 1000 - moment.time_s).argmin()) % LEVELS)
+        # Half of the difference between images that follow each other, which is more than the codec changes.
+        assert abs(int(image[2, 2, 0]) - expected) < LEVEL_STEP / 2
+        assert found[moment][0].alt == (
+            f"Image of camera ring_0 at {moment.time_s:.2f} s: the person, with the skeleton of the result over it"
+        )
+    assert found[late] == ()
+
+
+LEVELS, LEVEL_STEP = 12, 20
+
+
+def write_video_at(path: Path, times_ms: np.ndarray) -> None:
+    """Images of even grey, which rises from image to image, at these times."""
+    import av
+
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        assert isinstance(stream, av.VideoStream)
+        stream.width, stream.height, stream.pix_fmt = 1000, 1000, "yuv420p"
+        stream.codec_context.time_base = stream.time_base = Fraction(1, 1000)
+        for n, time_ms in enumerate(times_ms.tolist()):
+            grey = np.full((1000, 1000, 3), LEVEL_STEP * (n % LEVELS), np.uint8)
+            frame = av.VideoFrame.from_ndarray(grey, format="rgb24")
+            frame.pts, frame.time_base = time_ms, Fraction(1, 1000)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
+
+
 def test_results_are_found_with_what_stands_beside_them(walk: FinishedRecording, tmp_path: Path) -> None:
     assert walk.rig is not None
     save_trajectory(walk.main, tmp_path / "walk_online.parquet")
@@ -175,60 +268,3 @@ def test_a_calibration_of_other_cameras_is_refused(walk: FinishedRecording, tmp_
     save_rig(walk.rig.subset(walk.camera_names[:3]), tmp_path / "three.toml")
     with pytest.raises(ValueError, match=r"three\.toml: camera ring_3 of the result is not in this calibration"):
         load_finished(tmp_path / "walk.parquet", rig=tmp_path / "three.toml")
-
-
-def study(walk: FinishedRecording, folder: Path) -> None:
-    """As fgpose study leaves it: one recording done, one damaged, one failed."""
-    for trial in ("good", "damaged"):
-        own = folder / "recordings" / "S01" / "first" / trial
-        own.mkdir(parents=True)
-        save_trajectory(walk.main, own / "motion.parquet")
-    (own / "motion.parquet").write_bytes(b"PAR1")
-    numbers = {"duration_s": [9.97, 9.97, None], "reprojection_px": [4.7, 4.7, None], "sigma_mm": [10.0, 10.0, None]}
-    columns = {
-        "recording": ["S01/first/good", "S01/first/damaged", "S02/first/gone"],
-        "status": ["done", "done", "failed"],
-        "reason": ["", "", "there is no calibration"],
-        "suspicions": ["camera ring_2 is late", "", ""],
-    }
-    write_table(folder / "quality.parquet", pa.table({**columns, **numbers}))
-
-
-def test_a_study_links_the_reports_of_its_recordings(walk: FinishedRecording, tmp_path: Path) -> None:
-    study(walk, tmp_path)
-    assert is_study(tmp_path)
-    assert not is_study(tmp_path / "recordings")
-    progress: list[tuple[int, int]] = []
-    recordings = load_study(tmp_path, progress=lambda done, total: progress.append((done, total)))
-    assert progress[-1] == (3, 3)
-    good, damaged, gone = recordings
-    assert good.report == "recordings/S01/first/good/report.html"
-    assert (tmp_path / good.report).is_file()
-    assert good.picture.startswith("<svg")
-    assert damaged.status == "failed"
-    assert "motion.parquet" in damaged.reason
-    assert gone.reason == "there is no calibration"
-    before = (tmp_path / good.report).stat().st_mtime_ns
-    load_study(tmp_path)
-    assert (tmp_path / good.report).stat().st_mtime_ns == before  # nothing was new
-
-
-def test_a_study_begins_with_failures_and_outliers(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    recordings = [
-        StudyRecording(f"S{n:02}", {"reprojection_px": float(rng.normal(5, 0.3)), "sigma_mm": 9.0, "n_suspicions": 0.0})
-        for n in range(12)
-    ]
-    recordings[7] = replace(recordings[7], numbers={"reprojection_px": 30.0, "sigma_mm": 9.0, "n_suspicions": 1.0})
-    recordings.append(StudyRecording("S99", status="failed", reason="<b>no</b> calibration"))
-    write_study_report(recordings, tmp_path / "study.html", "balance")
-    page = (tmp_path / "study.html").read_text(encoding="utf-8")
-    order = re.findall(r'<th scope="row">(S\d\d)', page)
-    assert order[:2] == ["S99", "S07"]
-    assert len(order) == 13
-    assert "&lt;b&gt;no&lt;/b&gt; calibration" in page
-    assert "Reprojection unlike the others" in page
-    assert not LOADS.search(page)
-    with pytest.raises(ValueError, match="at least one recording"):
-        write_study_report([], tmp_path / "none.html")
-    assert not (tmp_path / "none.html").exists()

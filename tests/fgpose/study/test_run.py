@@ -70,7 +70,9 @@ def test_what_fails_is_named_and_the_rest_is_done(finished: tuple[Path, StudyRes
 
 def test_the_table_of_quality(finished: tuple[Path, StudyResult]) -> None:
     _, result = finished
-    rows = {row["recording"]: row for row in pq.read_table(result.output / "quality.parquet").to_pylist()}
+    table = pq.read_table(result.output / "quality.parquet")
+    assert table.schema.metadata == {b"fgpose.study": b"study"}
+    rows = {row["recording"]: row for row in table.to_pylist()}
     assert {key: row["status"] for key, row in rows.items()} == {
         "S01/A/run": "done",
         "S01/A/walk": "failed",
