@@ -60,7 +60,7 @@ def _lives(recording: FinishedRecording) -> Plot:
             for key, value in zip(events, row, strict=True):
                 events[key].append(value)
     dots = plot.scatter("x", "y", size=9, marker="diamond", color="#e69f00", line_color="#555", source=events)
-    plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("@what", "@x{0.00} s"), ("", "@why")]))
+    plot.add_tools(models().HoverTool(renderers=[dots], tooltips=[("", "@what"), ("at", "@x{0.00} s"), ("", "@why")]))
     plot.yaxis.ticker = list(range(len(names)))
     plot.yaxis.major_label_overrides = dict(enumerate(names))
     plot.ygrid.grid_line_color = None

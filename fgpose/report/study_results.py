@@ -22,9 +22,12 @@ Progress = Callable[[int, int], None]
 
 
 def is_study(folder: Path) -> bool:
-    """Whether there is the table of a study. Raises ValueError if it is damaged."""
+    """Whether there is the table of a study. Raises ValueError, which names it, if it is damaged."""
     table = folder / TABLE
-    return table.is_file() and "recording" in column_names(table)
+    try:
+        return table.is_file() and "recording" in column_names(table)
+    except ValueError as error:
+        raise ValueError(f"{table}: {error}") from None
 
 
 def study_name(folder: Path) -> str:
@@ -47,7 +50,10 @@ def load_study(
         ValueError: the table is damaged; it is named.
         OSError: a file cannot be read or written.
     """
-    rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
+    try:
+        rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
+    except ValueError as error:
+        raise ValueError(f"{folder / TABLE}: {error}") from None
     base = (page or folder / REPORT).parent
     marks = _marks(folder / EVENTS)
     found = []

@@ -21,14 +21,21 @@ _CALIBRATIONS = (".toml", ".qca.txt", ".yml", ".npz")
 
 
 def in_folders(study: Study, pattern: str) -> Iterator[Recording]:
-    """The recordings that one pattern of the study file describes. Raises OSError if a folder cannot be read."""
+    """The recordings that one pattern of the study file describes, and each folder that cannot be read, with its
+    problem."""
     kind: Kind = "keypoints" if study.data.keypoints else "videos"
-    for source, names in Pattern(pattern).matches(study.root):
+    unread: list[OSError] = []
+    for source, names in Pattern(pattern).matches(study.root, on_error=unread.append):
         calibration, problem = _calibration(study, names)
         if source == calibration:
             continue  # of {subject}/{session}/{trial}, where it lies beside the trials
         subject, session, trial = (names.get(name, _ALL) for name in PLACEHOLDERS)
         yield Recording(subject, session, trial, source, kind, calibration, problem)
+    yield from (_unread(error, kind) for error in unread)
+
+
+def _unread(error: OSError, kind: Kind) -> Recording:
+    return Recording.unknown(Path(error.filename or ""), kind, f"{error.filename}: {error.strerror}")
 
 
 def _calibration(study: Study, names: dict[str, str]) -> tuple[Path | None, str]:
@@ -37,7 +44,10 @@ def _calibration(study: Study, names: dict[str, str]) -> tuple[Path | None, str]
     if not text or study.steps.calibrate == "people":
         return None, ""
     own = {name: value for name, value in names.items() if name in Pattern(text).placeholders}
-    found = _found(text, study.root, tuple(own.items()))
+    try:
+        found = _found(text, study.root, tuple(own.items()))
+    except OSError as error:
+        return None, f"its calibration cannot be read: {error.filename}: {error.strerror}"
     if len(found) == 1:
         return found[0], ""
     wanted = text.format_map(names)
@@ -52,7 +62,7 @@ def _found(text: str, root: Path, names: tuple[tuple[str, str], ...]) -> tuple[P
 
 
 def in_pose2sim(study: Study) -> Iterator[Recording]:
-    """The trials below root, as Pose2Sim has them. Raises OSError if a folder cannot be read."""
+    """The trials below root, as Pose2Sim has them, and each folder that cannot be read, with its problem."""
     kind: Kind = "videos" if study.data.videos else "keypoints"
     wanted = study.data.videos or study.data.keypoints or _KEYPOINTS
     yield from _trials(study, study.root, None, kind, wanted)
@@ -61,7 +71,11 @@ def in_pose2sim(study: Study) -> Iterator[Recording]:
 def _trials(
     study: Study, folder: Path, session: Path | None, kind: Kind, wanted: tuple[str, ...]
 ) -> Iterator[Recording]:
-    inside = sorted((name for name in os.listdir(folder) if (folder / name).is_dir()), key=natural_key)
+    try:
+        inside = sorted((name for name in os.listdir(folder) if (folder / name).is_dir()), key=natural_key)
+    except OSError as error:
+        yield _unread(error, kind)
+        return
     if any("calib" in name.lower() for name in inside):
         session = folder
     source = next((folder / name for name in wanted if name in inside), None)
@@ -94,7 +108,10 @@ def _calibration_files(session: Path) -> tuple[Path, ...]:
 def _pose2sim_calibration(session: Path | None, trial: Path) -> tuple[Path | None, str]:
     if session is None:
         return None, f"it has no calibration: no folder above {trial} has a folder named calibration"
-    files = _calibration_files(session)
+    try:
+        files = _calibration_files(session)
+    except OSError as error:
+        return None, f"its calibration cannot be read: {error.filename}: {error.strerror}"
     if len(files) == 1:
         return files[0], ""
     if not files:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import difflib
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from fgpose.io.camera_names import natural_key
 
+OnError = Callable[[OSError], None]
+"""Called with what is wrong with a folder, which is then passed over."""
 PLACEHOLDERS = ("subject", "session", "trial")
 _TOKEN = re.compile(r"\{([^{}]*)\}|(\*)")
 
@@ -36,13 +38,16 @@ class Pattern:
     def placeholders(self) -> set[str]:
         return {name for name, _ in _TOKEN.findall(self.text) if name}
 
-    def matches(self, root: Path, names: Mapping[str, str] | None = None) -> Iterator[tuple[Path, dict[str, str]]]:
+    def matches(
+        self, root: Path, names: Mapping[str, str] | None = None, on_error: OnError | None = None
+    ) -> Iterator[tuple[Path, dict[str, str]]]:
         """The paths that match, with their names, folder by folder in natural order. At no time more is held than the
         names in one folder of each level.
 
         Args:
             root: to which the pattern is relative, unless it is absolute.
             names: those that are known already.
+            on_error: told of each folder that cannot be read; without it, such a folder is an error.
 
         Raises:
             OSError: a folder cannot be read.
@@ -50,25 +55,44 @@ class Pattern:
         path = Path(self.text)
         start = Path(path.anchor) if path.is_absolute() else root
         parts = path.parts[1:] if path.is_absolute() else path.parts
-        yield from _walk(start, parts, dict(names or {}))
+        yield from _walk(start, parts, dict(names or {}), on_error or _raise)
 
 
-def _walk(folder: Path, parts: tuple[str, ...], names: dict[str, str]) -> Iterator[tuple[Path, dict[str, str]]]:
+def _raise(error: OSError) -> None:
+    raise error
+
+
+def _walk(
+    folder: Path, parts: tuple[str, ...], names: dict[str, str], on_error: OnError
+) -> Iterator[tuple[Path, dict[str, str]]]:
     if not parts:
         yield folder, names
         return
     part, rest = parts[0], parts[1:]
+    try:
+        inside = _inside(folder, part, names, only_folders=bool(rest))
+    except OSError as error:
+        on_error(error)
+        return
+    for name, found in inside:
+        yield from _walk(folder / name, rest, names | found, on_error)
+
+
+def _inside(
+    folder: Path, part: str, names: Mapping[str, str], *, only_folders: bool
+) -> list[tuple[str, dict[str, str]]]:
+    """What in a folder is as this part of a pattern, with the names that it says. Raises OSError."""
     if not _TOKEN.search(part):
-        if (folder / part).exists():
-            yield from _walk(folder / part, rest, names)
-        return
+        return [(part, {})] if (folder / part).exists() else []
     if not folder.is_dir():
-        return
+        return []
     wanted = _regex(part, names)
-    for entry in sorted(os.listdir(folder), key=natural_key):
-        found = None if entry.startswith(".") else wanted.fullmatch(entry)
-        if found and (not rest or (folder / entry).is_dir()):
-            yield from _walk(folder / entry, rest, names | found.groupdict())
+    matches = {entry: wanted.fullmatch(entry) for entry in sorted(os.listdir(folder), key=natural_key)}
+    return [
+        (entry, found.groupdict())
+        for entry, found in matches.items()
+        if found and not entry.startswith(".") and (not only_folders or (folder / entry).is_dir())
+    ]
 
 
 def _regex(part: str, names: Mapping[str, str]) -> re.Pattern[str]:

@@ -23,17 +23,14 @@ class Plan:
     """Pattern of subject/session/trial; all by default."""
 
     def __iter__(self) -> Iterator[Recording]:
-        """Recordings, and as one with a problem each pattern that matches nothing.
-
-        Raises:
-            OSError: a folder cannot be read.
-        """
+        """Recordings, and as one with a problem each pattern that matches nothing and each folder that cannot be
+        read."""
         for stage in self.stages():
             yield from stage
 
     def stages(self) -> Iterator[Iterator[Recording]]:
         """The same, in parts each of which needs what comes of those before: first the trials on which the cameras of a
-        session are calibrated, if there are such. Raises OSError as they are read."""
+        session are calibrated, if there are such."""
         keys = _Keys()
         if not self.study.from_people.trial:
             yield self._wanted(self._found(), keys)
@@ -65,14 +62,14 @@ class Plan:
     def _wanted(self, found: Iterable[Recording], keys: _Keys) -> Iterator[Recording]:
         for recording in found:
             if self._is_in_study(recording) and (not self.only or fnmatchcase(recording.key, self.only)):
-                yield recording if keys.is_new(recording) else _twice(recording)
+                yield recording if not recording.trial or keys.is_new(recording) else _twice(recording)
 
     def counted(self) -> int:
         """How many there are.
 
         Raises:
             ValueError: there is none; the message names the pattern and what is there instead.
-            OSError: a folder cannot be read.
+            OSError: the root cannot be read.
         """
         n_recordings = sum(1 for _ in self)
         if not any(recording.trial for recording in self):
@@ -136,4 +133,4 @@ def _of_nothing(study: Study, pattern: str) -> Recording:
     """Stands in the table for a pattern that matches nothing."""
     kind = "keypoints" if study.data.keypoints else "videos"
     problem = f"data.{kind}: the pattern {pattern!r} matches nothing in {study.root}"
-    return Recording("", "", "", study.root / pattern, kind, problem=problem)
+    return Recording.unknown(study.root / pattern, kind, problem)

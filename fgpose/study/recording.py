@@ -26,6 +26,11 @@ class Recording:
     calibrated_on: str = ""
     """Key of the trial of its session on which its cameras are calibrated from people."""
 
+    @staticmethod
+    def unknown(source: Path, kind: Kind, problem: str) -> Recording:
+        """Stands in the table for recordings that cannot be found."""
+        return Recording("", "", "", source, kind, problem=problem)
+
     @property
     def key(self) -> str:
         """subject/session/trial, as exclusions and --only see it."""

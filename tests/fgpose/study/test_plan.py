@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tracemalloc
 from collections.abc import Callable
@@ -56,6 +57,30 @@ def test_of_several_patterns_the_one_that_matches_nothing_is_named(edited: Calla
     *found, nothing = Plan(study)
     assert len(found) == 4
     assert ".json' matches nothing" in nothing.problem
+
+
+@pytest.mark.parametrize("layout", ["folders", "pose2sim"])
+def test_a_folder_that_cannot_be_read_stops_no_other(
+    study_file: Path, layout: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if layout == "pose2sim":
+        for trial in ("S01/walk", "S02/walk"):
+            (study_file.parent / trial / "pose").mkdir(parents=True)
+            (study_file.parent / trial / "calibration").mkdir()
+            (study_file.parent / trial / "calibration" / "Calib.toml").touch()
+        study_file.write_text('[data]\nlayout = "pose2sim"\nskeleton = "h36m_17"\n')
+    locked, listed = study_file.parent / "S02", os.listdir
+
+    def listdir(path: Path) -> list[str]:
+        if Path(path) == locked:
+            raise PermissionError(13, "Permission denied", str(path))
+        return listed(path)
+
+    monkeypatch.setattr(os, "listdir", listdir)
+    *others, last = Plan(load_study(study_file))
+    assert {recording.subject for recording in others} == {"walk" if layout == "pose2sim" else "S01"}
+    assert not any(recording.problem for recording in others)
+    assert (last.trial, last.problem) == ("", f"{locked}: Permission denied")
 
 
 def test_a_missing_root_is_named(edited: Callable[[str, str], Path]) -> None:
