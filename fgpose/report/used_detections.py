@@ -47,7 +47,7 @@ def used_detections(
     named = seen_cameras(keypoint_cameras(path), rig.names)
     if named:
         rig = rig.subset(name for name in rig.names if name in named or name in wanted)
-    everybody = load_people(path, rig, first.skeleton, fps=fps)
+    everybody = load_people(path, rig, first.skeleton, fps=fps, ignore_other_cameras=True)
     own = rig.subset(wanted)
     clocks = [_Images(everybody.subset(wanted), own, own.time_offsets_s)]
     if is_far_off(rig, min(usual_step_s(everybody.times_s(name)) for name in rig.names)):
