@@ -16,6 +16,8 @@ from fgpose.cli.tables import new_table
 _MAX_GAPS = 10
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
+# More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
+_FAR_APART_S = 0.12
 
 
 def print_info(console: Console, info: RecordingInfo, faults: tuple[CameraFault, ...]) -> None:
@@ -36,7 +38,7 @@ def print_info(console: Console, info: RecordingInfo, faults: tuple[CameraFault,
         )
     if len(info.gaps) > _MAX_GAPS:
         console.print(f"gap: {len(info.gaps) - _MAX_GAPS} shorter ones")
-    remarks = [*hints(info), *_fault_hints(faults)]
+    remarks = [*hints(info), *fault_hints(faults)]
     for remark in remarks:
         console.print(f"! {remark}")
     if not info.suspicious and not any(fault.late or fault.moved for fault in faults):
@@ -65,7 +67,7 @@ def hints(info: RecordingInfo) -> Iterator[str]:
         yield "With fewer than three cameras nothing can be said about calibration and time."
 
 
-def _fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
+def fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
     """Cameras that are late or were moved, and the options that correct it."""
     late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
     # While the person walks in one direction, both faults cause the same errors. Either option alone would absorb the
@@ -78,6 +80,8 @@ def _fault_hints(faults: tuple[CameraFault, ...]) -> Iterator[str]:
             f"{'later' if fault.offset_s > 0 else 'earlier'} than their times say, measured by the clocks of the "
             f"others. Use --estimate-time-offsets{both}."
         )
+    if any(abs(fault.offset_s) > _FAR_APART_S for fault in late):
+        yield "Were the cameras started by hand? Then fgpose synchronise finds when each began, however far apart."
     together = " and --estimate-time-offsets together" if late else ""
     for fault in sorted(moved, key=lambda fault: -fault.rotation_deg):
         yield (
