@@ -35,7 +35,9 @@ def later(people: PeopleObservations, camera: str, by_s: float) -> PeopleObserva
 
 
 # A puncher stays on the spot; over obstacles somebody walks straight on, and is seen for eight seconds.
-@pytest.mark.parametrize(("clip", "seconds"), [("cmu_02_05", 15.0), ("cmu_03_03_b", 8.0)])
+@pytest.mark.parametrize(
+    ("clip", "seconds"), [pytest.param("cmu_02_05", 15.0, marks=pytest.mark.slow), ("cmu_03_03_b", 8.0)]
+)
 def test_starts_are_found_to_a_fraction_of_an_image(clip: str, seconds: float) -> None:
     scene = filmed(clip, seconds)
     found = synchronise(scene.observations, scene.rig.with_time_offsets(np.full(4, 7.0)))
@@ -50,12 +52,12 @@ def test_starts_are_found_to_a_fraction_of_an_image(clip: str, seconds: float) -
 
 
 def test_poses_stay_and_minutes_do_not_matter() -> None:
-    scene = filmed("cmu_02_05", 15.0)
+    scene = filmed("cmu_03_03_b", 8.0)
     rig = scene.rig
     found = synchronise(later(scene.observations, "ring_2", 300.0), rig)
     before = synchronise(scene.observations, rig)
-    # Times are rounded at another place.
-    np.testing.assert_allclose(found.rig.time_offsets_s - before.rig.time_offsets_s, [0.0, 0.0, -300.0, 0.0], atol=1e-4)
+    # Other samples are compared; a third of the smallest sigma.
+    np.testing.assert_allclose(found.rig.time_offsets_s - before.rig.time_offsets_s, [0.0, 0.0, -300.0, 0.0], atol=1e-3)
     for camera, given in zip(found.rig.cameras, rig.cameras, strict=True):
         np.testing.assert_array_equal(camera.world_T_camera, given.world_T_camera)
         np.testing.assert_array_equal(camera.K, given.K)

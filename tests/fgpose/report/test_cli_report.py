@@ -33,6 +33,7 @@ def written(recording: FinishedRecording, folder: Path) -> tuple[str, str]:
     return str(folder / "rig.toml"), str(folder / "seen.npz")
 
 
+@pytest.mark.slow
 def test_the_suspicions_are_printed(
     walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -98,6 +98,7 @@ def test_what_is_missing_is_said_in_a_line(walk: FinishedRecording, tmp_path: Pa
         assert words in text
 
 
+@pytest.mark.slow
 def test_people_clocks_and_the_verdict_are_shown(walk: FinishedRecording, tmp_path: Path) -> None:
     recording = replace(
         walk,
@@ -196,6 +197,7 @@ def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_pat
         assert abs(int(image[2, 2, 0]) - moment.frame % 250) <= 2
 
 
+@pytest.mark.slow
 def test_pictures_are_those_of_the_time_in_videos_of_variable_rate(walk: FinishedRecording, tmp_path: Path) -> None:
     from fgpose.report.pictures import pictures
 

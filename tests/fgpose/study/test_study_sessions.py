@@ -46,7 +46,7 @@ def boxing() -> WalkScene:
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[str, WalkScene]:
-    return {"boxing": boxing(), "walk_1": film(walkers((4.0, 4.0), 25.0, 3), RIG, 3, Network(), CLOCKS)}
+    return {"boxing": boxing(), "walk_1": film(walkers((4.0, 4.0), 16.0, 3), RIG, 3, Network(), CLOCKS)}
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def test_one_trial_calibrates_a_session(study: Study, scenes: dict[str, WalkScen
     true_m = np.nanmedian(trajectory.skeleton.bone_lengths(scenes["boxing"].motion.truth_m[0]), axis=0)
     # The biases of the network, 20 to 40 mm, and a stature that is off by some centimetres.
     assert np.median(np.abs(lengths_m - true_m)) < 0.03
-    assert run_study(study, n_workers=1).counts == {"unchanged": 2, "failed": 1}
+    assert not any(due(study, each) for each in Plan(study) if not each.problem)
 
 
 def test_what_cannot_be_is_said(study: Study) -> None:
