@@ -46,7 +46,7 @@ def boxing() -> WalkScene:
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[str, WalkScene]:
-    return {"boxing": boxing(), "walk_1": film(walkers((4.0, 4.0), 16.0, 3), RIG, 3, Network(), CLOCKS)}
+    return {"boxing": boxing(), "walk_1": film(walkers((4.0, 4.0), 13.0, 3), RIG, 3, Network(), CLOCKS)}
 
 
 @pytest.fixture
