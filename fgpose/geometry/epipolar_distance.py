@@ -8,6 +8,12 @@ from jaxtyping import Float
 from fgpose.geometry.camera import Camera, CameraRig
 
 
+def essential_matrix(camera_T_other: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3 3"]:
+    """E with x_camera^T E x_other = 0 in the images at unit focal length (Hartley and Zisserman 2004, eq. 9.12)."""
+    x, y, z = camera_T_other[:3, 3]
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ camera_T_other[:3, :3]
+
+
 def epipolar_distances_px(
     undistorted_px: Float[np.ndarray, "*points 2"],
     others_px: Float[np.ndarray, "*points 2"],
@@ -22,10 +28,8 @@ def epipolar_distances_px(
         camera: in whose image the distance is measured.
         other: whose rays are the lines.
     """
-    camera_T_other = camera.camera_T_world @ other.world_T_camera
-    x, y, z = camera_T_other[:3, 3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    fundamental = np.linalg.inv(camera.K).T @ cross @ camera_T_other[:3, :3] @ np.linalg.inv(other.K)
+    essential = essential_matrix(camera.camera_T_world @ other.world_T_camera)
+    fundamental = np.linalg.inv(camera.K).T @ essential @ np.linalg.inv(other.K)
     lines = np.concatenate([others_px, np.ones((*others_px.shape[:-1], 1))], axis=-1) @ fundamental.T
     distances = np.abs(np.sum(lines[..., :2] * undistorted_px, axis=-1) + lines[..., 2])
     return np.asarray(distances / np.linalg.norm(lines[..., :2], axis=-1))

@@ -134,7 +134,7 @@ def fit_epipolar_shift(
     if points is None:
         return None
     are_placed, prior_rate = first.is_placed and second.is_placed, rate
-    geometry = _Geometry.of(essential_matrix(first, second)) if are_placed else _robust_geometry(points)
+    geometry = _Geometry.of(second.essential_with(first)) if are_placed else _robust_geometry(points)
     if geometry is None:
         return None
     free = _CLOCK if are_placed else _ALL
@@ -188,16 +188,6 @@ def _points(
     independent = max(min(float(np.ptp(since_s)) / INDEPENDENT_S / len(since_s), 1.0), 1e-3)
     spread = SPREAD * radius[sample]
     return _Points(xy, velocity, fast, spread, since_s[sample], known, stride, independent)
-
-
-def essential_matrix(first: View, second: View) -> Float[np.ndarray, "3 3"]:
-    """x_second^T E x_first = 0 in the images at unit focal length (Hartley and Zisserman 2004, eq. 9.12), of two
-    cameras whose poses are known."""
-    assert first.camera_T_world is not None
-    assert second.camera_T_world is not None
-    second_T_first = second.camera_T_world @ np.linalg.inv(first.camera_T_world)
-    x, y, z = second_T_first[:3, 3]
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ second_T_first[:3, :3]
 
 
 def _robust_geometry(points: _Points) -> _Geometry | None:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.from_people.correlation import peaks
-from fgpose.calibration.from_people.epipolar_shift import INDEPENDENT_S, SPREAD, essential_matrix
+from fgpose.calibration.from_people.epipolar_shift import INDEPENDENT_S, SPREAD
 from fgpose.calibration.from_people.joining import Joined, Joining
 from fgpose.calibration.from_people.motion_signals import RATE_HZ
 from fgpose.calibration.from_people.views import View
@@ -48,7 +48,7 @@ class _Pair:
         seen = np.flatnonzero(np.isfinite(other.xy).all(axis=-1).any(axis=-1))
         some = seen[spread_evenly(len(seen), _MAX_SAMPLES)] if len(seen) else seen
         homogeneous = np.concatenate([other.xy[some], np.ones((*other.xy[some].shape[:2], 1))], axis=-1)
-        lines = homogeneous @ essential_matrix(other, view).T
+        lines = homogeneous @ view.essential_with(other).T
         normal = np.linalg.norm(lines[..., :2], axis=-1, keepdims=True)
         return _Pair(other.time_s[some], lines / np.maximum(normal, 1e-12), view)
 

@@ -11,6 +11,7 @@ from fgpose.calibration.from_people.body_size import steady_radius
 from fgpose.calibration.from_people.interpolation import between_images
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.epipolar_distance import essential_matrix
 from fgpose.sampling import usual_step_s
 
 # Half of the time over which a velocity is taken. Noise is less than that of one step, and a walker's swinging foot
@@ -45,6 +46,12 @@ class View:
     @property
     def is_placed(self) -> bool:
         return self.camera_T_world is not None
+
+    def essential_with(self, other: View) -> Float[np.ndarray, "3 3"]:
+        """Essential matrix of two placed cameras: lines in this view of points in the other."""
+        assert self.camera_T_world is not None
+        assert other.camera_T_world is not None
+        return essential_matrix(self.camera_T_world @ np.linalg.inv(other.camera_T_world))
 
     def at(self, time_s: Float[np.ndarray, " sample"]) -> Float[np.ndarray, "sample joint 2"]:
         """Joints between two images; NaN where not known in both."""
