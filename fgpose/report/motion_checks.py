@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, root_m, sigma_m
+from fgpose.report.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.report.suspicion import Suspicion
 from fgpose.trajectory import Status, Trajectory
 
@@ -121,8 +121,7 @@ def impossible_speeds(recording: FinishedRecording) -> list[Suspicion]:
     """A body that is faster than anybody runs."""
     found = []
     for person, trajectory in recording.people.items():
-        way_m = np.linalg.norm(np.diff(root_m(trajectory), axis=0), axis=-1)
-        speed_mps = np.nan_to_num(way_m / np.diff(trajectory.time_s))
+        speed_mps = np.nan_to_num(root_speed_mps(trajectory))
         if len(speed_mps) and speed_mps.max() > _MAX_SPEED_MPS:
             at_s = trajectory.time_s[int(np.argmax(speed_mps))]
             reason = (

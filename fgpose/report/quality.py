@@ -14,7 +14,7 @@ import numpy as np
 
 from fgpose.report.checks import suspicions
 from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, root_m, sigma_m
+from fgpose.report.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.report.suspicion import Suspicion
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
@@ -136,7 +136,7 @@ def _of_motion(everybody: list[Trajectory]) -> dict[str, Any]:
     return {
         "bone_spread_share": worst(_bone_spread),
         "bone_asymmetry_share": worst(_bone_asymmetry),
-        "max_speed_mps": worst(_root_speed_mps),
+        "max_speed_mps": worst(lambda each: known_quantile(root_speed_mps(each), 1.0)),
     }
 
 
@@ -154,8 +154,3 @@ def _bone_asymmetry(trajectory: Trajectory) -> float:
         both_m = [known_quantile(lengths_m[bone], 0.5) for bone in (left, right) if bone in lengths_m]
         shares += [abs(both_m[0] - both_m[1]) / np.mean(both_m)] if len(both_m) == 2 else []
     return known_quantile(np.array(shares, dtype=float), 1.0)
-
-
-def _root_speed_mps(trajectory: Trajectory) -> float:
-    steps_m = np.linalg.norm(np.diff(root_m(trajectory), axis=0), axis=-1)
-    return known_quantile(steps_m / np.diff(trajectory.time_s), 1.0)

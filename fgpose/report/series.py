@@ -38,6 +38,11 @@ def root_m(trajectory: Trajectory) -> Float[np.ndarray, "frame 3"]:
     return trajectory.positions_m[:, list(trajectory.skeleton.root)].mean(axis=1)
 
 
+def root_speed_mps(trajectory: Trajectory) -> Float[np.ndarray, " step"]:
+    """From frame to frame; NaN where a joint of the root is not known."""
+    return np.linalg.norm(np.diff(root_m(trajectory), axis=0), axis=-1) / np.diff(trajectory.time_s)
+
+
 def quantile_of_frames(values: Float[np.ndarray, " frame *shape"], q: float = 0.5) -> Float[np.ndarray, " frame"]:
     """Of the known values of each frame, without interpolation; NaN where there is none."""
     rows = np.sort(values.reshape(len(values), -1), axis=1)  # NaN last
