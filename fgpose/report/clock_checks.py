@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -64,6 +65,7 @@ def _significant(freedom: int) -> float:
     return float(stdtrit(freedom, 1 - _BY_CHANCE / 2))
 
 
+@lru_cache(maxsize=1)  # two checks, one after the other, ask of the same recording
 def lags(recording: FinishedRecording) -> dict[str, Lag]:
     """Of each camera that can be told to be late, by what it saw of the main person; of none where there are fewer than
     three cameras or five seconds."""
