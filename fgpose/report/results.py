@@ -100,8 +100,7 @@ def load_finished(
     known = origin.calibration if rig_file is None else load_calibration_origin(rig_file)
     known = known.subset(cameras.names) if cameras is not None else known
     origin = replace(origin, calibration=known)
-    made_from = {"Result": str(result)} | facts_of(origin) | ({"Calibration": str(rig_file)} if rig_file else {})
-    made_from |= {"Videos": str(videos)} if videos else {}
+    made_from = {"Result": str(result)} | facts_of(origin) | _named(Calibration=rig_file, Videos=videos)
     if keypoints is not None and given is None:
         raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE)")
     observations: Mapping[int, Observations] = {}
@@ -136,6 +135,11 @@ def _still_there(
         return used_detections(Path(file.path), rig, people, fps), ""
     except (ValueError, OSError) as error:
         return {}, f"They cannot be read any more ({error}): nothing that needs them is judged"
+
+
+def _named(**files: Path | None) -> dict[str, str]:
+    """Those that were given."""
+    return {what: str(file) for what, file in files.items() if file}
 
 
 def _rig_beside(result: Path) -> Path | None:
