@@ -70,5 +70,5 @@ def _offsets_s(starts: Starts, tracks: Sequence[Track]) -> Float[np.ndarray, " c
     """What turns the clock of each camera into the common one: as it is in the middle of what all show, should it
     drift."""
     spans_s = np.array([starts.common_s(track.camera, track.time_s[[0, -1]]) for track in tracks])
-    middle_s = np.array([(spans_s[:, 0].max() + spans_s[:, 1].min()) / 2])
-    return np.array([middle_s[0] - starts.own_s(track.camera, middle_s)[0] for track in tracks])
+    middle_s = float(spans_s[:, 0].max() + spans_s[:, 1].min()) / 2
+    return starts.offsets_at_s([track.camera for track in tracks], middle_s)

@@ -267,8 +267,4 @@ def _unused(walk: Walk, adjusted: Adjusted) -> Bool[np.ndarray, " frame"]:
 def _with_starts(rig: CameraRig, starts: Starts, walk: Walk) -> CameraRig:
     """With what turns the clock of each camera into the common one: as it is in the middle of the walk."""
     middle_s = 0.5 * (walk.time_s[0] + walk.time_s[-1])
-    offsets_s = [
-        middle_s - float(starts.own_s(camera.name, np.array([middle_s]))[0]) + camera.time_offset_s
-        for camera in rig.cameras
-    ]
-    return rig.with_time_offsets(np.array(offsets_s))
+    return rig.with_time_offsets(starts.offsets_at_s(rig.names, middle_s) + rig.time_offsets_s)

@@ -58,6 +58,11 @@ class Starts:
         c = self.camera_names.index(camera)
         return (common_s - self.offsets_s[c]) / (1 + self.rates[c])
 
+    def offsets_at_s(self, cameras: Sequence[str], common_s: float) -> Float[np.ndarray, " camera"]:
+        """What turns the clock of each camera into the common one at this time of it, should the clock drift."""
+        at_s = np.array([common_s])
+        return np.array([common_s - float(self.own_s(name, at_s)[0]) for name in cameras])
+
 
 @dataclass(frozen=True)
 class GivenStart:
