@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
-import numpy as np
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
 from fgpose.cli.options import new_console, progress_bar
-from fgpose.geometry.fitted_camera import BLOCK_PX
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -189,9 +187,9 @@ class FromPeopleOptions:
             return self.focal
         if self.intrinsics is not None or self.focal_px is not None:
             return "known"
-        # Upright and lying images of one camera have the same focal length, and those that an encoder has cut.
-        sizes = np.array([sorted(camera.size_px) for camera in intrinsics.cameras])
-        return "shared" if np.ptp(sizes, axis=0).max() <= BLOCK_PX else "each"
+        from fgpose.calibration.from_people.calibrate import unknown_focal
+
+        return unknown_focal(intrinsics)
 
 
 def _check_height(height_m: float) -> None:

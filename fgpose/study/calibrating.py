@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from fgpose.calibration.from_people.calibrate import Focal, calibrate
+from fgpose.calibration.from_people.calibrate import Focal, calibrate, unknown_focal
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.calibration.self_calibration import CameraCalibration, calibrate_cameras
 from fgpose.geometry.camera import CameraRig
@@ -82,8 +82,7 @@ def intrinsics_of(study: Study, names: Sequence[str], sizes_px: Sequence[tuple[i
 def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig) -> CalibratedFromPeople:
     """Cameras calibrated from people. Raises ValueError, with the reasons, if that has failed."""
     known = study.from_people
-    sizes = {camera.size_px for camera in intrinsics.cameras}
-    focal: Focal = "known" if known.intrinsics else "shared" if len(sizes) == 1 else "each"
+    focal: Focal = "known" if known.intrinsics else unknown_focal(intrinsics)
     result = calibrate(people, intrinsics, focal=focal, stature_m=known.stature_m, synchronised=known.synchronised)
     if result.grade is Grade.FAILED:
         reasons = "; ".join(_reason(finding) for finding in result.findings if finding.grade is Grade.FAILED)

@@ -33,6 +33,7 @@ from fgpose.calibration.from_people.verdict import findings
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.people import PeopleObservations
 
@@ -126,6 +127,13 @@ def calibrate(
     result = _judged(walk, found, adjusted, halves, metric, _unknown_lenses(placed, focal))
     told()
     return result
+
+
+def unknown_focal(intrinsics: CameraRig) -> Focal:
+    """How focal lengths of which nothing is known are estimated: one for all cameras if their images have one size."""
+    # Upright and lying images of one camera have the same focal length, and those that an encoder has cut.
+    sizes = np.array([sorted(camera.size_px) for camera in intrinsics.cameras])
+    return "shared" if np.ptp(sizes, axis=0).max() <= BLOCK_PX else "each"
 
 
 def _checked(
