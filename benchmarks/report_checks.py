@@ -27,8 +27,8 @@ from pathlib import Path
 from planted_faults import FAULTLESS, FAULTY, TEST_CLIPS, TUNING_CLIPS, Seen, real_recordings
 
 import fgpose
+from fgpose.diagnosis.result_checks import RESULT_CHECKS
 from fgpose.report import FinishedRecording
-from fgpose.report.checks import CHECKS
 
 KINDS = {**FAULTLESS, **FAULTY}
 Line = dict[str, str | list[str]]
@@ -45,7 +45,7 @@ def finished(seen: Seen) -> FinishedRecording:
 def raised(recording: FinishedRecording, faulty: str, words: bool) -> dict[str, list[str]]:
     """Names of the suspicions: those that may be right, and those that name another camera than that with the fault."""
     found: dict[str, list[str]] = {"right": [], "wrong": []}
-    for check in CHECKS:
+    for check in RESULT_CHECKS:
         for suspicion in check(recording):
             accused = suspicion.subject if suspicion.subject in recording.camera_names else faulty
             kind = "wrong" if accused != faulty and faulty else "right"
@@ -74,7 +74,7 @@ def table(lines: list[Line], kinds: list[str]) -> str:
     of_kind = {kind: own for kind, own in of_kind.items() if own}
     heads = [f"{kind} ({len(own)})" for kind, own in of_kind.items()]
     rows = [f"| suspicion (recordings) | {' | '.join(heads)} |", "|---|" + "---:|" * len(heads)]
-    for check in CHECKS:
+    for check in RESULT_CHECKS:
         cells = [_cell(own, check.__name__) for own in of_kind.values()]
         if any(cell != "–" for cell in cells):
             rows.append(f"| {check.__name__} | {' | '.join(cells)} |")

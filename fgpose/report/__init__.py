@@ -1,6 +1,6 @@
 """What a finished recording is worth, in numbers, in words and as a page that opens anywhere."""
 
-from fgpose.report.finished import FinishedRecording as FinishedRecording
+from fgpose.diagnosis.finished import FinishedRecording as FinishedRecording
 from fgpose.report.quality import Quality as Quality
 from fgpose.report.quality import quality as quality
 from fgpose.report.report import write_report as write_report
@@ -8,5 +8,4 @@ from fgpose.report.results import find_result as find_result
 from fgpose.report.results import load_finished as load_finished
 from fgpose.report.study_report import StudyRecording as StudyRecording
 from fgpose.report.study_report import write_study_report as write_study_report
-from fgpose.report.suspicion import Suspicion as Suspicion
 from fgpose.report.thumbnail import thumbnail as thumbnail

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
 from fgpose.report.curves import lines
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.person_blocks import of_people
-from fgpose.report.series import known_quantile
 from fgpose.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.camera_checks import together_px
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, quantile_of_frames
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
-from fgpose.report.camera_checks import together_px
 from fgpose.report.curves import lines
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.person_blocks import of_everybody, of_people
 from fgpose.report.plots import COLOURS, heat_map, models, plain_figure
 from fgpose.report.rig_figures import plan_and_side
-from fgpose.report.series import known_quantile, quantile_of_frames
 from fgpose.trajectory import Trajectory
 
 NO_RESIDUALS = "The result has no reprojection errors: it is from a TRC or C3D file, or of a version that wrote none."

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.report.blocks import Cell, Plot, Section, Table, number
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import TIME_AXIS, models
 
 # More lines than this hide what is under them.

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.report.blocks import Block, Moment, Note, Section
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.moments import WorstMoment, worst_moments
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, sigma_m
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, sigma_m
 from fgpose.trajectory import Trajectory
 
 _AT_MOST = 5

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from fgpose.config import Config, config_to_toml
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, Text
-from fgpose.report.finished import FinishedRecording
 
 
 def origin_section(recording: FinishedRecording) -> Section:

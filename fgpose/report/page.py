@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from importlib import metadata, resources
 from typing import Any
 
+from fgpose.finding import Finding
 from fgpose.report.blocks import OfPerson, Section
 from fgpose.report.plots import share_time
-from fgpose.report.suspicion import Suspicion
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Verdict:
 
     heading: str
     intro: str
-    suspicions: tuple[Suspicion, ...] = ()
+    suspicions: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)

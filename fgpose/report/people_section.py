@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.person_blocks import people_shown
 from fgpose.report.plots import COLOURS, models, time_figure
-from fgpose.report.series import known_quantile, root_m, sigma_m
 
 _MAX_EVENTS = 200
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.report.blocks import Block, OfPerson
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import MAX_COLUMNS
 from fgpose.trajectory import Trajectory
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import Camera
 from fgpose.monocular.clips import Clip
 from fgpose.monocular.sources import open_sources
 from fgpose.report.blocks import Picture
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.moments import WorstMoment
 from fgpose.sampling import nearest
 

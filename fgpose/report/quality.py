@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.report.checks import suspicions
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, root_speed_mps, sigma_m
-from fgpose.report.suspicion import Suspicion
+from fgpose.diagnosis.diagnose import diagnose_result
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
+from fgpose.finding import Finding
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
 
@@ -60,7 +60,7 @@ class Quality:
     """Largest speed of the root of a body from frame to frame."""
     converged: bool | None
     """Whether the optimiser ended by itself; None: not known."""
-    suspicions: tuple[Suspicion, ...] = ()
+    suspicions: tuple[Finding, ...] = ()
     """The most important first."""
 
     @property
@@ -94,7 +94,7 @@ def quality(recording: FinishedRecording) -> Quality:
         **_of_residuals(everybody),
         **_of_covariance(everybody),
         **_of_motion(everybody),
-        suspicions=suspicions(recording),
+        suspicions=diagnose_result(recording).findings,
     )
 
 

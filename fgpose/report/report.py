@@ -5,8 +5,8 @@ from __future__ import annotations
 from datetime import datetime
 from pathlib import Path
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.io.atomic import write_text
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.page import Figure, Page, Verdict, html
 from fgpose.report.quality import Quality, quality
 from fgpose.report.sections import sections

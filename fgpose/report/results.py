@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin, load_rig
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import load_origin, load_people_trajectories
 from fgpose.observations import Observations
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.origin_facts import facts_of, findings_of
 from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, root_m
+from fgpose.diagnosis.solution_checks import views_of
 from fgpose.geometry.camera import Camera
 from fgpose.report.blocks import Plot
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, models, plain_figure
-from fgpose.report.series import known_quantile, root_m
-from fgpose.report.solution_checks import views_of
 from fgpose.sampling import spread_evenly
 
 _HEIGHT_PX = 420

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.report.angle_section import angle_section
 from fgpose.report.blocks import Section
 from fgpose.report.body_sections import bone_section, sigma_section
 from fgpose.report.camera_sections import camera_section, reprojection_section, seen_section
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.mark_section import draw_marks, mark_section
 from fgpose.report.moment_section import moment_section
 from fgpose.report.origin_section import origin_section

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.series import known_quantile
 from fgpose.io.atomic import write_text
 from fgpose.report.blocks import Block, Cell, Plot, Section, Table, number
 from fgpose.report.outliers import MEASURES, OUTLIER_Z, Outlier, outliers
 from fgpose.report.page import Figure, Page, html
 from fgpose.report.plots import COLOURS, models, plain_figure
-from fgpose.report.series import known_quantile
 
 # Column: name in Quality, heading, factor, digits.
 _COLUMNS = (

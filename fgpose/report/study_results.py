@@ -8,9 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from fgpose.diagnosis.finished import Mark
 from fgpose.io.studies.rows import STUDY_NAME
 from fgpose.io.tables import column_names, file_metadata, read_table
-from fgpose.report.finished import Mark
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
 from fgpose.report.study_report import StudyRecording

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import root_m
 from fgpose.report.camera_sections import SEEN_PALETTE
-from fgpose.report.finished import FinishedRecording
 from fgpose.report.plots import gathered, ramp
-from fgpose.report.series import root_m
 
 _WIDTH, _EXTENT, _STRIP, _HEIGHT = 72, 40, 110, 40  # pixels: of the way, of its length in words, of the strip
 _EDGE = 3  # pixels around the way

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.estimation.smoother import smooth
 from fgpose.io.kinematics import save_kinematics
 from fgpose.io.origin import Origin, input_file
@@ -16,7 +17,6 @@ from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import find_clips
 from fgpose.pipeline import PeopleSource
 from fgpose.pipeline.origin import video_files
-from fgpose.report.finished import FinishedRecording, Mark
 from fgpose.report.quality import quality
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished

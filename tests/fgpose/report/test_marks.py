@@ -9,12 +9,12 @@ import pyarrow as pa
 import pytest
 from finished_walk import finished_walk
 
+from fgpose.diagnosis.finished import Mark
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.tables import write_table
 from fgpose.io.trajectories import save_trajectory
 from fgpose.report import FinishedRecording
 from fgpose.report.blocks import Plot, Section
-from fgpose.report.finished import Mark
 from fgpose.report.plots import TIME_AXIS
 from fgpose.report.sections import sections
 from fgpose.report.study_results import load_study

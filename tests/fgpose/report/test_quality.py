@@ -10,9 +10,9 @@ import pytest
 from finished_walk import FPS, SPREAD_PX, changed, finished_walk
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.diagnosis.gravity_checks import flights
 from fgpose.geometry.camera import CameraRig
 from fgpose.report import FinishedRecording, quality
-from fgpose.report.gravity_checks import flights
 from fgpose.report.outliers import outliers, robust_z
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Status, Trajectory

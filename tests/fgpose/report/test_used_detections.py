@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from finished_walk import finished_walk
 
+from fgpose.diagnosis.clock_checks import late_cameras
 from fgpose.estimation.delays import image_motion_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.keypoints import save_observations, save_people_observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.report import FinishedRecording
-from fgpose.report.clock_checks import late_cameras
 from fgpose.report.used_detections import used_detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory

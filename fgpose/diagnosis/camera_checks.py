@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Grade
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile
-from fgpose.report.suspicion import Suspicion
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile
+from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
@@ -32,14 +32,15 @@ _SWAP_TO_USUAL = 3.0  # the usual error of the camera is then no more than the t
 _SWAP_TOLERANCE = 0.25
 
 
-def few_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def few_cameras(recording: FinishedRecording) -> list[Finding]:
     """With two cameras every detection that is wrong along the epipolar line goes unnoticed."""
     n_cameras = len(recording.camera_names)
     if not 0 < n_cameras < 3:
         return []
     return [
-        Suspicion(
-            "",
+        Finding(
+            Code.FEW_CAMERAS,
+            Severity.NOTE,
             f"{n_cameras} camera{'s' if n_cameras > 1 else ''}: nothing contradicts a detection that is wrong, so "
             "residuals say little about errors",
             "Add cameras: four or more that see the person from different sides.",
@@ -48,17 +49,24 @@ def few_cameras(recording: FinishedRecording) -> list[Suspicion]:
     ]
 
 
-def calibration_findings(recording: FinishedRecording) -> list[Suspicion]:
+def calibration_findings(recording: FinishedRecording) -> list[Finding]:
     """What the calibration from people said of itself."""
     weight = {Grade.FAILED: 1.0, Grade.COARSE: 0.5}
     return [
-        Suspicion(finding.camera, f"calibration {finding.grade.value}: {finding.reason}", finding.remedy, weight[grade])
+        Finding(
+            Code.CALIBRATION,
+            Severity.DOUBTFUL,
+            f"calibration {finding.grade.value}: {finding.reason}",
+            finding.remedy,
+            weight[grade],
+            camera=finding.camera,
+        )
         for finding in recording.findings
         if (grade := finding.grade) in weight
     ]
 
 
-def disagreeing_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def disagreeing_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera whose reprojection errors are much larger than those of the others, in view of its resolution."""
     residual_px = together_px(recording)
     if residual_px is None or residual_px.shape[1] < 3:
@@ -80,7 +88,16 @@ def disagreeing_cameras(recording: FinishedRecording) -> list[Suspicion]:
                 "Was it moved since the calibration? Smooth again with --refine-calibration, or calibrate it anew; "
                 "with --estimate-time-offsets too if its clock may differ."
             )
-            found.append(Suspicion(name, reason, remedy, 0.4 + 0.4 * _share_of(residual_px, camera)))
+            found.append(
+                Finding(
+                    Code.DISAGREEING_CAMERA,
+                    Severity.DOUBTFUL,
+                    reason,
+                    remedy,
+                    0.4 + 0.4 * _share_of(residual_px, camera),
+                    camera=name,
+                )
+            )
     return found
 
 
@@ -98,7 +115,7 @@ def _constant_part(recording: FinishedRecording, camera: int) -> str:
     return f", ({x_px:+.1f}, {y_px:+.1f}) px of it the same everywhere"
 
 
-def blind_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def blind_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera that sees far less than the others."""
     residual_px = together_px(recording)
     if residual_px is None or residual_px.shape[1] < 2:
@@ -109,11 +126,13 @@ def blind_cameras(recording: FinishedRecording) -> list[Suspicion]:
         if share < _BLIND_RATIO * usual:
             reason = f"camera {name} sees {100 * share:.0f} % of the joints, the others {100 * usual:.0f} % (median)"
             remedy = "Look at its images: is the person in them, sharp, and not hidden? Turn or move the camera."
-            found.append(Suspicion(name, reason, remedy, 0.5 * (usual - share)))
+            found.append(
+                Finding(Code.BLIND_CAMERA, Severity.DOUBTFUL, reason, remedy, 0.5 * (usual - share), camera=name)
+            )
     return found
 
 
-def hallucinating_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def hallucinating_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera many of whose detections are more probably hallucinated than not."""
     judged = [each.visibility for each in recording.people.values() if each.visibility is not None]
     if not judged:
@@ -129,11 +148,13 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Suspicion]:
                 f"{100 * usual:.0f} % of the others'"
             )
             remedy = "Something hides the person there, or the camera disagrees: look at its images first."
-            found.append(Suspicion(name, reason, remedy, 0.5 * share))
+            found.append(
+                Finding(Code.HALLUCINATING_CAMERA, Severity.DOUBTFUL, reason, remedy, 0.5 * share, camera=name)
+            )
     return found
 
 
-def misplaced_joints(recording: FinishedRecording) -> list[Suspicion]:
+def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
     """A joint that one view shows in another place than the others: its network takes something else for it."""
     found = []
     for person, trajectory in recording.people.items():
@@ -150,7 +171,17 @@ def misplaced_joints(recording: FinishedRecording) -> list[Suspicion]:
                 f"detections{_displacement(recording, person, c, j)}"
             )
             remedy = "Look at its images: what does the network take for this joint? A coat, a chair, the other side?"
-            found.append(Suspicion(name, reason, remedy, 0.3 * float(shares[c, j])))
+            found.append(
+                Finding(
+                    Code.MISPLACED_JOINT,
+                    Severity.DOUBTFUL,
+                    reason,
+                    remedy,
+                    0.3 * float(shares[c, j]),
+                    camera=name,
+                    joint=joint,
+                )
+            )
     return found
 
 
@@ -167,7 +198,7 @@ def _displacement(recording: FinishedRecording, person: int, camera: int, joint:
     return f", by {100 * distance_m:.0f} cm (median)"
 
 
-def swapping_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def swapping_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera in which the network exchanges left and right, of the body or of one pair of joints."""
     if recording.rig is None or together_px(recording) is None:
         return []
@@ -182,7 +213,7 @@ def swapping_cameras(recording: FinishedRecording) -> list[Suspicion]:
                 "fgpose corrects whole poses that are turned; if errors remain there, use a network that looks at more "
                 "of the image, or leave the camera out (--cameras) for this recording."
             )
-            found.append(Suspicion(name, reason, remedy, 0.5 * share))
+            found.append(Finding(Code.EXCHANGED_SIDES, Severity.DOUBTFUL, reason, remedy, 0.5 * share, camera=name))
     return found
 
 

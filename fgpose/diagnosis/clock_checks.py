@@ -11,11 +11,11 @@ from jaxtyping import Bool, Float
 from scipy.special import stdtrit
 
 from fgpose.config import ProjectionConfig
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile
 from fgpose.estimation.clock_offsets import offset_information
+from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile
-from fgpose.report.suspicion import Suspicion
 from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
 
@@ -155,7 +155,7 @@ def _against_median(
     return values - np.median(values[told]), np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
 
-def late_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def late_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera whose detections run ahead of the motion, or behind it."""
     step_s = usual_step_s(recording.main.time_s)
     found = []
@@ -168,11 +168,11 @@ def late_cameras(recording: FinishedRecording) -> list[Suspicion]:
             remedy = (
                 "Smooth again with --estimate-time-offsets; with --refine-calibration too if it may have been moved."
             )
-            found.append(Suspicion(camera, reason, remedy, 0.45))
+            found.append(Finding(Code.LATE_CAMERA, Severity.DOUBTFUL, reason, remedy, 0.45, camera=camera))
     return found
 
 
-def drifting_cameras(recording: FinishedRecording) -> list[Suspicion]:
+def drifting_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera that falls behind the others, or gains on them: another frame rate than is said, or lost images."""
     step_s = usual_step_s(recording.main.time_s)
     found = []
@@ -187,26 +187,28 @@ def drifting_cameras(recording: FinishedRecording) -> list[Suspicion]:
                 "Its frame rate is not what was said, or it lost images: give the times of its images, or its true "
                 "rate. --estimate-time-offsets finds constant offsets only."
             )
-            found.append(Suspicion(camera, reason, remedy, 0.5))
+            found.append(Finding(Code.CLOCK_RATE, Severity.DOUBTFUL, reason, remedy, 0.5, camera=camera))
     return found
 
 
-def undetermined_clocks(recording: FinishedRecording) -> list[Suspicion]:
+def undetermined_clocks(recording: FinishedRecording) -> list[Finding]:
     """A time offset that was estimated, and whose standard deviation matters."""
     step_s = usual_step_s(recording.main.time_s)
     return [
-        Suspicion(
-            camera,
+        Finding(
+            Code.UNDETERMINED_CLOCK,
+            Severity.DOUBTFUL,
             f"the clock of camera {camera} is known to ± {1000 * sigma_s:.1f} ms only ({sigma_s / step_s:.1f} frames)",
             "Let the person move more, and fast, where this camera sees them; or synchronise the cameras.",
             0.3,
+            camera=camera,
         )
         for camera, sigma_s in recording.offset_sigma_s.items()
         if sigma_s > _NOTICEABLE_FRAMES * step_s
     ]
 
 
-def missing_frames(recording: FinishedRecording) -> list[Suspicion]:
+def missing_frames(recording: FinishedRecording) -> list[Finding]:
     """Frames that the recording lacks."""
     trajectory = recording.main
     steps_s = np.diff(trajectory.time_s)
@@ -221,5 +223,11 @@ def missing_frames(recording: FinishedRecording) -> list[Suspicion]:
         f"{steps_s[longest]:.2f} s at {trajectory.time_s[longest]:.1f} s"
     )
     return [
-        Suspicion("", reason, "Look for dropped images in the log of the recorder; a slower disk loses them.", share)
+        Finding(
+            Code.MISSING_FRAMES,
+            Severity.NOTE,
+            reason,
+            "Look for dropped images in the log of the recorder; a slower disk loses them.",
+            share,
+        )
     ]

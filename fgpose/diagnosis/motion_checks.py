@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, root_speed_mps, sigma_m
-from fgpose.report.suspicion import Suspicion
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
+from fgpose.finding import Code, Finding, Severity
 from fgpose.trajectory import Status, Trajectory
 
 # As fgpose info lists them. A gap in which the joint becomes three times as uncertain as usual is one that harms.
@@ -28,7 +28,7 @@ _BELIEVED = 0.5
 _SHORT_LIFE_S = 1.0
 
 
-def gaps(recording: FinishedRecording) -> list[Suspicion]:
+def gaps(recording: FinishedRecording) -> list[Finding]:
     """Joints that for long fewer than two cameras see, or are believed to see."""
     found = [
         (duration_s, start_s, person, joint, ratio)
@@ -37,13 +37,18 @@ def gaps(recording: FinishedRecording) -> list[Suspicion]:
     ]
     duration_s = recording.main.time_s[-1] - recording.main.time_s[0]
     return [
-        Suspicion(
-            _of(recording, person, joint),
+        Finding(
+            Code.GAP,
+            Severity.NOTE,
             f"{_of(recording, person, joint)}: fewer than two cameras see it, as far as they are believed, for "
             f"{gap_s:.1f} s from {start_s:.1f} s on"
             + (f"; its sigma grows to {ratio:.0f} times the usual" if np.isfinite(ratio) else ""),
             "What stands there is predicted: leave it out of the analysis, or add a camera that sees the joint.",
             min(0.4, float(gap_s / max(duration_s, 1e-9)) + 0.05),
+            person=recording.number(person),
+            joint=joint,
+            from_s=float(start_s),
+            to_s=float(start_s + gap_s),
         )
         for gap_s, start_s, person, joint, ratio in sorted(found, reverse=True)[:_AT_MOST]
     ]
@@ -71,7 +76,7 @@ def _believed(trajectory: Trajectory) -> Bool[np.ndarray, "frame joint"]:
     return np.asarray(trajectory.observed & ((trajectory.visibility >= _BELIEVED).sum(axis=1) >= 2))
 
 
-def unobservable(recording: FinishedRecording) -> list[Suspicion]:
+def unobservable(recording: FinishedRecording) -> list[Finding]:
     """Joints that nothing determines for some of the time."""
     found = []
     for person, trajectory in recording.people.items():
@@ -82,11 +87,20 @@ def unobservable(recording: FinishedRecording) -> list[Suspicion]:
             where = f"in up to {100 * shares.max():.0f} % of the frames"
             reason = f"{_of(recording, person, '')}nothing determines {named} {where}"
             remedy = "There are no numbers there. Add cameras, or a skeleton without these joints."
-            found.append(Suspicion(recording.called(person), reason, remedy, float(shares.mean())))
+            found.append(
+                Finding(
+                    Code.UNDETERMINED,
+                    Severity.NOTE,
+                    reason,
+                    remedy,
+                    float(shares.mean()),
+                    person=recording.number(person),
+                )
+            )
     return found
 
 
-def contradicted(recording: FinishedRecording) -> list[Suspicion]:
+def contradicted(recording: FinishedRecording) -> list[Finding]:
     """Moments at which most cameras are believed to be wrong of most joints: not they are, but the motion."""
     found = []
     for person, trajectory in recording.people.items():
@@ -100,7 +114,9 @@ def contradicted(recording: FinishedRecording) -> list[Suspicion]:
                 "Look at the images of that moment: another person taken for this one, or images that are not of one "
                 "time? Cut the recording there."
             )
-            found.append(Suspicion(recording.called(person), reason, remedy, 0.5))
+            found.append(
+                Finding(Code.CONTRADICTED, Severity.DOUBTFUL, reason, remedy, 0.5, person=recording.number(person))
+            )
     return found
 
 
@@ -117,7 +133,7 @@ def _contradicted_frames(trajectory: Trajectory) -> Bool[np.ndarray, " frame"]:
     return np.asarray(found & (before | after))
 
 
-def impossible_speeds(recording: FinishedRecording) -> list[Suspicion]:
+def impossible_speeds(recording: FinishedRecording) -> list[Finding]:
     """A body that is faster than anybody runs."""
     found = []
     for person, trajectory in recording.people.items():
@@ -131,11 +147,13 @@ def impossible_speeds(recording: FinishedRecording) -> list[Suspicion]:
             remedy = (
                 "Check the frame rate (--fps) and the scale of the calibration; is it another person from there on?"
             )
-            found.append(Suspicion(recording.called(person), reason, remedy, 0.6))
+            found.append(
+                Finding(Code.IMPOSSIBLE_SPEED, Severity.WRONG, reason, remedy, 0.6, person=recording.number(person))
+            )
     return found
 
 
-def turns(recording: FinishedRecording) -> list[Suspicion]:
+def turns(recording: FinishedRecording) -> list[Finding]:
     """A body that is turned round from one frame to the next: left and right exchanged in the result."""
     found = []
     for person, trajectory in recording.people.items():
@@ -149,7 +167,9 @@ def turns(recording: FinishedRecording) -> list[Suspicion]:
                 f"{at_s:.2f} s: nobody turns faster than {_MAX_TURN_DEG_S:.0f} degrees a second"
             )
             remedy = "Most cameras have exchanged the sides there: look at the images, leave the moment out."
-            found.append(Suspicion(recording.called(person), reason, remedy, 0.6))
+            found.append(
+                Finding(Code.IMPOSSIBLE_TURN, Severity.DOUBTFUL, reason, remedy, 0.6, person=recording.number(person))
+            )
     return found
 
 
@@ -163,16 +183,18 @@ def _turn_deg(trajectory: Trajectory, floor: tuple[int, int]) -> Float[np.ndarra
     return np.where(np.minimum(length_m[1:], length_m[:-1]) > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0)
 
 
-def short_lives(recording: FinishedRecording) -> list[Suspicion]:
+def short_lives(recording: FinishedRecording) -> list[Finding]:
     """People who are there for a moment only, beside others who stay."""
     lives_s = {person: float(each.time_s[-1] - each.time_s[0]) for person, each in recording.people.items()}
     longest_s = max(lives_s.values())
     return [
-        Suspicion(
-            f"person {person}",
+        Finding(
+            Code.SHORT_LIFE,
+            Severity.NOTE,
             f"person {person} is there for {life_s:.1f} s only: perhaps nobody, or somebody who was not recognised",
             "See the events of this person; accept fewer false tracks (--tracking.false-tracks-per-hour).",
             0.1,
+            person=person,
         )
         for person, life_s in lives_s.items()
         if life_s < _SHORT_LIFE_S < longest_s / 2

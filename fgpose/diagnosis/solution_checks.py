@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.camera_checks import together_px
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
+from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
-from fgpose.report.camera_checks import together_px
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.series import known_quantile, root_m, sigma_m
-from fgpose.report.suspicion import Suspicion
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
 
@@ -22,7 +22,7 @@ _LARGE_ERROR_M = 3 * _USUAL_ERROR_M
 _SAMPLES = 200  # frames; the median needs no more
 
 
-def not_converged(recording: FinishedRecording) -> list[Suspicion]:
+def not_converged(recording: FinishedRecording) -> list[Finding]:
     """The optimiser was stopped."""
     found = []
     for person, trajectory in recording.people.items():
@@ -30,11 +30,13 @@ def not_converged(recording: FinishedRecording) -> list[Suspicion]:
         if convergence is not None and not convergence.converged:
             reason = f"the optimiser has not converged after {convergence.iterations} iterations"
             remedy = "Raise --solver.max-iterations; if it stays so, look for a wrong calibration below."
-            found.append(Suspicion(recording.called(person), reason, remedy, 0.9))
+            found.append(
+                Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, reason, remedy, 0.9, person=recording.number(person))
+            )
     return found
 
 
-def outside(recording: FinishedRecording) -> list[Suspicion]:
+def outside(recording: FinishedRecording) -> list[Finding]:
     """People who are where fewer than two cameras look."""
     if recording.rig is None or recording.rig.n_cameras < 2:
         return []
@@ -48,7 +50,9 @@ def outside(recording: FinishedRecording) -> list[Suspicion]:
             who = recording.called(person) or "the person"
             reason = f"{who} is outside of the volume that two cameras see in {100 * share:.0f} % of the frames"
             remedy = "Leave these frames out; turn the cameras to where people walk, or keep people inside."
-            found.append(Suspicion(recording.called(person), reason, remedy, share))
+            found.append(
+                Finding(Code.OUTSIDE, Severity.DOUBTFUL, reason, remedy, share, person=recording.number(person))
+            )
     return found
 
 
@@ -61,7 +65,7 @@ def views_of(points_m: Float[np.ndarray, "point 3"], rig: CameraRig) -> Float[np
     return inside.sum(axis=1).astype(float)
 
 
-def large_errors(recording: FinishedRecording) -> list[Suspicion]:
+def large_errors(recording: FinishedRecording) -> list[Finding]:
     """Detections that are further from the result than those of any network."""
     if recording.rig is None or together_px(recording) is None:
         return []
@@ -75,7 +79,7 @@ def large_errors(recording: FinishedRecording) -> list[Suspicion]:
         f"people that they see are about {1000 * _USUAL_ERROR_M:.0f} mm"
     )
     remedy = "Is the calibration that of this recording, and are the cameras in its order? Calibrate anew."
-    return [Suspicion("", reason, remedy, 0.9)]
+    return [Finding(Code.LARGE_ERRORS, Severity.WRONG, reason, remedy, 0.9)]
 
 
 def _errors_m(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, " error"]:
@@ -126,15 +130,16 @@ def _information(
     return np.einsum("tcj,tcjkl->tjkl", strength, across)
 
 
-def equal_confidences(recording: FinishedRecording) -> list[Suspicion]:
+def equal_confidences(recording: FinishedRecording) -> list[Finding]:
     """A detector that says of no detection how sure it is."""
     confidences = [seen.confidence[seen.seen] for seen in recording.observations.values()]
     together = np.concatenate(confidences) if confidences else np.zeros(0)
     if together.size < 2 or np.ptp(together) > 0:
         return []
     return [
-        Suspicion(
-            "",
+        Finding(
+            Code.EQUAL_CONFIDENCE,
+            Severity.NOTE,
             f"all detections have the confidence {together[0]:g}: bad ones have the weight of good ones",
             "Give the network's scores with the keypoints, if it has any.",
             0.25,

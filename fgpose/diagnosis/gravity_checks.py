@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.finding import Code, Finding, Severity
 from fgpose.kinematics.landmarks import Points, landmarks, points_of
-from fgpose.report.finished import FinishedRecording
-from fgpose.report.suspicion import Suspicion
 from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
 
@@ -47,7 +47,7 @@ class Flight(NamedTuple):
     """Acceleration of the centre of mass, downwards."""
 
 
-def wrong_falls(recording: FinishedRecording) -> list[Suspicion]:
+def wrong_falls(recording: FinishedRecording) -> list[Finding]:
     """Jumps in which the body does not fall as things do: frame rate or scale of the recording are wrong."""
     found = []
     for person, trajectory in recording.people.items():
@@ -65,7 +65,7 @@ def wrong_falls(recording: FinishedRecording) -> list[Suspicion]:
             f"or lengths are {ratio**2:.2f} times the true ones"
         )
         remedy = "Check the frame rate (--fps) and the size of the calibration target, or what the scale is from."
-        found.append(Suspicion(recording.called(person), reason, remedy, 0.7))
+        found.append(Finding(Code.FRAME_RATE, Severity.WRONG, reason, remedy, 0.7, person=recording.number(person)))
     return found
 
 

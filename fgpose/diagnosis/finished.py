@@ -107,6 +107,10 @@ class FinishedRecording:
         delay_s = np.nan_to_num(seen.time_s - trajectory.time_s[:, None])
         return undistorted_px - image_motion_px(trajectory.positions_m, trajectory.time_s, delay_s, rig)
 
+    def number(self, person: int) -> int | None:
+        """Of a person, where there are several."""
+        return person if len(self.people) > 1 else None
+
     def called(self, person: int) -> str:
         """How a person is named; nothing where there is only one."""
         return f"person {person}" if len(self.people) > 1 else ""

@@ -1,0 +1,195 @@
+"""What is probably wrong with a recording, a rig or a result: one thing, its cause, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+
+class Severity(StrEnum):
+    """How much of what is given can no longer be believed."""
+
+    WRONG = "wrong"
+    """Numbers are off by more than they claim."""
+    DOUBTFUL = "doubtful"
+    """Some of them may be."""
+    NOTE = "note"
+    """Numbers are right within what they claim; it is good to know all the same."""
+
+
+class Code(StrEnum):
+    """What a finding is about. Stable: programs may compare them; each has an entry in docs/help/findings.md."""
+
+    # What the keypoints and the calibration are.
+    IMAGE_SIZE = "image-size"
+    NORMALISED = "normalised-coordinates"
+    TURNED_IMAGE = "turned-image"
+    MIRRORED_IMAGE = "mirrored-image"
+    EXCHANGED_CAMERAS = "exchanged-cameras"
+    UNIT = "unit"
+    CAMERA_AXES = "camera-axes"
+    WORLD_UP = "world-up"
+    WRONG_SKELETON = "wrong-skeleton"
+    EXCHANGED_SIDES = "exchanged-sides"
+    OTHER_PERSON = "other-person"
+    MOVED_CAMERA = "moved-camera"
+    WRONG_LENS = "wrong-lens"
+    WRONG_CAMERA = "wrong-camera"
+    NO_AGREEMENT = "no-agreement"
+    CALIBRATION = "calibration"
+    # What changes in time.
+    LATE_CAMERA = "late-camera"
+    LOST_FRAMES = "lost-frames"
+    CLOCK_RATE = "clock-rate"
+    BUMPED_CAMERA = "bumped-camera"
+    AMBIGUOUS_START = "ambiguous-start"
+    UNDETERMINED_CLOCK = "undetermined-clock"
+    FROZEN_CAMERA = "frozen-camera"
+    MISSING_FRAMES = "missing-frames"
+    FRAME_RATE = "frame-rate"
+    # Who is seen, and how well.
+    NOBODY = "nobody"
+    SOMEBODY_ELSE = "somebody-else"
+    SEVERAL_PEOPLE = "several-people"
+    FEW_CAMERAS = "few-cameras"
+    BLIND_CAMERA = "blind-camera"
+    NEVER_SEEN = "never-seen"
+    LOW_CONFIDENCE = "low-confidence"
+    EQUAL_CONFIDENCE = "equal-confidence"
+    HALLUCINATING_CAMERA = "hallucinating-camera"
+    MISPLACED_JOINT = "misplaced-joint"
+    READ_WITH_REPAIRS = "read-with-repairs"
+    # What came out.
+    UNDETERMINED = "undetermined"
+    NOT_CONVERGED = "not-converged"
+    LARGE_ERRORS = "large-errors"
+    DISAGREEING_CAMERA = "disagreeing-camera"
+    CONTRADICTED = "contradicted"
+    GAP = "gap"
+    OUTSIDE = "outside"
+    IMPOSSIBLE_SPEED = "impossible-speed"
+    IMPOSSIBLE_TURN = "impossible-turn"
+    SHORT_LIFE = "short-life"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is probably wrong, why it is thought so, and what to do.
+
+    The reason names the number that gave it away and what it was compared with. A remedy that changes the input was
+    tried on the recording: what did not enter it is better with it than without.
+    """
+
+    code: Code
+    severity: Severity
+    reason: str
+    remedy: str
+    weight: float = 1.0
+    """Share of the result that it puts in doubt, in [0, 1]: the most important has the largest."""
+    camera: str = ""
+    """Which one it is about; empty: all, or none in particular. The same for joint and person."""
+    joint: str = ""
+    person: int | None = None
+    from_s: float | None = None
+    """Since when, by the clock of the recording; None: throughout. Until when: to_s."""
+    to_s: float | None = None
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    """What it rests on, by names with units: {"rotation_deg": 2.1}."""
+
+    @property
+    def subject(self) -> str:
+        """Camera, joint or person; empty: the whole recording."""
+        who = "" if self.person is None else f"person {self.person}"
+        return self.camera or ": ".join(part for part in (who, self.joint) if part)
+
+    @property
+    def text(self) -> str:
+        """In one paragraph, as it is printed."""
+        return f"{self.reason}. {self.remedy} [{self.code}]"
+
+
+# What a cause explains: its consequences need no finding of their own. Of one camera it explains those of that camera
+# and, as it takes part in every comparison, those of the others that rest on it.
+_GEOMETRY = (
+    Code.IMAGE_SIZE,
+    Code.NORMALISED,
+    Code.TURNED_IMAGE,
+    Code.MIRRORED_IMAGE,
+    Code.EXCHANGED_CAMERAS,
+    Code.CAMERA_AXES,
+    Code.NO_AGREEMENT,
+    Code.WRONG_CAMERA,
+    Code.WRONG_LENS,
+    Code.OTHER_PERSON,
+    Code.FROZEN_CAMERA,
+)
+_OF_GEOMETRY = frozenset(
+    {
+        Code.MOVED_CAMERA,
+        Code.BUMPED_CAMERA,
+        Code.WRONG_CAMERA,
+        Code.NO_AGREEMENT,
+        Code.WRONG_LENS,
+        Code.LATE_CAMERA,
+        Code.LOST_FRAMES,
+        Code.CLOCK_RATE,
+        Code.FRAME_RATE,
+        Code.UNIT,
+        Code.WORLD_UP,
+        Code.WRONG_SKELETON,
+        Code.EXCHANGED_SIDES,
+        Code.LARGE_ERRORS,
+        Code.DISAGREEING_CAMERA,
+        Code.HALLUCINATING_CAMERA,
+        Code.MISPLACED_JOINT,
+        Code.CONTRADICTED,
+        Code.GAP,
+        Code.OUTSIDE,
+        Code.IMPOSSIBLE_SPEED,
+        Code.IMPOSSIBLE_TURN,
+        Code.NOT_CONVERGED,
+    }
+)
+_OF_ONE_CAMERA = frozenset(
+    {
+        Code.DISAGREEING_CAMERA,
+        Code.HALLUCINATING_CAMERA,
+        Code.MISPLACED_JOINT,
+        Code.CONTRADICTED,
+        Code.LARGE_ERRORS,
+        Code.GAP,
+        Code.IMPOSSIBLE_TURN,
+    }
+)
+_OF_CLOCKS = frozenset({*_OF_ONE_CAMERA, Code.LATE_CAMERA})
+EXPLAINS: Mapping[Code, frozenset[Code]] = {
+    **{code: _OF_GEOMETRY - {code} for code in _GEOMETRY},
+    Code.WRONG_CAMERA: _OF_GEOMETRY - {Code.WRONG_CAMERA, Code.WRONG_LENS, Code.NO_AGREEMENT},
+    Code.WRONG_LENS: _OF_GEOMETRY - {Code.WRONG_LENS, Code.NO_AGREEMENT},
+    Code.NO_AGREEMENT: _OF_GEOMETRY - {Code.NO_AGREEMENT, Code.WRONG_CAMERA, Code.WRONG_LENS},
+    Code.WRONG_SKELETON: frozenset(
+        {Code.EXCHANGED_SIDES, Code.MISPLACED_JOINT, Code.WORLD_UP, Code.UNIT, Code.IMPOSSIBLE_TURN}
+    ),
+    Code.EXCHANGED_SIDES: _OF_ONE_CAMERA,
+    Code.UNIT: frozenset({Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE}),
+    Code.MOVED_CAMERA: _OF_ONE_CAMERA,
+    Code.BUMPED_CAMERA: _OF_ONE_CAMERA | {Code.MOVED_CAMERA, Code.LATE_CAMERA, Code.CLOCK_RATE},
+    Code.LATE_CAMERA: _OF_ONE_CAMERA,
+    Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
+    Code.CLOCK_RATE: _OF_CLOCKS,
+    Code.SOMEBODY_ELSE: frozenset({Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED}),
+    Code.NOBODY: frozenset({Code.GAP}),
+}
+
+
+def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Without what others explain and without repetitions; the severest first, of equal ones the weightiest, then what
+    may cause the others."""
+    different: dict[tuple[Code, str, float | None], Finding] = {}
+    for each in findings:
+        different.setdefault((each.code, each.subject, each.from_s), each)
+    explained = {code for each in different.values() for code in EXPLAINS.get(each.code, ())}
+    causes = [each for each in different.values() if each.code not in explained]
+    order = list(Severity)
+    return tuple(sorted(causes, key=lambda each: (order.index(each.severity), -each.weight)))
