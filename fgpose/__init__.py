@@ -18,10 +18,12 @@ from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
 from fgpose.calibration.synchronisation import Synchronised, synchronise
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config, load_config
+from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.estimation.estimator import Estimator
 from fgpose.estimation.fusion import Fusion, fuse
 from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
+from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
 from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
@@ -50,12 +52,15 @@ __all__ = [
     "CalibratedFromPeople",
     "Camera",
     "CameraRig",
+    "Code",
     "Config",
     "Convergence",
     "Detections",
+    "Diagnosis",
     "Estimate",
     "Estimator",
     "Evaluation",
+    "Finding",
     "Fusion",
     "JointAngles",
     "Observations",
@@ -63,6 +68,7 @@ __all__ = [
     "PeopleObservations",
     "RigRefinement",
     "SelfCalibration",
+    "Severity",
     "Skeleton",
     "SmoothedPeople",
     "Status",
@@ -73,6 +79,7 @@ __all__ = [
     "Trajectory",
     "builtin_skeletons",
     "calibrate",
+    "diagnose",
     "estimate_time_offsets",
     "evaluate",
     "evaluate_people",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -96,6 +97,11 @@ class Finding:
     to_s: float | None = None
     numbers: Mapping[str, float] = field(default_factory=dict)
     """What it rests on, by names with units: {"rotation_deg": 2.1}."""
+
+    def __post_init__(self) -> None:
+        # Files are strict about numbers.
+        known = {name: float(value) for name, value in self.numbers.items() if math.isfinite(value)}
+        object.__setattr__(self, "numbers", known)
 
     @property
     def subject(self) -> str:

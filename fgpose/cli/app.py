@@ -92,7 +92,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name (sys.argv by default).
 
     Returns:
-        The exit code: 0, 1 if a calibration has failed, 2 after an error, 130 after Ctrl-C.
+        The exit code: 0, 1 if a calibration has failed, 2 after an error, 3 if a result is probably wrong and --strict
+        was given, 130 after Ctrl-C.
 
     Raises:
         SystemExit: the arguments are wrong (2) or ask for help (0).

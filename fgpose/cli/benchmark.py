@@ -12,6 +12,7 @@ from tyro.conf import Positional, arg, subcommand
 
 from fgpose.cli.benchmark_calibrate import Calibrate
 from fgpose.cli.benchmark_data import Human36M, OccludeImages, Workcell
+from fgpose.cli.benchmark_faults import Faults
 from fgpose.cli.benchmark_people import People
 from fgpose.cli.method_comparison import MethodComparison, OutputFolder
 from fgpose.cli.options import counting_bar, new_console
@@ -174,6 +175,7 @@ class Benchmark:
         Annotated[Open, subcommand("open", prefix_name=False)]
         | Annotated[People, subcommand("people", prefix_name=False)]
         | Annotated[Calibrate, subcommand("calibrate", prefix_name=False)]
+        | Annotated[Faults, subcommand("faults", prefix_name=False)]
         | Annotated[Report, subcommand("report", prefix_name=False)]
         | Annotated[Human36M, subcommand("human36m", prefix_name=False)]
         | Annotated[OccludeImages, subcommand("occlude", prefix_name=False)]
@@ -185,7 +187,7 @@ class Benchmark:
         self.action.run()
 
 
-ACTIONS = ("open", "people", "calibrate", "report", "human36m", "occlude", "workcell")
+ACTIONS = ("open", "people", "calibrate", "faults", "report", "human36m", "occlude", "workcell")
 
 
 def with_action(arguments: list[str]) -> list[str]:

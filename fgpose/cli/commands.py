@@ -47,7 +47,7 @@ class Smooth(EstimatorOptions):
     Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --motion.max-unseen-s 5
     """
 
-    def run(self) -> None:
+    def run(self) -> int:
         from fgpose.cli.delivery import deliver
         from fgpose.cli.live import live_viewer, opener
         from fgpose.cli.people import estimate_people
@@ -56,13 +56,13 @@ class Smooth(EstimatorOptions):
         outputs = self.checked_outputs("smoothed")
         source = self.load_people()
         if isinstance(source, PeopleSource):
-            estimate_people(source, self.parameters, outputs, run_smooth_people, "smoothing")
-            return
+            run = run_smooth_people, "smoothing"
+            return estimate_people(source, self.parameters, outputs, *run, strict=self.strict)
         names = ("fused", "refined", "smoothed") if outputs.shown else ("smoothed",)
         with live_viewer(outputs, opener(source, names, outputs)) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
-            deliver(result, outputs, viewer)
+            return deliver(result, outputs, viewer, strict=self.strict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +75,7 @@ class Refine(EstimatorOptions):
     Example: fgpose refine pose/ --rig Calib.toml --skeleton body_25b --fps 60
     """
 
-    def run(self) -> None:
+    def run(self) -> int:
         from fgpose.cli.delivery import deliver
         from fgpose.cli.live import live_viewer, opener
         from fgpose.pipeline import run_refine
@@ -87,7 +87,7 @@ class Refine(EstimatorOptions):
         with live_viewer(outputs, opener(source, ("fused", "refined"), outputs)) as viewer:
             with progress_bar("refining") as progress:
                 result = run_refine(source, self.parameters, progress)
-            deliver(result, outputs, viewer)
+            return deliver(result, outputs, viewer, strict=self.strict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +101,7 @@ class Track(EstimatorOptions):
     Example: fgpose track pose/ --rig Calib.toml --skeleton body_25b --fps 60 --online.lag-s 0.3
     """
 
-    def run(self) -> None:
+    def run(self) -> int:
         from fgpose.cli.delivery import deliver
         from fgpose.cli.live import live_viewer, opener
         from fgpose.cli.people import track_people
@@ -110,14 +110,14 @@ class Track(EstimatorOptions):
         outputs = self.checked_outputs("smoothed", "online")
         source = self.load_people()
         if isinstance(source, PeopleSource):
-            track_people(source, self.parameters, outputs)
-            return
+            return track_people(source, self.parameters, outputs, strict=self.strict)
         with live_viewer(outputs, opener(source, ("smoothed", "online"), outputs), grows=True) as viewer:
             on_update = None if viewer is None else self._frame_display(source, viewer)
             with progress_bar("tracking") as progress:
                 result = run_track(source, self.parameters, progress, on_update)
             # A live viewer has seen every frame already.
-            deliver(result, outputs, viewer, show if viewer is None else lambda result, viewer: None)
+            display = show if viewer is None else lambda result, viewer: None
+            return deliver(result, outputs, viewer, display, strict=self.strict)
 
     def _frame_display(self, source: Source, viewer: Recording) -> OnUpdate:
         """What shows each frame in a live viewer."""
@@ -145,10 +145,11 @@ class Info(RecordingOptions):
 
     def run(self) -> None:
         from fgpose.assessment.recording_info import recording_info
-        from fgpose.calibration.camera_faults import camera_faults
+        from fgpose.cli.findings import print_findings
         from fgpose.cli.info_tables import print_info
         from fgpose.cli.people import associated
         from fgpose.cli.people_tables import print_association
+        from fgpose.diagnosis.diagnose import diagnose
         from fgpose.pipeline import PeopleSource
 
         source, console = self.load_people(), new_console()
@@ -161,9 +162,9 @@ class Info(RecordingOptions):
         recording = everybody if everybody and everybody.people else source.observations
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
-            # Time offsets and small moves can only be judged where the calibration is roughly right.
-            faults = () if info.suspected_calibration else camera_faults(recording, source.rig)
-        print_info(console, info, faults)
+            diagnosis = diagnose(recording, source.rig)
+        print_info(console, info)
+        print_findings(console, diagnosis)
 
 
 @dataclass(frozen=True, kw_only=True)

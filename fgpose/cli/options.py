@@ -143,6 +143,8 @@ class ParameterOptions(OutputOptions):
     """TOML file of parameters, as those in configs/. Options given here override what it says."""
     parameters: Annotated[Config, arg(name="")] = field(default_factory=Config)
     """All parameters, with their units."""
+    strict: bool = False
+    """End with exit code 3 if the result is probably wrong. It is written all the same."""
     refine_calibration: bool = False
     """First refine the poses of the cameras on the person, or on all people together (--calibration.*). Writes the new
     calibration as NAME_calibration.toml."""

@@ -12,6 +12,7 @@ from fgpose.cli.live import live_viewer
 from fgpose.cli.options import progress_bar
 from fgpose.config import Config
 from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Progress, run_track_people, show_people
+from fgpose.pipeline.diagnosed import nothing_determined
 from fgpose.viewer import PeopleRecording
 
 Display = Callable[[PeopleResult, PeopleRecording], None]
@@ -24,8 +25,13 @@ def estimate_people(
     run: Callable[[PeopleSource, Config, Progress], PeopleResult],
     task: str,
     display: Display = show_people,
-) -> None:
+    *,
+    strict: bool = False,
+) -> int:
     """Run an estimator over a recording with a progress bar, and deliver the result.
+
+    Returns:
+        The exit code; see deliver.
 
     Raises:
         ValueError: nobody is found.
@@ -34,10 +40,10 @@ def estimate_people(
     with _viewer(source, outputs) as viewer:
         with progress_bar(task) as progress:
             result = run(source, config, progress)
-        _deliver(result, outputs, viewer, display)
+        return _deliver(result, outputs, viewer, display, strict=strict)
 
 
-def track_people(source: PeopleSource, config: Config, outputs: Outputs) -> None:
+def track_people(source: PeopleSource, config: Config, outputs: Outputs, *, strict: bool = False) -> int:
     """The same with the tracker, of which live viewers see every update as soon as it is made. Raises as
     estimate_people."""
     with _viewer(source, outputs, grows=True) as viewer:
@@ -45,7 +51,8 @@ def track_people(source: PeopleSource, config: Config, outputs: Outputs) -> None
         with progress_bar("tracking") as progress:
             result = run_track_people(source, config, progress, on_update)
         # A live viewer has seen every frame already.
-        _deliver(result, outputs, viewer, show_people if viewer is None else lambda result, viewer: None)
+        display = show_people if viewer is None else lambda result, viewer: None
+        return _deliver(result, outputs, viewer, display, strict=strict)
 
 
 def _viewer(
@@ -56,10 +63,12 @@ def _viewer(
     return live_viewer(outputs, opened, grows=grows)
 
 
-def _deliver(result: PeopleResult, outputs: Outputs, viewer: PeopleRecording | None, display: Display) -> None:
+def _deliver(
+    result: PeopleResult, outputs: Outputs, viewer: PeopleRecording | None, display: Display, *, strict: bool
+) -> int:
     if not result.main:
-        raise ValueError("no two cameras agree on anybody; look at the input with fgpose info")
-    deliver_people(result, outputs, viewer, display)
+        raise ValueError(f"no two cameras agree on anybody: {nothing_determined(result.source)}")
+    return deliver_people(result, outputs, viewer, display, strict=strict)
 
 
 def associated(source: PeopleSource) -> Association:

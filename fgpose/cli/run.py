@@ -92,8 +92,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         source = replace(self.wanted(detected, console), origin=self._origin(detected, found))
         if isinstance(source, PeopleSource):
             source = calibrated(source, self.parameters, outputs, console, **wanted)
-            self._of_everybody(source, detected, outputs)
-            return 0
+            return self._of_everybody(source, detected, outputs)
         source = calibrated(source, self.parameters, outputs, console, **wanted)
 
         def show_all(result: Result, recording: Recording) -> None:
@@ -105,8 +104,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         with live_viewer(outputs, opener(source, names, outputs)) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
-            deliver(result, outputs, viewer, show_all)
-        return 0
+            return deliver(result, outputs, viewer, show_all, strict=self.strict)
 
     def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> CalibratedFromPeople | None:
         """The cameras; None if the calibration has failed."""
@@ -135,7 +133,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         origin = origin_of(rig, self.fps, **inputs).with_inputs(*video_files(detected.sources.clips))
         return origin if found is None else from_people(origin, found)
 
-    def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> None:
+    def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> int:
         from fgpose.cli.people import estimate_people
         from fgpose.pipeline import run_smooth_people, show_people
 
@@ -144,4 +142,5 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             if self.images:
                 show_images(detected, source.people.frames.frame_time_s, recording)
 
-        estimate_people(source, self.parameters, outputs, run_smooth_people, "smoothing", show_all)
+        run = run_smooth_people, "smoothing", show_all
+        return estimate_people(source, self.parameters, outputs, *run, strict=self.strict)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from fgpose.association.recording import Association
+from fgpose.association.chosen_person import main_person
+from fgpose.association.recording import Association, associate
 from fgpose.config import Config
 from fgpose.diagnosis.camera_faults_checks import moved_and_late_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
@@ -15,6 +16,8 @@ from fgpose.diagnosis.result_checks import RESULT_CHECKS
 from fgpose.finding import Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+from fgpose.people import PeopleObservations
+from fgpose.trajectory import Trajectory
 
 InputCheck = Callable[[Examined], list[Finding]]
 """Looks at one thing. Raises NotJudgedError if the recording cannot tell."""
@@ -46,26 +49,41 @@ class Diagnosis:
 
 
 def diagnose(
-    recording: Observations | Association,
+    recording: Observations | PeopleObservations | Association,
     rig: CameraRig,
+    result: Trajectory | Mapping[int, Trajectory] | None = None,
     config: Config | None = None,
-    *,
-    result: FinishedRecording | None = None,
     remarks: tuple[str, ...] = (),
 ) -> Diagnosis:
     """Look at the whole of a recording, at its rig and, if there is one, at its result.
 
     Args:
-        recording: what the cameras saw of one person, or of everybody who was told apart, on the clock of the rig.
+        recording: what the cameras saw of one person, or of everybody, on the clock of the rig (on_common_clock).
         rig: its cameras.
+        result: what came out, of one person or by the number of the person.
         config: the parameters that it is or was estimated with.
-        result: what came out.
         remarks: what readers of files had to repair or to leave out.
 
     Raises:
-        ValueError: the cameras of the recording and of the rig differ.
+        ValueError: the cameras of the recording and of the rig, or the people of the result, differ.
     """
-    examined = Examined.of(recording, rig, config, result, remarks)
+    config = config or Config()
+    if isinstance(recording, PeopleObservations):
+        told_apart = associate(recording, rig, config.tracking)
+        recording = told_apart if told_apart.people else main_person(recording, rig)
+    people = {0: result} if isinstance(result, Trajectory) else result
+    finished = FinishedRecording("", people, rig) if people else None
+    return _diagnosed(Examined.of(recording, rig, config, finished, remarks))
+
+
+def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
+    """The same of a finished recording: of what the cameras saw too, where that is known, else of the result alone."""
+    if recording.rig is None or not recording.observations:
+        return Diagnosis(most_important([*recording.known_findings, *_of_result(recording)]), ("result",), {})
+    return _diagnosed(Examined(recording.rig, recording.observations, result=recording))
+
+
+def _diagnosed(examined: Examined) -> Diagnosis:
     found: list[Finding] = []
     not_judged: dict[str, str] = {}
     for what, checks in INPUT_CHECKS.items():
@@ -75,16 +93,11 @@ def diagnose(
             except NotJudgedError as reason:
                 not_judged.setdefault(what, str(reason))
     judged = tuple(what for what in INPUT_CHECKS if what not in not_judged)
-    if result is not None:
-        found += result_findings(result)
+    if examined.result is not None:
+        found += [*_of_result(examined.result), *examined.result.known_findings]
         judged = (*judged, "result")
     return Diagnosis(most_important(found), judged, not_judged)
 
 
-def diagnose_result(result: FinishedRecording) -> Diagnosis:
-    """The same of a result whose detections may be gone."""
-    return Diagnosis(most_important(result_findings(result)), ("result",), {})
-
-
-def result_findings(result: FinishedRecording) -> list[Finding]:
+def _of_result(result: FinishedRecording) -> list[Finding]:
     return [finding for check in RESULT_CHECKS for finding in check(result)]

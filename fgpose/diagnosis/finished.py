@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.association.track import TrackEvent
-from fgpose.calibration.from_people.calibrated import Finding
+from fgpose.calibration.from_people.calibrated import Finding as CalibrationFinding
 from fgpose.estimation.delays import image_motion_px
+from fgpose.finding import Finding
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.trajectory import Trajectory
@@ -46,8 +47,10 @@ class FinishedRecording:
     a time for each camera, that is by the clock of the rig; else no camera is late."""
     offset_sigma_s: Mapping[str, float] = field(default_factory=dict)
     """Standard deviation of the time offset of each camera whose offset was estimated; the offsets are the rig's."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[CalibrationFinding, ...] = ()
     """Of the calibration from people, if the rig is from one."""
+    known_findings: tuple[Finding, ...] = ()
+    """What was found when it was estimated."""
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of people."""
     marks: tuple[Mark, ...] = ()

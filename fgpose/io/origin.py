@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.association.track import TrackEvent
+from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration.calibrated_view import rig_in_metres
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin as CalibrationOrigin
@@ -56,6 +57,8 @@ class Origin:
     rig: CameraRig | None = None
     """As it was used, its time offsets by the clocks of the inputs."""
     calibration: CalibrationOrigin = field(default_factory=CalibrationOrigin)
+    findings: tuple[Finding, ...] = ()
+    """What is probably wrong with the recording and the result."""
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of several people."""
     fps: float | None = None
@@ -88,7 +91,7 @@ def origin_to_json(origin: Origin, folder: Path) -> str:
     """As it is kept in the file of a result in this folder: nothing in it depends on where the folder is, as long as
     the inputs keep their places beside it."""
     table = {each.name: getattr(origin, each.name) for each in dataclasses.fields(Origin) if each.name != "rig"}
-    table |= {name: [dataclasses.asdict(each) for each in table[name]] for name in ("inputs", "events")}
+    table |= {name: [dataclasses.asdict(each) for each in table[name]] for name in ("inputs", "findings", "events")}
     table["calibration"] = dataclasses.asdict(origin.calibration)
     for each in table["inputs"]:
         each["path"] = _relative(each["path"], folder)
@@ -115,6 +118,8 @@ def origin_from_json(text: str, folder: Path) -> Origin | None:
         if table.pop("version") != _VERSION:
             return None
         rig = _rig(table.pop("rig")) if "rig" in table else None
+        # A later version may know more kinds of findings: the result is as readable without them.
+        table["findings"] = [each for each in table.get("findings", []) if _is_known(each)]
         origin = replace(converted(Origin, table, "origin"), rig=rig)
     except RecursionError:
         raise ValueError("its origin is damaged: it is nested too deeply") from None
@@ -123,6 +128,10 @@ def origin_from_json(text: str, folder: Path) -> Origin | None:
     inputs = (replace(each, path=os.path.normpath(os.path.join(os.path.abspath(folder), each.path)))
               for each in origin.inputs)  # fmt: skip
     return replace(origin, inputs=tuple(inputs))
+
+
+def _is_known(finding: Any) -> bool:
+    return not isinstance(finding, dict) or finding.get("code") in list(Code)
 
 
 def _rig(text: Any) -> CameraRig:

@@ -7,6 +7,7 @@ import math
 import types
 import typing
 from collections.abc import Mapping
+from enum import StrEnum
 from typing import Any
 
 
@@ -14,7 +15,7 @@ def converted(kind: Any, value: Any, name: str) -> Any:
     """A value as its annotation says; a field that is absent keeps its default.
 
     Args:
-        kind: a dataclass, tuple[X, ...], Mapping[str, X], X | None, float, int or str.
+        kind: a dataclass, tuple[X, ...], Mapping[str, X], X | None, float, int, str or a StrEnum.
         value: as JSON or TOML gives it.
         name: what it is called in the file.
 
@@ -40,4 +41,6 @@ def converted(kind: Any, value: Any, name: str) -> Any:
         return float(value)
     if kind in (int, str) and type(value) is kind:
         return value
+    if isinstance(kind, type) and issubclass(kind, StrEnum) and value in list(kind):
+        return kind(value)
     raise ValueError(f"{name}: it has {str(value)[:40]!r}")

@@ -13,11 +13,12 @@ from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, Progress
 from fgpose.association.track import TrackEvent
 from fgpose.config import Config
+from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.people import Detections, PeopleObservations, Seen, SeenInImage
-from fgpose.pipeline.source import Source
+from fgpose.pipeline.source import Source, with_findings
 from fgpose.sampling import nearest
 from fgpose.tracking import Tracked, Tracker, smooth_people
 from fgpose.trajectory import Estimate, Trajectory
@@ -63,6 +64,8 @@ class PeopleResult:
     """Names of those that are written; one that the run did not give is left out."""
     update_ms: Float[np.ndarray, " frame"] | None = None
     """How long each update of the tracker took, milliseconds."""
+    diagnosis: Diagnosis | None = None
+    """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
 
     @property
     def main(self) -> Mapping[int, Trajectory]:
@@ -71,8 +74,8 @@ class PeopleResult:
 
     @property
     def origin(self) -> Origin | None:
-        """That of the source, with what happened to the tracks."""
-        origin = self.source.origin
+        """That of the source, with what happened to the tracks and what is probably wrong."""
+        origin = with_findings(self.source.origin, self.diagnosis)
         return None if origin is None else replace(origin, events=self.association.events)
 
     def first_frame(self, trajectory: Trajectory) -> int:

@@ -14,12 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
+from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import check_writable
+from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
-from fgpose.pipeline.source import Source
+from fgpose.pipeline.source import Source, with_findings
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import PeopleRecording, Recording, open_people_recording, open_recording
@@ -43,6 +45,13 @@ class Result:
     run did not give is left out."""
     update_ms: Float[np.ndarray, " frame"] | None = None
     """How long each update of the online estimator took, milliseconds."""
+    diagnosis: Diagnosis | None = None
+    """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
+
+    @property
+    def origin(self) -> Origin | None:
+        """That of the source, with what is probably wrong."""
+        return with_findings(self.source.origin, self.diagnosis)
 
     @property
     def main(self) -> Trajectory:
@@ -208,7 +217,7 @@ def write_outputs(
         OutputError: a file could not be written, whatever the reason. All others were.
     """
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, result.source.origin)
+        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, result.origin)
         for path, name in outputs.trajectory_paths(result.saved).items()
         if name in result.trajectories
     }

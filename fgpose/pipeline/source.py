@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from fgpose.config import Config
+from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
@@ -41,3 +42,10 @@ class Source:
         if not cameras:
             return self
         return replace(self, rig=self.rig.subset(cameras), observations=self.observations.subset(cameras))
+
+
+def with_findings(origin: Origin | None, diagnosis: Diagnosis | None) -> Origin | None:
+    """The origin with what was found, if anybody has looked."""
+    if origin is None or diagnosis is None:
+        return origin
+    return replace(origin, findings=diagnosis.findings)

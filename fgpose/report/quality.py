@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.diagnosis.diagnose import diagnose_result
+from fgpose.diagnosis.diagnose import diagnose_finished
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.finding import Finding
@@ -94,7 +94,7 @@ def quality(recording: FinishedRecording) -> Quality:
         **_of_residuals(everybody),
         **_of_covariance(everybody),
         **_of_motion(everybody),
-        suspicions=diagnose_result(recording).findings,
+        suspicions=diagnose_finished(recording).findings,
     )
 
 

@@ -117,6 +117,7 @@ def load_finished(
         observations=observations,
         offset_sigma_s=known.offset_sigma_s,
         findings=findings_of(origin),
+        known_findings=origin.findings,
         events=origin.events,
         videos=videos or _videos(origin, cameras),
         images_hz=fps or origin.fps,

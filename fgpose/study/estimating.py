@@ -7,22 +7,22 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, Mark
-from fgpose.estimation.smoother import smooth
 from fgpose.io.kinematics import save_kinematics
 from fgpose.io.origin import Origin, input_file
 from fgpose.io.trajectories import load_people_trajectories, save_people, save_trajectory
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import find_clips
-from fgpose.pipeline import PeopleSource
+from fgpose.pipeline import PeopleSource, Source, run_smooth, run_smooth_people
+from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.pipeline.origin import video_files
 from fgpose.report.quality import quality
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
 from fgpose.study.events import own_events
 from fgpose.study.job import ANGLES, MOTION, REPORT, Job
-from fgpose.tracking import smooth_people
 from fgpose.trajectory import Trajectory
 
 # Of these C3D also holds the points.
@@ -41,27 +41,24 @@ def estimate(job: Job) -> None:
         OSError: a file cannot be read or written.
     """
     source, config = job.source(), job.study.parameters
-    origin = source.origin and _whole_origin(job, source.origin)
-    if isinstance(source, PeopleSource):
-        smoothed = smooth_people(source.people, source.rig, config)
-        if not smoothed.trajectories:
-            raise ValueError(f"{job.recording.source}: no two cameras agree on anybody")
-        _save(
-            smoothed.trajectories,
-            job,
-            smoothed.association.frames.frame_time_s,
-            origin and replace(origin, events=smoothed.association.events),
-        )
-        return
-    observations = source.observations
-    if not observations.n_frames:
-        raise ValueError(f"{job.recording.source}: it has no frame")
+    source = replace(source, origin=source.origin and _whole_origin(job, source.origin))
+    try:
+        if isinstance(source, PeopleSource):
+            everybody = diagnosed(run_smooth_people(source, config))
+            _save(everybody.main, job, everybody.association.frames.frame_time_s, everybody.origin)
+        else:
+            one = diagnosed(run_smooth(_corrected(job, source), config, compare=False))
+            save_trajectory(one.main, job.path(MOTION), origin=one.origin)
+    except ValueError as error:
+        raise ValueError(f"{job.recording.source}: {error}") from None
+
+
+def _corrected(job: Job, source: Source) -> Source:
+    if not source.observations.n_frames:
+        raise ValueError("it has no frame")
     if job.recording.kind == "videos":
-        observations = correct_flips(observations, source.rig).observations
-    trajectory = smooth(observations, source.rig, config)
-    if not np.isfinite(trajectory.positions_m).any():
-        raise ValueError(f"{job.recording.source}: no joint is determined in any frame; fgpose info says why")
-    save_trajectory(trajectory, job.path(MOTION), origin=origin)
+        return replace(source, observations=correct_flips(source.observations, source.rig).observations)
+    return source
 
 
 def _whole_origin(job: Job, origin: Origin) -> Origin:
@@ -81,7 +78,9 @@ def _whole_origin(job: Job, origin: Origin) -> Origin:
     return origin
 
 
-def _save(people: Mapping[int, Trajectory], job: Job, time_s: np.ndarray, origin: Origin | None) -> None:
+def _save(
+    people: Mapping[int, Trajectory], job: Job, time_s: Float[np.ndarray, " frame"], origin: Origin | None
+) -> None:
     if len(people) == 1:
         (alone,) = people.values()
         save_trajectory(alone, job.path(MOTION), origin=origin)

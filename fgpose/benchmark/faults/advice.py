@@ -1,0 +1,68 @@
+"""Following an advice as a user would, where it changes the calibration, the keypoints or the options."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+
+from fgpose.benchmark.faults.damage import Damaged
+from fgpose.calibration.self_calibration import calibrate_cameras
+from fgpose.finding import Code, Finding
+from fgpose.geometry.camera import CameraRig
+
+
+def followed(given: Damaged, finding: Finding) -> Damaged | None:
+    """The recording after the remedy of a finding; None if it cannot be followed on what was recorded."""
+    action = _ACTIONS.get(finding.code)
+    if action is None:
+        return None
+    try:
+        return action(given, finding)
+    except ValueError:  # refused, and said why
+        return None
+
+
+def _refined(given: Damaged, finding: Finding) -> Damaged | None:
+    found = calibrate_cameras(given.observations, given.rig, poses=True, clocks=False)
+    return replace(given, rig=found.rig, observations=found.observations)
+
+
+def _with_clocks(given: Damaged, finding: Finding) -> Damaged | None:
+    found = calibrate_cameras(given.observations, given.rig, poses=False, clocks=True)
+    return replace(given, rig=found.rig, observations=found.observations)
+
+
+def _left_out(given: Damaged, finding: Finding) -> Damaged | None:
+    kept = [name for name in given.rig.names if name != finding.camera]
+    if not finding.camera or len(kept) < 2:
+        return None
+    return replace(given, rig=given.rig.subset(kept), observations=given.observations.subset(kept))
+
+
+def _in_metres(given: Damaged, finding: Finding) -> Damaged | None:
+    factor = finding.numbers.get("metres_per_unit")
+    if factor is None:
+        return None
+    cameras = []
+    for camera in given.rig.cameras:
+        pose = camera.world_T_camera.copy()
+        pose[:3, 3] *= factor
+        cameras.append(replace(camera, world_T_camera=pose))
+    return replace(given, rig=CameraRig(tuple(cameras)))
+
+
+_ACTIONS: Mapping[Code, Callable[[Damaged, Finding], Damaged | None]] = {
+    Code.MOVED_CAMERA: _refined,
+    Code.BUMPED_CAMERA: _refined,
+    Code.LATE_CAMERA: _with_clocks,
+    Code.LOST_FRAMES: _with_clocks,
+    Code.CLOCK_RATE: _with_clocks,
+    Code.WRONG_CAMERA: _left_out,
+    Code.WRONG_LENS: _left_out,
+    Code.OTHER_PERSON: _left_out,
+    Code.EXCHANGED_SIDES: _left_out,
+    Code.FROZEN_CAMERA: _left_out,
+    Code.HALLUCINATING_CAMERA: _left_out,
+    Code.UNIT: _in_metres,
+}
+"""By code; of the others the advice is to record or to detect again."""

@@ -1,0 +1,58 @@
+"""A kind of damage: what it does to a recording, what it should be called, and what helps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.benchmark.faults.take import Take
+from fgpose.finding import Code
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+
+
+@dataclass(frozen=True, eq=False)
+class Damaged:
+    """What fgpose is given, and what is true."""
+
+    rig: CameraRig
+    observations: Observations
+    truth_m: Float[np.ndarray, "frame joint 3"]
+    """NaN where nobody is there."""
+    cameras: tuple[str, ...] = ()
+    """Those that are damaged; empty: all, or none in particular."""
+    at_s: float | None = None
+    """When it happened, if it did during the recording."""
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One kind."""
+
+    name: str
+    codes: tuple[Code, ...]
+    """The findings that name the cause rightly."""
+    inflict: Callable[[Take, np.random.Generator], Damaged]
+    least_cameras: int = 2
+    """With fewer it cannot be inflicted."""
+    remedy: Callable[[Damaged], Damaged] | None = None
+    """What the advice comes to; None: it is to record again, or to leave something out."""
+
+
+def with_points(
+    observations: Observations,
+    points2d_px: Float[np.ndarray, "frame camera joint 2"],
+    confidence: Float[np.ndarray, "frame camera joint"] | None = None,
+) -> Observations:
+    """The same recording with other detections; NaN = missing."""
+    given = observations.confidence if confidence is None else confidence
+    known = np.asarray(np.isfinite(points2d_px).all(axis=-1))
+    points2d_px = np.where(known[..., None], points2d_px, np.nan)
+    return replace(observations, points2d_px=points2d_px, confidence=np.where(known, given, 0.0))
+
+
+def some_camera(take: Take, rng: np.random.Generator) -> int:
+    return int(rng.integers(take.rig.n_cameras))

@@ -1,0 +1,128 @@
+"""What became of one damaged recording: its errors, what was said of it, and what the advice was worth."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.benchmark.faults.advice import followed
+from fgpose.benchmark.faults.damage import Damage, Damaged
+from fgpose.benchmark.faults.take import Take
+from fgpose.diagnosis.diagnose import Diagnosis, diagnose
+from fgpose.estimation.smoother import smooth
+from fgpose.finding import Finding, Severity
+from fgpose.trajectory import Status, Trajectory
+
+UNDAMAGED = "undamaged"
+# 99 % quantile of the chi-square distribution with three degrees of freedom.
+_CHI2_99 = 11.345
+_MORE_THAN = 2.0
+"""Times the error of the undamaged recording; more is wrong."""
+_LEAST_INSIDE = 0.9
+"""Share of the errors within the 99 % ellipsoids; less is wrong."""
+_DAMAGES_SEED = 7
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one recording. Errors are 95 % quantiles over joints and frames that are given, millimetres."""
+
+    damage: str
+    clip: str
+    rig: str
+    undamaged_mm: float
+    error_mm: float
+    """NaN: nothing was determined, or the recording was refused."""
+    inside: float
+    """Share of the errors within the claimed 99 % ellipsoids."""
+    found: tuple[str, ...]
+    """severity:code:camera of all findings, the severest first."""
+    said: bool
+    """Whether something is called wrong or doubtful, or the cause is named."""
+    right: bool
+    """Whether the first of what is said names the cause, and the camera."""
+    followed_mm: float
+    """After the advice was followed; NaN: there is none that can be followed here."""
+
+    @property
+    def harmful(self) -> bool:
+        """Whether the numbers that are given are wrong."""
+        return self.error_mm > _MORE_THAN * self.undamaged_mm or self.inside < _LEAST_INSIDE
+
+    @property
+    def silent(self) -> bool:
+        """Wrong, and nothing is said."""
+        return self.harmful and not self.said
+
+
+def outcome_of(take: Take, damage: Damage | None, undamaged_mm: float | None = None) -> Outcome:
+    """Damage a recording, estimate and diagnose it, follow the advice.
+
+    Args:
+        take: a recording without a fault.
+        damage: what is done to it; None: nothing.
+        undamaged_mm: its error without damage, if that is known.
+    """
+    if undamaged_mm is None:
+        _, undamaged_mm, _ = _estimated(Damaged(take.rig, take.observations, take.truth_m))
+    name = UNDAMAGED if damage is None else damage.name
+    rng = np.random.default_rng([_DAMAGES_SEED, take.seed, len(name)])
+    given = Damaged(take.rig, take.observations, take.truth_m) if damage is None else damage.inflict(take, rng)
+    diagnosis, error_mm, inside = _estimated(given)
+    findings = diagnosis.findings
+    serious = [each for each in findings if each.severity is not Severity.NOTE]
+    named = [] if damage is None else [each for each in findings if _names(each, damage, given)]
+    first = serious[0] if serious else named[0] if named else None
+    return Outcome(
+        damage=name,
+        clip=take.clip,
+        rig=take.rig_name,
+        undamaged_mm=undamaged_mm,
+        error_mm=error_mm,
+        inside=inside,
+        found=tuple(f"{each.severity}:{each.code}:{each.camera}" for each in findings),
+        said=bool(serious or named),
+        right=damage is not None and first is not None and _names(first, damage, given),
+        followed_mm=_error_after(given, first),
+    )
+
+
+def _names(finding: Finding, damage: Damage, given: Damaged) -> bool:
+    of_camera = not given.cameras or not finding.camera or finding.camera in given.cameras
+    return finding.code in damage.codes and of_camera
+
+
+def _error_after(given: Damaged, finding: Finding | None) -> float:
+    changed = None if finding is None else followed(given, finding)
+    return np.nan if changed is None else _estimated(changed)[1]
+
+
+def _estimated(given: Damaged) -> tuple[Diagnosis, float, float]:
+    """The diagnosis, the error and the share within the 99 % ellipsoids."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # what does not converge is a finding
+        try:
+            result = smooth(given.observations, given.rig)
+        except ValueError:
+            return diagnose(given.observations, given.rig), np.nan, np.nan
+    error_m, inside = _errors(result, given.truth_m)
+    diagnosis = diagnose(given.observations, given.rig, result)
+    return diagnosis, float(1000 * np.quantile(error_m, 0.95)) if error_m.size else np.nan, inside
+
+
+def _errors(
+    result: Trajectory, truth_m: Float[np.ndarray, "frame joint 3"]
+) -> tuple[Float[np.ndarray, " known"], float]:
+    """A position where nobody is has no error that could be measured: it counts as outside, and as 10 m."""
+    given = result.status != Status.UNOBSERVABLE
+    difference_m = (result.positions_m - truth_m)[given]
+    nobody = np.isnan(difference_m).any(axis=-1)
+    error_m = np.where(nobody, 10.0, np.linalg.norm(np.nan_to_num(difference_m), axis=-1))
+    if result.covariance_m2 is None or not len(error_m):
+        return error_m, np.nan
+    whitened = np.linalg.solve(result.covariance_m2[given], np.nan_to_num(difference_m)[..., None])[..., 0]
+    squared = np.einsum("ni,ni->n", np.nan_to_num(difference_m), whitened)
+    return error_m, float(np.mean((squared < _CHI2_99) & ~nobody))

@@ -1,0 +1,111 @@
+"""Damage to who is seen, and to what the joints are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points
+from fgpose.benchmark.faults.in_time import away
+from fgpose.benchmark.faults.take import FPS, Take, motion
+from fgpose.finding import Code
+
+
+def _sides(take: Take, rng: np.random.Generator) -> Damaged:
+    """Left and right are exchanged in one camera, throughout."""
+    c, mirror = some_camera(take, rng), take.observations.skeleton.mirror
+    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+    points[:, c], confidence[:, c] = points[:, c][:, mirror], confidence[:, c][:, mirror]
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
+
+
+def _skeleton(take: Take, rng: np.random.Generator) -> Damaged:
+    """The joints stand in the order of coco_17."""
+    order = np.array([9, 10, 10, 10, 10, 11, 14, 12, 15, 13, 16, 4, 1, 5, 2, 6, 3])
+    seen = take.observations
+    damaged = with_points(seen, seen.points2d_px[:, :, order], seen.confidence[:, :, order])
+    return Damaged(take.rig, damaged, take.truth_m)
+
+
+def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
+    """One camera's keypoints are of somebody else, who is somewhere else."""
+    c = some_camera(take, rng)
+    other_m = motion("cmu_03_03_b", take.seed + 1000, len(take.truth_m) / FPS)
+    n_frames = min(len(other_m), len(take.truth_m))
+    other = take.film(take.rig, other_m[:n_frames])
+    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+    points[:, c], confidence[:, c] = np.nan, 0.0
+    points[:n_frames, c], confidence[:n_frames, c] = other.points2d_px[:, c], other.confidence[:, c]
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
+
+
+def _nobody(take: Take, rng: np.random.Generator) -> Damaged:
+    """Nobody is there for a fifth at the beginning, in the middle, and at the end."""
+    n = len(take.truth_m)
+    frame = np.arange(n)
+    gone = (frame < n // 5) | ((frame >= 2 * n // 5) & (frame < 3 * n // 5)) | (frame >= 4 * n // 5)
+    points = np.where(gone[:, None, None, None], np.nan, take.observations.points2d_px)
+    return Damaged(take.rig, with_points(take.observations, points), away(take.truth_m, gone))
+
+
+def _somebody_else(take: Take, rng: np.random.Generator) -> Damaged:
+    """From the middle on it is somebody of 0.65 times the size, somewhere else."""
+    middle = len(take.truth_m) // 2
+    small_m = 0.65 * (take.truth_m + np.array([0.6, -0.4, 0.0]))
+    small = take.film(take.rig, small_m)
+    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+    points[middle:], confidence[middle:] = small.points2d_px[middle:], small.confidence[middle:]
+    points[middle : middle + 30] = np.nan
+    truth_m = away(take.truth_m, (np.arange(len(points)) >= middle) & (np.arange(len(points)) < middle + 30))
+    truth_m[middle + 30 :] = small_m[middle + 30 :]
+    return Damaged(take.rig, with_points(take.observations, points, confidence), truth_m)
+
+
+def _legs(take: Take, rng: np.random.Generator) -> Damaged:
+    """Legs that are not in any image: a network puts them straight down, with little confidence."""
+    joints = take.observations.skeleton.joints
+    hallucinated_m = take.truth_m.copy()
+    for side in ("left", "right"):
+        hip, knee, ankle = (joints.index(f"{side}_{name}") for name in ("hip", "knee", "ankle"))
+        hallucinated_m[:, knee] = hallucinated_m[:, hip] + (0.25, 0.1, -0.30)
+        hallucinated_m[:, ankle] = hallucinated_m[:, knee] + (0.0, 0.0, -0.30)
+    legs = [joints.index(f"{side}_{name}") for side in ("left", "right") for name in ("knee", "ankle")]
+    shown = take.film(take.rig, hallucinated_m)
+    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+    points[:, :, legs] = shown.points2d_px[:, :, legs]
+    confidence[:, :, legs] = np.clip(rng.normal(0.05, 0.03, confidence[:, :, legs].shape), 0.01, 1.0)
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m)
+
+
+def _alone(take: Take, rng: np.random.Generator) -> Damaged:
+    """All cameras but one stop in the middle."""
+    c, middle = some_camera(take, rng), len(take.truth_m) // 2
+    points = take.observations.points2d_px.copy()
+    others = [other for other in range(take.rig.n_cameras) if other != c]
+    points[middle:, others] = np.nan
+    return Damaged(take.rig, with_points(take.observations, points), take.truth_m, at_s=middle / FPS)
+
+
+def _hallucinating(take: Take, rng: np.random.Generator) -> Damaged:
+    """A camera's network sees somebody in a coat stand: always the same, with some noise."""
+    c = some_camera(take, rng)
+    points = take.observations.points2d_px.copy()
+    stand_px = np.nanmedian(points[:, c], axis=0) + rng.uniform(-300, 300, 2)
+    points[:, c] = stand_px + rng.normal(0, 3.0, points[:, c].shape)
+    return Damaged(take.rig, with_points(take.observations, points), take.truth_m, (take.rig.names[c],))
+
+
+PEOPLE: tuple[Damage, ...] = (
+    Damage("left and right exchanged, one camera", (Code.EXCHANGED_SIDES,), _sides),
+    Damage("joints in another order", (Code.WRONG_SKELETON,), _skeleton),
+    Damage("somebody else's keypoints, one camera", (Code.OTHER_PERSON, Code.WRONG_CAMERA), _other_person, 3),
+    Damage("nobody for most of the time", (Code.NOBODY,), _nobody),
+    Damage("somebody else from the middle on", (Code.SOMEBODY_ELSE,), _somebody_else),
+    Damage("legs out of the images", (Code.LOW_CONFIDENCE,), _legs),
+    Damage("one camera alone", (Code.FEW_CAMERAS, Code.BLIND_CAMERA, Code.GAP), _alone),
+    Damage(
+        "a coat stand",
+        (Code.HALLUCINATING_CAMERA, Code.FROZEN_CAMERA, Code.OTHER_PERSON, Code.WRONG_CAMERA),
+        _hallucinating,
+        3,
+    ),
+)

@@ -1,0 +1,84 @@
+"""The table of the benchmark of faults."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome
+from fgpose.io.atomic import write_text
+
+_HEAD = (
+    "Recordings of one person who walks about and works, with the errors of real networks, are damaged as "
+    "laboratories damage them, estimated with the defaults and diagnosed. *Harmful*: the 95 % error is more than twice "
+    "that without damage, or fewer than 90 % of the errors lie within the claimed 99 % ellipsoids. *Silent*: harmful, "
+    "and nothing is called wrong or doubtful. *Cause*: of the recordings of which something is said, or whose damage "
+    "is harmful, those in which the first thing said is the cause, of the right camera. *Error*: median of the 95 % "
+    "error over that without damage; *after*: the same after the advice was followed, where it can be followed on what "
+    "was recorded, median and largest."
+)
+
+
+def write_report(outcomes: Sequence[Outcome], folder: Path, command: str) -> Path:
+    """Write report.md and outcomes.json into a folder, whole or not at all.
+
+    Raises:
+        OSError: the folder cannot be written into.
+    """
+    every = [dataclasses.asdict(outcome) for outcome in outcomes]
+    write_text(folder / "outcomes.json", json.dumps(every, indent=1) + "\n")
+    damaged = [outcome for outcome in outcomes if outcome.damage != UNDAMAGED]
+    undamaged = [outcome for outcome in outcomes if outcome.damage == UNDAMAGED]
+    alarms = [outcome for outcome in undamaged if outcome.said]
+    named = [outcome for outcome in damaged if outcome.said or outcome.harmful]
+    parts = [
+        "# The benchmark of faults",
+        f"To reproduce:\n\n    {command}",
+        _HEAD,
+        f"Silent {sum(outcome.silent for outcome in damaged)} of {len(damaged)} damaged recordings; cause right "
+        f"{_share([outcome.right for outcome in named])}; false alarms {len(alarms)} of {len(undamaged)} undamaged "
+        "recordings.",
+        _table(damaged),
+    ]
+    parts += [f"## {rig}\n\n" + _table([each for each in damaged if each.rig == rig]) for rig in _names(damaged)]
+    if alarms:
+        rows = [f"- {outcome.clip}, {outcome.rig}: {', '.join(outcome.found)}" for outcome in alarms]
+        parts.append("## False alarms\n\n" + "\n".join(rows))
+    path = folder / "report.md"
+    write_text(path, "\n\n".join(parts) + "\n")
+    return path
+
+
+def _names(outcomes: Sequence[Outcome]) -> list[str]:
+    return list(dict.fromkeys(outcome.rig for outcome in outcomes))
+
+
+def _table(outcomes: Sequence[Outcome]) -> str:
+    rows = [
+        "| damage | recordings | harmful | silent | cause [%] | error | after (largest) |",
+        "|---|---:|---:|---:|---:|---:|---:|",
+    ]
+    for damage in dict.fromkeys(outcome.damage for outcome in outcomes):
+        own = [outcome for outcome in outcomes if outcome.damage == damage]
+        named = [outcome.right for outcome in own if outcome.said or outcome.harmful]
+        ratio = np.array([outcome.error_mm / outcome.undamaged_mm for outcome in own])
+        after = np.array([outcome.followed_mm / outcome.undamaged_mm for outcome in own])
+        counts = f"{len(own)} | {sum(each.harmful for each in own)} | {sum(each.silent for each in own)}"
+        rows.append(f"| {damage} | {counts} | {_share(named)} | {_median(ratio)} | {_median(after, largest=True)} |")
+    return "\n".join(rows)
+
+
+def _share(values: Sequence[bool]) -> str:
+    return f"{100 * np.mean(values):.0f}" if len(values) else "-"
+
+
+def _median(values: np.ndarray, *, largest: bool = False) -> str:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return "-"
+    text = f"{np.median(known):.2f}" if np.median(known) < 100 else f"{np.median(known):.0f}"
+    return f"{text} ({known.max():.2f})" if largest else text

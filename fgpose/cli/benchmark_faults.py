@@ -1,0 +1,58 @@
+"""The benchmark of faults. The docstrings are what --help prints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from tyro.conf import arg
+
+from fgpose.cli.command_line import command_line
+from fgpose.cli.options import counting_bar, new_console
+
+# A tenth of it: what fits into the tests.
+_QUICK_DAMAGES = (
+    "half as large images",
+    "two cameras exchanged",
+    "centimetres as metres",
+    "6 frames lost",
+    "nobody for most of the time",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Faults:
+    """Damaged recordings: what is noticed, named rightly, and mended by the advice.
+
+    Each damage on five clips with two, three and four cameras, and the same recordings undamaged. Writes outcomes.json
+    and report.md into the output folder. Takes about an hour on two cores.
+
+    Example: fgpose benchmark faults --quick
+    """
+
+    damages: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
+    """Only these damages, by the names in the report."""
+    quick: bool = False
+    """Five damages on one clip of 12 s: for a first look."""
+    output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out/benchmark-faults")
+    """Where the report goes."""
+    workers: Annotated[int, arg(metavar="N")] = 2
+    """Number of processes."""
+
+    def run(self) -> None:
+        from fgpose.benchmark.faults.benchmark import find_damages, run
+        from fgpose.benchmark.faults.report import write_report
+        from fgpose.benchmark.faults.take import CLIPS, SECONDS, takes
+        from fgpose.io.atomic import check_writable
+
+        if self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        damages = find_damages(self.damages or (_QUICK_DAMAGES if self.quick else ()))
+        check_writable(self.output)
+        every = list(takes(CLIPS[:1] if self.quick else CLIPS, SECONDS / 2 if self.quick else SECONDS))
+        n_all = sum(1 + sum(take.rig.n_cameras >= each.least_cameras for each in damages) for take in every)
+        with counting_bar("benchmark", "recordings", n_all) as advance:
+            outcomes = run(every, damages, advance, self.workers)
+        path = write_report(outcomes, self.output, command_line())
+        new_console().print(f"wrote {path}", soft_wrap=True)

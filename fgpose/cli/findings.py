@@ -1,0 +1,46 @@
+"""What is probably wrong, as the commands print it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from fgpose.finding import Severity
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.diagnosis.diagnose import Diagnosis
+
+PROBABLY_WRONG = 3
+"""Exit code with --strict where a finding says that numbers are wrong."""
+_MARKS = {Severity.WRONG: "!!", Severity.DOUBTFUL: "!", Severity.NOTE: "-"}
+
+
+def print_findings(console: Console, diagnosis: Diagnosis) -> None:
+    """One paragraph for each finding, the severest first; then what was judged, and what was not."""
+    for finding in diagnosis.findings:
+        console.print(f"{_MARKS[finding.severity]} {finding.text}", soft_wrap=True)
+    if diagnosis.judged:
+        only_notes = diagnosis.worst in (None, Severity.NOTE)
+        said = "Nothing suspicious" if only_notes else "Looked at"
+        console.print(f"{said}: {', '.join(diagnosis.judged)}.", soft_wrap=True)
+    if diagnosis.not_judged:
+        reasons = ", ".join(f"{what} ({why})" for what, why in diagnosis.not_judged.items())
+        console.print(f"Not judged: {reasons}.", soft_wrap=True)
+
+
+def conclude(console: Console, diagnosis: Diagnosis | None, *, strict: bool) -> int:
+    """Print what was found of a result, and a last line that nobody overlooks if it is probably wrong.
+
+    Returns:
+        The exit code: 3 in that case if it is strict, else 0.
+    """
+    if diagnosis is None:
+        return 0
+    print_findings(console, diagnosis)
+    if diagnosis.worst is not Severity.WRONG:
+        return 0
+    codes = dict.fromkeys(finding.code for finding in diagnosis.findings if finding.severity is Severity.WRONG)
+    line = f"THIS RESULT IS PROBABLY WRONG: {', '.join(codes)}. Read the lines with !! above before you use it."
+    console.print(f"[bold red]{line}[/]" if console.is_terminal else line, markup=console.is_terminal, soft_wrap=True)
+    return PROBABLY_WRONG if strict else 0

@@ -1,0 +1,40 @@
+"""The diagnosis of what a run was made from and of what came out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+
+from fgpose.association.chosen_person import main_person
+from fgpose.diagnosis.diagnose import diagnose
+from fgpose.pipeline.people import PeopleResult, PeopleSource
+from fgpose.pipeline.results import Result
+from fgpose.pipeline.source import Source
+
+AnyResult = TypeVar("AnyResult", Result, PeopleResult)
+
+
+def diagnosed(result: AnyResult) -> AnyResult:
+    """The result with what is probably wrong with it, which goes into its files.
+
+    Raises:
+        ValueError: nothing is determined; the message says why, as far as it is known.
+    """
+    people = result.main if isinstance(result, PeopleResult) else {0: result.main}
+    if not any(np.isfinite(each.positions_m).any() for each in people.values()):
+        raise ValueError(nothing_determined(result.source))
+    if isinstance(result, PeopleResult):
+        recording, rig = result.association, result.association.rig
+    else:
+        recording, rig = result.source.observations, result.source.rig
+    return replace(result, diagnosis=diagnose(recording, rig, people, result.config))
+
+
+def nothing_determined(source: Source | PeopleSource) -> str:
+    """Why there is no result, and what to do."""
+    seen = source.observations if isinstance(source, Source) else main_person(source.people, source.rig)
+    findings = diagnose(seen, source.rig).findings
+    what = "no joint is determined in any frame, so nothing is written"
+    return "; ".join([what, *(finding.text for finding in findings[:1])])

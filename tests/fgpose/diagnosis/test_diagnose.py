@@ -1,0 +1,92 @@
+"""The diagnosis of recordings, of results, and of what they carry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose import Code, Severity
+from fgpose.cli import main
+from fgpose.io.trajectories import load_origin
+from fgpose.synthetic import Scene
+
+
+def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
+    diagnosis = fgpose.diagnose(walking_scene.observations, walking_scene.rig)
+    assert diagnosis.worst in (None, Severity.NOTE)
+    assert not diagnosis.not_judged
+
+
+def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
+    two = walking_scene.rig.names[:2]
+    seen, rig = walking_scene.observations.subset(two), walking_scene.rig.subset(two)
+    diagnosis = fgpose.diagnose(seen, rig)
+    assert diagnosis.not_judged
+    assert not set(diagnosis.judged) & set(diagnosis.not_judged)
+
+
+def test_a_result_is_looked_at_too(walking_scene: Scene) -> None:
+    smoothed = fgpose.smooth(walking_scene.observations, walking_scene.rig)
+    assert "result" in fgpose.diagnose(walking_scene.observations, walking_scene.rig, smoothed).judged
+
+
+def turned(rig: fgpose.CameraRig, name: str, degrees: float) -> fgpose.CameraRig:
+    from dataclasses import replace
+
+    angle = np.radians(degrees)
+    turn = np.eye(4)
+    turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+    cameras = [
+        replace(camera, world_T_camera=camera.world_T_camera @ turn) if camera.name == name else camera
+        for camera in rig.cameras
+    ]
+    return fgpose.CameraRig(tuple(cameras))
+
+
+@pytest.fixture
+def damaged(walking_scene: Scene, tmp_path: Path) -> list[str]:
+    """Arguments of a recording whose second camera is turned by 15 degrees in the calibration."""
+    fgpose.save_rig(turned(walking_scene.rig, walking_scene.rig.names[1], 15.0), tmp_path / "rig.toml")
+    fgpose.save_observations(walking_scene.observations, tmp_path / "walk.npz")
+    skeleton = walking_scene.observations.skeleton.name
+    return [str(tmp_path / "walk.npz"), "--rig", str(tmp_path / "rig.toml"), "--skeleton", skeleton]
+
+
+def test_smooth_says_it_and_its_file_carries_it(
+    damaged: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["smooth", *damaged, "-o", str(tmp_path / "out"), "--formats", "parquet"]) == 0
+    printed = capsys.readouterr().out
+    assert "THIS RESULT IS PROBABLY WRONG" in printed.splitlines()[-1]
+    origin = load_origin(tmp_path / "out" / "walk.parquet")
+    assert origin is not None
+    assert Severity.WRONG in [finding.severity for finding in origin.findings]
+    assert all(f"[{finding.code}]" in printed for finding in origin.findings)
+
+
+def test_strict_ends_with_three(damaged: list[str], tmp_path: Path) -> None:
+    assert main(["smooth", *damaged, "-o", str(tmp_path / "out"), "--formats", "parquet", "--strict"]) == 3
+    assert (tmp_path / "out" / "walk.parquet").exists()
+
+
+def test_nothing_determined_is_an_error_and_no_file(
+    walking_scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seen = walking_scene.observations
+    # Pixels of images four times as large lie outside what any two cameras could see at one place.
+    points2d_px, confidence = seen.points2d_px.copy(), seen.confidence.copy()
+    points2d_px[:, 1:], confidence[:, 1:] = np.nan, 0.0
+    alone = fgpose.Observations(
+        seen.skeleton, seen.time_s, points2d_px, confidence, camera_names=walking_scene.rig.names
+    )
+    fgpose.save_observations(alone, tmp_path / "walk.npz")
+    fgpose.save_rig(walking_scene.rig, tmp_path / "rig.toml")
+    arguments = ["--rig", str(tmp_path / "rig.toml"), "--skeleton", seen.skeleton.name]
+    out = ["-o", str(tmp_path / "out"), "--formats", "parquet"]
+    assert main(["smooth", str(tmp_path / "walk.npz"), *arguments, *out]) == 2
+    assert "no joint is determined in any frame" in capsys.readouterr().err
+    assert not list((tmp_path / "out").glob("*"))
+    assert Code.NEVER_SEEN in [finding.code for finding in fgpose.diagnose(alone, walking_scene.rig).findings]

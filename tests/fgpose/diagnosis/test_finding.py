@@ -1,0 +1,53 @@
+"""Findings: which ones remain where one explains another, and that all are documented."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
+
+PAGE = Path(__file__).parents[3] / "docs" / "help" / "findings.md"
+
+
+def found(code: Code, severity: Severity = Severity.DOUBTFUL, weight: float = 0.5, camera: str = "") -> Finding:
+    return Finding(code, severity, "it is so", "Do this.", weight, camera=camera)
+
+
+def test_a_cause_takes_the_place_of_what_follows_from_it() -> None:
+    cause, consequence = found(Code.IMAGE_SIZE, camera="a"), found(Code.LARGE_ERRORS)
+    assert most_important([consequence, cause]) == (cause,)
+
+
+def test_the_severest_and_weightiest_comes_first_and_nothing_twice() -> None:
+    note, wrong = found(Code.SHORT_LIFE, Severity.NOTE, 1.0), found(Code.UNIT, Severity.WRONG, 0.1)
+    late, later = found(Code.LATE_CAMERA, weight=0.2, camera="a"), found(Code.LATE_CAMERA, weight=0.3, camera="b")
+    assert most_important([note, late, later, wrong, late]) == (wrong, later, late, note)
+
+
+def test_no_two_kinds_explain_each_other_away() -> None:
+    mutual = [(a, b) for a, explained in EXPLAINS.items() for b in explained if a in EXPLAINS.get(b, ())]
+    assert mutual == []
+
+
+def test_who_and_what_it_is_about() -> None:
+    assert Finding(Code.GAP, Severity.NOTE, "r", "m", joint="nose", person=2).subject == "person 2: nose"
+    assert found(Code.GAP, camera="cam1").subject == "cam1"
+    assert found(Code.GAP).text == "it is so. Do this. [gap]"
+
+
+def test_numbers_that_no_file_can_hold_are_left_out() -> None:
+    each = Finding(Code.UNIT, Severity.WRONG, "r", "m", numbers={"a": float("nan"), "b": 2})
+    assert dict(each.numbers) == {"b": 2.0}
+
+
+@pytest.mark.parametrize("code", Code)
+def test_every_code_is_explained_to_users(code: Code) -> None:
+    assert f"\n| `{code}` | " in PAGE.read_text(encoding="utf-8")
+
+
+def test_no_code_is_explained_that_does_not_exist() -> None:
+    explained = re.findall(r"^\| `([a-z-]+)` \| .{20,}\|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(explained) == sorted(Code)
