@@ -13,6 +13,7 @@ import numpy as np
 from fgpose.live.clock import Clock
 from fgpose.live.clock_model import ClockModel
 from fgpose.live.frame import CameraState, CameraStatus
+from fgpose.live.frozen_keypoints import REASON, FrozenKeypoints
 from fgpose.live.health import Health, Verdict
 from fgpose.live.image import Image, SourceImage
 from fgpose.live.picture_faults import PictureFaults
@@ -62,6 +63,7 @@ class LiveCamera:
             Health(settings.fps, late_s if settings.pace == "real time" else np.inf),
             PictureFaults(),
         )
+        self._keypoints = FrozenKeypoints()
         self._lock = threading.Lock()
         self._said = _CONNECTING
         self._n_images = 0
@@ -72,6 +74,7 @@ class LiveCamera:
         with self._lock:
             self._model.restart()
             self._picture_faults.restart()
+            self._keypoints = FrozenKeypoints()
             self._health.connected(self.clock.now_s())
 
     def failed(self, reason: str) -> None:
@@ -96,6 +99,8 @@ class LiveCamera:
             picture_faults: dict[str, str] = {}
             if image.picture is not None and not image.is_damaged:
                 picture_faults = self._picture_faults.add(image.picture, arrived_s)
+            if image.detections is not None and self._keypoints.add(image.detections, arrived_s):
+                picture_faults["frozen"] = REASON
             faults = dict(picture_faults)
             if self._model.n_jumps > n_jumps:
                 faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s"

@@ -1,14 +1,11 @@
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from fgpose.calibration.camera_faults import CameraFault
 from fgpose.cli import main
-from fgpose.cli.info_tables import fault_hints
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_people, save_people_observations
@@ -46,13 +43,6 @@ def test_the_starts_are_printed_and_written(
     offsets_s = load_rig(tmp_path / "take.toml").time_offsets_s
     # Half an image; sigmas are 5 ms.
     np.testing.assert_allclose(offsets_s, true.time_offsets_s - true.time_offsets_s[0], atol=15e-3)
-
-
-def test_clocks_that_are_far_apart_make_info_ask_whether_cameras_were_started_by_hand() -> None:
-    late = CameraFault("b", 0.02, 1e-3, 1.0, 0.0, 0.0, late=True, moved=False)
-    assert not any("fgpose synchronise" in hint for hint in fault_hints((late,)))
-    (_, asked) = fault_hints((replace(late, offset_s=-0.2),))
-    assert "fgpose synchronise finds when each began" in asked
 
 
 def test_some_cameras_are_enough(take: tuple[Path, CameraRig], tmp_path: Path) -> None:

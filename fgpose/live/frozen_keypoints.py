@@ -1,0 +1,34 @@
+"""Keypoints that stand still: a detector that sends what it found last, or whose images have stopped."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fgpose.people import Detections
+
+# Somebody who stands still moves by fractions of a pixel, and so does noise: no network gives the same numbers twice.
+# One that looks at every second or third image only may send them again.
+_LASTS_S, _LASTS_IMAGES = 1.0, 5
+REASON = "the same keypoints again and again"
+
+
+class FrozenKeypoints:
+    """Follows the detections of one camera. Nobody, image after image, is nothing that is frozen."""
+
+    def __init__(self) -> None:
+        self._last: Detections | None = None
+        self._since_s = -np.inf
+        self._n_same = 0
+
+    def add(self, detections: Detections, arrived_s: float) -> bool:
+        """Whether they have been the same for long."""
+        last, self._last = self._last, detections
+        if last is None or not detections.n_people or not _same(last, detections):
+            self._since_s, self._n_same = arrived_s, 0
+            return False
+        self._n_same += 1
+        return self._n_same >= _LASTS_IMAGES and arrived_s - self._since_s > _LASTS_S
+
+
+def _same(a: Detections, b: Detections) -> bool:
+    return bool(np.array_equal(a.points2d_px, b.points2d_px, equal_nan=True))
