@@ -88,8 +88,8 @@ class Report:
             )
             judged = write_report(recording, path)
         console = new_console()
-        for number, suspicion in enumerate(judged.suspicions, 1):
-            console.print(f"{number}. {suspicion.reason}. {suspicion.remedy}", soft_wrap=True)
+        for number, finding in enumerate(judged.suspicions, 1):
+            console.print(f"{number}. {finding.text}", soft_wrap=True)
         if not judged.suspicions:
             console.print("nothing is suspicious")
         console.print(f"wrote {path}", soft_wrap=True)

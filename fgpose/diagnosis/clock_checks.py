@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import stdtrit
 
 from fgpose.config import ProjectionConfig
 from fgpose.diagnosis.finished import FinishedRecording
@@ -62,6 +61,8 @@ class Lag:
 
 
 def _significant(freedom: int) -> float:
+    from scipy.special import stdtrit
+
     return float(stdtrit(freedom, 1 - _BY_CHANCE / 2))
 
 
