@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from tyro.conf import Positional, arg
 
 from fgpose.config import Config
+from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -118,8 +119,8 @@ class OutputOptions:
     """Name of the result files, without extension."""
     formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
     """What to write: parquet and npz keep everything, trc (OpenSim) and c3d keep positions, rrd is for the viewer."""
-    world_up: Literal["z", "y"] = "z"
-    """Axis of the calibration's world that points up."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand."""
     live: bool = False
     """Let viewers connect while it runs (it says how) and until you press Ctrl-C. Opens no window."""
     port: Annotated[int, arg(metavar="PORT")] = 9876

@@ -76,7 +76,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         from fgpose.pipeline import PeopleSource, run_smooth, show
 
         self.check_cameras()
-        if self.calibrate and self.world_up != "z":
+        if self.calibrate and self.world_up not in ("auto", "z", "+z"):
             raise ValueError("the world of --calibrate has z up: leave --world-up out")
         if self.image_width < 1:
             raise ValueError(f"--image-width must be at least 1, got {self.image_width}")
