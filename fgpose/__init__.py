@@ -24,6 +24,7 @@ from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.geometry.turned_images import turn_images
 from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import (
     load_observations,
@@ -105,4 +106,5 @@ __all__ = [
     "smooth",
     "smooth_people",
     "synchronise",
+    "turn_images",
 ]

@@ -149,7 +149,7 @@ def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
         raise ValueError(f"POINT:LABELS names {len(markers)} of {n_markers} markers")
     positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
     said = "".join(_texts(file, "Y_SCREEN")).lower()
-    file_up: UpAxis = next((axis for axis in SIGNED_AXES if said == axis), "+z")
+    file_up: UpAxis = SIGNED_AXES[SIGNED_AXES.index(said)] if said in SIGNED_AXES else "+z"
     time_s = (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
     return markers_to_trajectory(markers, time_s, positions_m), file_up
 

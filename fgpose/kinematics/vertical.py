@@ -24,6 +24,8 @@ _MAX_FRAMES = 2000  # of each person; the median needs no more
 # Walking, standing, lifting and sitting people are within this of the vertical on average, people who lie are not.
 _UPRIGHT_DEG = 25.0
 _LYING_DEG = 60.0
+# A body in fewer frames than this tells nothing.
+_LEAST_FRAMES = 3
 # A body whose axis is farther than this from its median, in more than 40 % of the frames, tells nothing.
 _SCATTER_DEG, _LEAST_SHARE = 45.0, 0.6
 # Lean of a walker: 3 degrees (calibration/from_people/vertical.py); cameras on tripods are level to one or two. An axis
@@ -68,11 +70,11 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
 
 
 def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, 3] | None:
-    """The direction in which bodies stand, of length 1; None where none does, or where ankles and head (hips and
-    shoulders, where the skeleton lacks them) are never known."""
+    """The direction in which bodies stand, of length 1; None where it changes, or where ankles and head (hips and
+    shoulders, where the skeleton lacks them) are hardly ever known."""
     parts = [_axes(each) for each in people]
     axis, left = (np.concatenate([np.zeros((0, 3)), *(part[n] for part in parts)]) for n in (0, 1))
-    if not len(axis):
+    if len(axis) < _LEAST_FRAMES:
         return None
     up = geometric_median(axis)
     length = float(np.linalg.norm(up))

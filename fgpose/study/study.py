@@ -32,7 +32,8 @@ class Data:
     """What the keypoints are: a name, or a TOML file. Of videos it is that of the network."""
     fps: float | None = None
     """Frames per second, where the files do not say."""
-    unit: Literal["auto", "m", "mm"] = "auto"
+    unit: str = "auto"
+    """Of the lengths in the calibrations: m, cm, mm, inch, or how many metres it is, as a text."""
     points3d_frame: Literal["camera", "world"] = "camera"
     points3d_unit: Literal["mm", "m"] = "mm"
     cameras: tuple[str, ...] = ()
