@@ -30,7 +30,9 @@ _LEAST_FRAMES = 3
 _SCATTER_DEG, _LEAST_SHARE = 45.0, 0.6
 # Lean of a walker: 3 degrees (calibration/from_people/vertical.py); cameras on tripods are level to one or two. An axis
 # is told from a tilt at the first where cameras take part, at the second where bodies alone do.
-_LEVEL_DEG, _LEAN_DEG = 5.0, 20.0
+_LEVEL_DEG, _LEAN_DEG, _UNNOTICED_LEAN_DEG = 5.0, 20.0, 15.0
+# Bodies and cameras mean the same tilt where they differ by less than this share of it.
+_SAME_TILT = 0.6
 _LEAN_SIGMA = np.deg2rad(3.0)
 # Two cameras that look at right angles have 0.7; less than 0.3 is less than 35 degrees between them.
 _LEAST_HEADINGS, _MAX_ROLL = 0.3, np.deg2rad(4.0)
@@ -65,8 +67,9 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
     referee = coarse if level is None else level
     if referee is not None and _angle_deg(referee, body) > _angle_deg(referee, expected) + _LEAN_DEG:
         return FoundUp(usual, _lies(off_deg, usual) if off_deg > _LYING_DEG else "")
-    agrees = referee is not None and _angle_deg(referee, body) < _angle_deg(referee, expected) - _LEAN_DEG
-    return _unusual(body, level if agrees else None, agrees, usual)
+    if referee is not None and _angle_deg(referee, body) < _angle_deg(referee, expected) - _LEAN_DEG:
+        return _agreed(body, referee, usual)
+    return _by_body_alone(body, off_deg, usual)
 
 
 def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, 3] | None:
@@ -176,15 +179,26 @@ def _perhaps_tilted(
     return _tilted(body, level)
 
 
-def _unusual(body: Float[np.ndarray, 3], level: Float[np.ndarray, 3] | None, agrees: bool, usual: UpAxis) -> FoundUp:
-    axis = nearest_axis(_direction(body if level is None else level))
-    limit_deg = _LEVEL_DEG if agrees else _LEAN_DEG
-    if _angle_deg(body if level is None else level, up_vector(axis)) <= limit_deg:
-        remark = f"the body stands along {axis} of the world, not along {usual}, so {axis} is taken to be up"
-        return FoundUp(axis, remark + ("" if agrees else f"; if the person lies, say --world-up={usual}"))
-    if agrees:
-        return _tilted(body, level)
-    off_deg = _angle_deg(body, up_vector(usual))
+def _agreed(body: Float[np.ndarray, 3], referee: Float[np.ndarray, 3], usual: UpAxis) -> FoundUp:
+    """Where bodies and cameras say that another axis is up, or a direction between axes, if both mean the same one."""
+    axis = nearest_axis(_direction(body + referee))
+    offs_deg = [_angle_deg(each, up_vector(axis)) for each in (body, referee)]
+    if min(offs_deg) > _LEVEL_DEG and _angle_deg(body, referee) < min(_SAME_TILT * min(offs_deg), 2 * _LEVEL_DEG):
+        return _tilted(body, referee)
+    remark = f"the body stands along {axis} of the world, not along {usual}, so {axis} is taken to be up"
+    if offs_deg[0] > _UNNOTICED_LEAN_DEG:
+        remark += f"; it leans by {offs_deg[0]:.0f} degrees: if the person does not, the world is tilted"
+    return FoundUp(axis, remark)
+
+
+def _by_body_alone(body: Float[np.ndarray, 3], off_deg: float, usual: UpAxis) -> FoundUp:
+    axis = nearest_axis(_direction(body))
+    if _angle_deg(body, up_vector(axis)) <= _LEAN_DEG:
+        return FoundUp(
+            axis,
+            f"the body stands along {axis} of the world, not along {usual}, so {axis} is taken to be up; if the person "
+            f"lies, say --world-up={usual}",
+        )
     return FoundUp(
         usual,
         f"the body points {off_deg:.0f} degrees away from {usual}, which is taken to be up: it bends or lies, or the "
@@ -192,8 +206,8 @@ def _unusual(body: Float[np.ndarray, 3], level: Float[np.ndarray, 3] | None, agr
     )
 
 
-def _tilted(body: Float[np.ndarray, 3], level: Float[np.ndarray, 3] | None) -> FoundUp:
-    up = body if level is None else body + level
+def _tilted(body: Float[np.ndarray, 3], referee: Float[np.ndarray, 3]) -> FoundUp:
+    up = body + referee
     up /= np.linalg.norm(up)
     axis = nearest_axis(_direction(up))
     return FoundUp(
