@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -79,7 +80,7 @@ def read_trc(path: Path) -> Trajectory:
     of the body tell it.
 
     Warns:
-        UserWarning: no unit is named; which one was taken.
+        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken.
 
     Raises:
         ValueError: the header is not that of a TRC file, the unit is not m, cm or mm, or is not named and not told by a
@@ -100,8 +101,9 @@ def read_trc(path: Path) -> Trajectory:
     table = np.array([_parse_frame(cells, number, markers) for number, cells in frames])
     table = table.reshape(len(frames), 1 + 3 * len(markers))
     positions = table[:, 1:].reshape(len(frames), len(markers), 3)
-    unit = _unit(lines, separator) or _unit_of_body(markers, table[:, 0], positions, path)
-    return markers_to_trajectory(markers, table[:, 0], positions / _UNITS_PER_METRE[unit])
+    in_file = markers_to_trajectory(markers, table[:, 0], positions)
+    unit = _checked_unit(_unit(lines, separator), leg_length(in_file), path)
+    return replace(in_file, positions_m=in_file.positions_m / _UNITS_PER_METRE[unit])
 
 
 def _unit(lines: list[str], separator: str) -> str:
@@ -117,18 +119,29 @@ def _unit(lines: list[str], separator: str) -> str:
     return unit
 
 
-def _unit_of_body(
-    markers: list[str], time_s: Float[np.ndarray, " frame"], positions: Float[np.ndarray, "frame marker 3"], path: Path
-) -> str:
-    leg = leg_length(markers_to_trajectory(markers, time_s, positions))
-    # The legs of a small child and of a very tall man, metres; the units are further apart than these.
-    fitting = [unit for unit, per_metre in _UNITS_PER_METRE.items() if 0.25 < leg / per_metre < 1.3]
+def _checked_unit(said: str, leg: float, path: Path) -> str:
+    """The unit that the file names, unless legs of that length belong to nobody.
+
+    Args:
+        said: in line 3; empty: nothing.
+        leg: length of the legs in the file; NaN: it has none.
+        path: the file.
+    """
+    if said and not (np.isfinite(leg) and not _is_leg(leg, said)):
+        return said
+    fitting = [unit for unit in _UNITS_PER_METRE if _is_leg(leg, unit)]
+    if not fitting and said:
+        return said
     if not fitting:
-        raise ValueError(
-            "line 3: Units is missing, and there are no legs of a person to tell it; write m, cm or mm there"
-        )
-    warnings.warn(f"{path}: no unit is named in line 3: {fitting[0]}, as the legs tell", UserWarning, stacklevel=5)
+        raise ValueError("line 3: Units is missing, and no legs of a person tell it; write m, cm or mm there")
+    why = f"line 3 says {said}, in which legs are {leg:.3g} long" if said else "line 3 names no unit"
+    warnings.warn(f"{path}: {why}: lengths are taken to be {fitting[0]}, which fits a person", stacklevel=5)
     return fitting[0]
+
+
+def _is_leg(leg: float, unit: str) -> bool:
+    """Whether legs of a small child up to a very tall man are this long; the units are further apart than these."""
+    return 0.25 < leg / _UNITS_PER_METRE[unit] < 1.3
 
 
 def _parse_frame(row: list[str], line_number: int, markers: list[str]) -> Float[np.ndarray, " cell"]:

@@ -331,13 +331,14 @@ def _make_live_recording(folder: Path) -> None:
 
 
 def _make_xcp(folder: Path) -> None:
-    cameras = "".join(
-        f'<Camera DEVICEID="{camera.name}" TYPE="VideoCamera" SENSOR_SIZE="1000 1000"><KeyFrames><KeyFrame '
-        'FOCAL_LENGTH="1145" PRINCIPAL_POINT="500 500" ORIENTATION="0.5 0.5 0.5 0.5" '
-        f'POSITION="{1000 * camera.position_m[0]} {1000 * camera.position_m[1]} 1700" VICON_RADIAL2="ViconRadial2 500 500 0.1 0.01 0"/></KeyFrames></Camera>'
-        for camera in rig().cameras
-    )
-    (folder / "rig.xcp").write_text(f"<Cameras>{cameras}</Cameras>")
+    lens = 'FOCAL_LENGTH="1145" PRINCIPAL_POINT="500 500" VICON_RADIAL2="ViconRadial2 500 500 0.1 0.01 0"'
+    cameras = []
+    for camera in rig().cameras:
+        x, y, z = (1000 * camera.position_m).tolist()
+        frame = f'<KeyFrame {lens} ORIENTATION="0.5 0.5 0.5 0.5" POSITION="{x} {y} {z}"/>'
+        head = f'DEVICEID="{camera.name}" TYPE="VideoCamera" SENSOR_SIZE="1000 1000"'
+        cameras.append(f"<Camera {head}><KeyFrames>{frame}</KeyFrames></Camera>")
+    (folder / "rig.xcp").write_text(f"<Cameras>{''.join(cameras)}</Cameras>")
 
 
 def _make_opencap(folder: Path) -> None:

@@ -108,12 +108,20 @@ def test_trc_as_table_programs_leave_it(
 
 def test_trc_without_a_unit_is_told_by_the_legs(walk: Trajectory, tmp_path: Path) -> None:
     path = trc(tmp_path / "walk.trc", y_up(walk.positions_m, "z"), "")
-    with pytest.warns(UserWarning, match=r"walk\.trc: no unit is named in line 3: mm, as the legs tell"):
+    with pytest.warns(UserWarning, match=r"walk\.trc: line 3 names no unit: lengths are taken to be mm, which fits"):
         loaded = load_trajectory(path, walk.skeleton)
     np.testing.assert_allclose(loaded.positions_m, walk.positions_m, atol=1e-6)
     path.write_text(path.read_text().replace("left_knee", "LKNE").replace("right_knee", "RKNE"))
-    with pytest.raises(ValueError, match="Units is missing, and there are no legs of a person to tell it"):
+    with pytest.raises(ValueError, match="Units is missing, and no legs of a person tell it"):
         load_trajectory(path)
+
+
+def test_a_trc_of_a_giant_has_another_unit(walk: Trajectory, tmp_path: Path) -> None:
+    path = trc(tmp_path / "walk.trc", y_up(walk.positions_m, "z"), "m")
+    path.write_text(path.read_text().replace("\tm\t", "\tcm\t"))
+    with pytest.warns(UserWarning, match=r"line 3 says cm, in which legs are 0\.\d+ long: lengths are taken to be m"):
+        loaded = load_trajectory(path, walk.skeleton)
+    np.testing.assert_allclose(loaded.positions_m, walk.positions_m, atol=1e-6)
 
 
 def test_a_trc_with_z_up_is_read_upright_and_said(walk: Trajectory, tmp_path: Path) -> None:
