@@ -23,6 +23,8 @@ UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "inch": 0.0254, "in": 0.02
 _MAX_PLAUSIBLE_M = 100.0
 # Cameras that are all nearer to each other than this cannot triangulate a person.
 _MIN_PLAUSIBLE_M = 0.02
+# Cameras around a person are further apart than this.
+_SMALL_M = 0.5
 # A file of unknown unit: below the first it can only be metres, above the second only millimetres.
 _SURELY_METRES = 20.0
 _SURELY_MILLIMETRES = 200.0
@@ -120,7 +122,7 @@ def _check_plausible(rig: CameraRig, unit: str) -> None:
     extent_m = _extent(rig.cameras)
     if extent_m > _MAX_PLAUSIBLE_M:
         farthest = max(rig.cameras, key=lambda camera: float(np.linalg.norm(camera.position_m)))
-        advice = 'these look like millimetres; give unit="mm"' if unit == "m" else "the translations are wrong"
+        advice = "the translations are wrong" if unit != "m" else _other_units(extent_m)
         raise ValueError(
             f"camera {farthest.name} is {np.linalg.norm(farthest.position_m):.0f} m from the origin, the rig measures "
             f"{extent_m:.0f} m: {advice}"
@@ -132,6 +134,15 @@ def _check_plausible(rig: CameraRig, unit: str) -> None:
             f"all cameras lie within {1000 * spread_m:.1f} mm of {rig.names[0]}: "
             'the file looks like metres; give unit="m"'
         )
+
+
+def _other_units(extent: float) -> str:
+    """What to say of a rig that is too large in metres."""
+    fitting = [each for each in ("cm", "mm") if _SMALL_M <= extent * UNITS[each] <= _SURELY_METRES]
+    if not fitting:
+        return "the unit is another one; give it, or how many metres it is (the side of the squares of a board)"
+    sizes = " or ".join(f'unit="{each}" (then it measures {extent * UNITS[each]:.1f} m)' for each in fitting)
+    return f"these are not metres; give {sizes}, or how many metres a unit is (the side of the squares of a board)"
 
 
 def rotation_matrix(name: str, rotation: Any) -> Float[np.ndarray, "3 3"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -59,7 +60,11 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
     path = Path(path)
     metres_per_unit(unit)
     try:
-        views, unit_of_format = _read(path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            views, unit_of_format = _read(path)
+        for warning in caught:
+            warnings.warn(f"{path}: {warning.message}", stacklevel=2)
         return rig_in_metres(views, unit_of_format, unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None

@@ -276,7 +276,7 @@ def test_millimetres_where_metres_are_meant(tmp_path: Path):
             POSE2SIM.read_text(),
         )
     )
-    with pytest.raises(ValueError, match=r'Calib\.toml: camera cam_0\d is \d+ m .*millimetres; give unit="mm"'):
+    with pytest.raises(ValueError, match=r'Calib\.toml: camera cam_0\d is \d+ m .*not metres; give unit="mm"'):
         load_rig(path)
     np.testing.assert_allclose(
         load_rig(path, unit="mm").cameras[0].position_m, load_rig(POSE2SIM).cameras[0].position_m
@@ -508,7 +508,10 @@ def test_an_npz_member_of_another_kind_is_named(tmp_path: Path, name: str, array
 def test_cameras_that_caliscope_has_not_placed_are_left_out_by_name(tmp_path: Path):
     lost = camera_table() | {"rotation": "null", "translation": "null"}
     document = {"cameras": {"0": camera_table(), "1": camera_table(translation=[1, 0, 4]), "2": lost}}
-    with pytest.warns(UserWarning, match="camera cam_2 has no pose: caliscope has not placed it, and it is left out"):
+    with pytest.warns(
+        UserWarning,
+        match=r"calibration\.toml: camera cam_2 has no pose: caliscope has not placed it, and it is left out",
+    ):
         rig = load_rig(write_toml(tmp_path, document))
     assert rig.names == ("cam_0", "cam_1")
     path = write_toml(tmp_path, {"cameras": {"0": lost}})
@@ -520,3 +523,12 @@ def test_quarter_turns_of_caliscope(tmp_path: Path):
     """The recorded calibration beside this test has such cameras, and keypoints of the images as recorded."""
     assert load_quarter_turns(WEBCAMS) == {"cam_1": -1, "cam_2": 1}
     assert load_quarter_turns(POSE2SIM) == load_quarter_turns(QCA) == {}
+
+
+def test_a_rig_that_is_too_large_names_the_units_that_fit(tmp_path: Path):
+    """Squares of 54 mm, read as metres: 4 m are 74."""
+    document = {f"cam_{i}": camera_table(translation=[i / 0.054, 0, 8 / 0.054]) for i in range(3)}
+    with pytest.raises(
+        ValueError, match=r"these are not metres; give unit=\"cm\" \(then it measures 1\.5 m\), or how many"
+    ):
+        load_rig(write_toml(tmp_path, document), unit="m")
