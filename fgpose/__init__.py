@@ -26,6 +26,7 @@ from fgpose.estimation.smoother import smooth
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.geometry.turned_images import turn_images
 from fgpose.io.calibration import load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import (
     load_observations,
@@ -112,4 +113,5 @@ __all__ = [
     "smooth",
     "smooth_people",
     "synchronise",
+    "turn_images",
 ]

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.benchmark.numpy_pickle import read_dictionary
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.io.numpy_pickle import read_dictionary
 from fgpose.io.skeletons import load_skeleton
 
 # Of the data set: rate of its videos, the joints and subjects of its usual protocol, the size of its images (two of

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from tyro.conf import Positional, UseAppendAction, arg
 
 from fgpose.cli.options import new_console
+from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,27 +38,28 @@ class Angles:
     """A result, or any trajectory file: parquet, npz, TRC, C3D."""
     output: Annotated[UseAppendAction[tuple[Path, ...]], arg(metavar="FILE", aliases=("-o",))] = ()
     """File to be written: .parquet, .mot, .bvh or .c3d. May be given several times."""
-    world_up: Literal["z", "y"] = "z"
-    """Axis of the result's world that points up."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the file: +x, -x, +y, -y, +z or -z; auto: as its format says, unless people (and
+    cameras, which a parquet of fgpose knows) stand otherwise."""
 
     def run(self) -> None:
         from fgpose.io.kinematics import check_kinematics_output, save_kinematics
-        from fgpose.io.trajectories import load_people_trajectories
+        from fgpose.io.trajectories import load_upright
         from fgpose.kinematics.angles import joint_angles
 
         for path in self.output:
             check_kinematics_output(path)
-        people, console = load_people_trajectories(self.file, world_up=self.world_up), new_console()
+        (people, _), console = load_upright(self.file, self.world_up), new_console()
         for person, trajectory in people.items():
             try:
-                angles = joint_angles(trajectory, self.world_up)
+                angles = joint_angles(trajectory)
             except ValueError as error:
                 raise ValueError(f"{self.file}: {error}") from None
             whose = f"person {person}, " if len(people) > 1 else ""
             console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
             console.print(ranges_table(angles))
         for path in self.output:
-            for written in save_kinematics(people, path, self.world_up):
+            for written in save_kinematics(people, path, "z"):
                 console.print(f"wrote {written}", soft_wrap=True)
 
 

@@ -10,6 +10,7 @@ from tyro.conf import Positional, arg
 
 from fgpose.cli.calibration import calibrated
 from fgpose.cli.options import ParameterOptions, RecordingOptions, new_console, progress_bar
+from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
     from fgpose.cli.options import AnySource
@@ -188,14 +189,20 @@ class Evaluate:
 
     match_m: Annotated[float, arg(metavar="METRES")] = 0.5
     """Several people: the mean distance of the joints below which an estimated person may be a true one, metres."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the result: +x, -x, +y, -y, +z or -z; auto: as its format says, unless people (and
+    cameras, which a parquet of fgpose knows) stand otherwise."""
+    reference_up: UpChoice = "auto"
+    """The same of the reference."""
 
     def run(self) -> None:
         from fgpose.assessment.evaluation import evaluate
         from fgpose.assessment.people import evaluate_people
         from fgpose.cli.tables import print_evaluation, print_people_evaluation
-        from fgpose.io.trajectories import load_people_trajectories
+        from fgpose.io.trajectories import load_upright
 
-        estimate, reference = load_people_trajectories(self.estimate), load_people_trajectories(self.reference)
+        estimate, _ = load_upright(self.estimate, self.world_up)
+        reference, _ = load_upright(self.reference, self.reference_up)
         if len(estimate) == len(reference) == 1:
             one, true = next(iter(estimate.values())), next(iter(reference.values()))
             print_evaluation(new_console(), evaluate(one, true, self.offset_s))

@@ -99,7 +99,8 @@ class RigOption:
     """The calibration that a command needs."""
 
     rig: Annotated[Path, arg(metavar="FILE")]
-    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
+    """Calibration of the cameras: Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, OpenCV YAML,
+    OpenCap pickles, bioCV .calib, JSON, fgpose npz."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,8 +108,9 @@ class VideoOptions(NetworkOptions):
     """Where videos are, and what is to be found in them."""
 
     videos: Annotated[Positional[Path], arg(help=_VIDEOS)]
-    unit: Literal["auto", "m", "mm"] = "auto"
-    """Unit of the lengths in the calibration file; auto takes what its format prescribes."""
+    unit: Annotated[str, arg(metavar="UNIT")] = "auto"
+    """Unit of the lengths in the calibration file: m, dm, cm, mm, inch, ft, or how many metres it is (0.054: squares of
+    a board of 54 mm); auto takes what the format prescribes."""
     fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Use these cameras only."""

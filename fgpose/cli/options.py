@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from tyro.conf import Positional, arg
 
 from fgpose.config import Config
+from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -45,12 +46,14 @@ class KeypointOptions:
 
     keypoints: Annotated[Positional[Path], arg(help=_KEYPOINTS)]
     rig: Annotated[Path, arg(metavar="FILE")]
-    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
+    """Calibration of the cameras: Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, OpenCV YAML,
+    OpenCap pickles, bioCV .calib, JSON, fgpose npz."""
     skeleton: Annotated[str, arg(metavar="NAME|FILE", help=_SKELETON)]
     fps: Annotated[float | None, arg(metavar="HZ", help_behavior_hint="(default: from the file)")] = None
     """Frames per second. Needed unless the keypoints file contains times."""
-    unit: Literal["auto", "m", "mm"] = "auto"
-    """Unit of the lengths in the calibration file; auto takes what its format prescribes."""
+    unit: Annotated[str, arg(metavar="UNIT")] = "auto"
+    """Unit of the lengths in the calibration file: m, dm, cm, mm, inch, ft, or how many metres it is (0.054: squares of
+    a board of 54 mm); auto takes what the format prescribes."""
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Use these cameras only."""
 
@@ -118,8 +121,8 @@ class OutputOptions:
     """Name of the result files, without extension."""
     formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
     """What to write: parquet and npz keep everything, trc (OpenSim) and c3d keep positions, rrd is for the viewer."""
-    world_up: Literal["z", "y"] = "z"
-    """Axis of the calibration's world that points up."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand."""
     live: bool = False
     """Let viewers connect while it runs (it says how) and until you press Ctrl-C. Opens no window."""
     port: Annotated[int, arg(metavar="PORT")] = 9876

@@ -5,11 +5,12 @@ from __future__ import annotations
 import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from tyro.conf import Positional, arg
 
 from fgpose.cli.options import new_console, progress_bar
+from fgpose.geometry.up_axis import UpChoice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +40,8 @@ class Report:
     """Frames per second of the keypoints, unless their file contains times, and of folders of images."""
     videos: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: as the result says)")] = None
     """Videos of the cameras, for pictures of the worst moments."""
-    world_up: Literal["z", "y"] = "z"
-    """Axis of the calibration's world that points up."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the calibration: +x, -x, +y, -y, +z or -z; auto: as people and cameras stand."""
     recordings: bool = True
     """Of a study: also write the report of each recording, where there is none that is newer than its result."""
 

@@ -32,7 +32,8 @@ class CameraOptions(FromPeopleOptions):
     """Cameras that are calibrated, or that are calibrated from the videos themselves."""
 
     rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(this or --calibrate)")] = None
-    """Calibration of the cameras: Pose2Sim or aniposelib TOML, Qualisys .qca.txt, OpenCV YAML, fgpose npz."""
+    """Calibration of the cameras: Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, OpenCV YAML,
+    OpenCap pickles, bioCV .calib, JSON, fgpose npz."""
     calibrate: Annotated[bool, FlagCreatePairsOff] = False
     """There is no calibration: first calibrate the cameras from the people in the videos, which need not begin at the
     same time (fgpose calibrate). Writes NAME_calibration.toml, and NAME_calibration.rrd with the verdict."""
@@ -76,7 +77,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         from fgpose.pipeline import PeopleSource, run_smooth, show
 
         self.check_cameras()
-        if self.calibrate and self.world_up != "z":
+        if self.calibrate and self.world_up not in ("auto", "z", "+z"):
             raise ValueError("the world of --calibrate has z up: leave --world-up out")
         if self.image_width < 1:
             raise ValueError(f"--image-width must be at least 1, got {self.image_width}")

@@ -9,13 +9,14 @@ import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
 from tyro.conf import Positional, arg
 
 from fgpose.cli.options import new_console
+from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
@@ -37,8 +38,9 @@ class View:
     """Show it in a browser instead of a window of its own. Ctrl-C ends."""
     rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """Calibration of the cameras, to be shown with a trajectory file."""
-    world_up: Literal["z", "y"] = "z"
-    """Axis of the world that points up, for a trajectory file."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of a trajectory file, or of its cameras: +x, -x, +y, -y, +z or -z; auto: as its format
+    says, unless people and cameras stand otherwise."""
 
     def run(self) -> None:
         with self.file.open("rb") as file:
@@ -51,13 +53,15 @@ class View:
 
     def _made_rrd(self, folder: Path) -> Path:
         """A .rrd file of a trajectory file."""
-        from fgpose.io.trajectories import load_people_trajectories
+        from fgpose.io.calibration import load_rig
+        from fgpose.io.trajectories import load_upright
         from fgpose.pipeline import Outputs
 
-        people = load_people_trajectories(self.file, world_up=self.world_up)
+        given = load_rig(self.rig) if self.rig is not None else None
+        people, up_R_world = load_upright(self.file, self.world_up, given)
         skeleton = next(iter(people.values())).skeleton
-        rig, people = self._with_rig(people)
-        outputs = Outputs(folder, self.file.stem, ("rrd",), self.world_up)
+        rig, people = _with_rig(given.turned(up_R_world) if given is not None else None, people)
+        outputs = Outputs(folder, self.file.stem, ("rrd",), "z")
         if len(people) == 1:
             with outputs.open_viewer(rig, skeleton, (self.file.stem,)) as recording:
                 recording.log_trajectory(self.file.stem, *people.values())
@@ -67,18 +71,6 @@ class View:
                 for person, trajectory in people.items():
                     recording.log_person(person, trajectory, int(np.searchsorted(time_s, trajectory.time_s[0])))
         return outputs.path("rrd")
-
-    def _with_rig(self, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:
-        """The cameras that the trajectories know, or one that looks at the people where no calibration is given."""
-        from fgpose.io.calibration import load_rig
-
-        if self.rig is None:
-            unseen = {
-                n: replace(each, residual_px=None, visibility=None, camera_names=()) for n, each in people.items()
-            }
-            return onlooker(np.concatenate([each.positions_m for each in people.values()])), unseen
-        rig, names = load_rig(self.rig), next(iter(people.values())).camera_names
-        return (rig.subset(names) if names and names != rig.names else rig), people
 
     def _open(self, path: Path) -> None:
         if not self.web and not has_display():
@@ -91,6 +83,15 @@ class View:
         code = subprocess.run(command, check=False).returncode
         if code:
             raise OSError(f"the viewer ended with code {code}")
+
+
+def _with_rig(rig: CameraRig | None, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:
+    """The cameras that the trajectories know, or one that looks at the people where no calibration is given."""
+    if rig is None:
+        unseen = {n: replace(each, residual_px=None, visibility=None, camera_names=()) for n, each in people.items()}
+        return onlooker(np.concatenate([each.positions_m for each in people.values()])), unseen
+    names = next(iter(people.values())).camera_names
+    return (rig.subset(names) if names and names != rig.names else rig), people
 
 
 def onlooker(positions_m: Float[np.ndarray, "frame joint 3"]) -> CameraRig:

@@ -1,11 +1,11 @@
-"""A finished recording: what the estimator made of it, and what is still known of what it was made from."""
+"""A finished recording: what the estimator made of it, and what is still known of what it was made from. Its world has
+z up."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -59,8 +59,6 @@ class FinishedRecording:
     """Folder of the videos, or of the folders of images, of the cameras."""
     images_hz: float | None = None
     """Images per second, where folders of images are given; overrides what videos say."""
-    world_up: Literal["z", "y"] = "z"
-    """Which axis of the world points up."""
     made_from: Mapping[str, str] = field(default_factory=dict)
     """What it was made from and with, as it is to be read: {"Keypoints": "pose/", ...}."""
 
@@ -93,11 +91,6 @@ class FinishedRecording:
     @property
     def camera_names(self) -> tuple[str, ...]:
         return self.main.camera_names or (self.rig.names if self.rig is not None else ())
-
-    @property
-    def axes(self) -> tuple[int, int, int]:
-        """Of the world: two of the floor, and the one that points up; a right-handed frame."""
-        return (0, 1, 2) if self.world_up == "z" else (2, 0, 1)
 
     def on_time_px(self, person: int) -> Float[np.ndarray, "frame camera joint 2"]:
         """The detections of a person who has observations, undistorted, where they would be if every image had been

@@ -51,7 +51,7 @@ def wrong_falls(recording: FinishedRecording) -> list[Finding]:
     """Jumps in which the body does not fall as things do: frame rate or scale of the recording are wrong."""
     found = []
     for person, trajectory in recording.people.items():
-        jumps = flights(trajectory, recording.axes[2])
+        jumps = flights(trajectory)
         if not jumps:
             continue
         fall_mps2 = float(np.median([jump.fall_mps2 for jump in jumps]))
@@ -69,12 +69,11 @@ def wrong_falls(recording: FinishedRecording) -> list[Finding]:
     return found
 
 
-def flights(trajectory: Trajectory, up: int) -> list[Flight]:
+def flights(trajectory: Trajectory) -> list[Flight]:
     """Jumps that are seen wholly and are parabolas; none where the skeleton lacks a limb.
 
     Args:
-        trajectory: of somebody who stands on the floor at some time.
-        up: axis of the world that points up.
+        trajectory: of somebody who stands on the floor at some time, in a world with z up.
     """
     joints = landmarks(trajectory.skeleton)
     wanted = {
@@ -83,8 +82,8 @@ def flights(trajectory: Trajectory, up: int) -> list[Flight]:
     if not wanted <= set(joints) or trajectory.n_frames < _LEAST_FRAMES:
         return []
     points = points_of(trajectory.positions_m, joints)
-    height_m = centre_of_mass_m(points)[:, up]
-    foot_m = np.minimum(points["left_ankle"][:, up], points["right_ankle"][:, up])
+    height_m = centre_of_mass_m(points)[:, 2]
+    foot_m = np.minimum(points["left_ankle"][:, 2], points["right_ankle"][:, 2])
     known = np.isfinite(foot_m)
     if not known.any():
         return []

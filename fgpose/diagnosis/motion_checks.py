@@ -157,7 +157,7 @@ def turns(recording: FinishedRecording) -> list[Finding]:
     """A body that is turned round from one frame to the next: left and right exchanged in the result."""
     found = []
     for person, trajectory in recording.people.items():
-        angle_deg = _turn_deg(trajectory, recording.axes[:2])
+        angle_deg = _turn_deg(trajectory)
         fast = angle_deg / np.diff(trajectory.time_s) > _MAX_TURN_DEG_S
         fast &= angle_deg > _LEAST_TURN_DEG
         if fast.any():
@@ -173,10 +173,10 @@ def turns(recording: FinishedRecording) -> list[Finding]:
     return found
 
 
-def _turn_deg(trajectory: Trajectory, floor: tuple[int, int]) -> Float[np.ndarray, " step"]:
+def _turn_deg(trajectory: Trajectory) -> Float[np.ndarray, " step"]:
     """By how much the direction over the floor from right to left turns, of all pairs together."""
     pairs = np.array(trajectory.skeleton.left_right, dtype=int).reshape(-1, 2)
-    across_m = (trajectory.positions_m[:, pairs[:, 0]] - trajectory.positions_m[:, pairs[:, 1]])[..., list(floor)]
+    across_m = (trajectory.positions_m[:, pairs[:, 0]] - trajectory.positions_m[:, pairs[:, 1]])[..., :2]
     across_m = np.nan_to_num(across_m).sum(axis=1)
     length_m = np.linalg.norm(across_m, axis=-1)
     cosine = np.sum(across_m[1:] * across_m[:-1], axis=-1) / np.maximum(length_m[1:] * length_m[:-1], 1e-12)

@@ -252,6 +252,15 @@ class CameraRig:
             raise ValueError(f"the calibration has no camera {', '.join(unknown)}; it has {', '.join(self.names)}")
         return CameraRig(tuple(by_name[name] for name in names))
 
+    def turned(self, rotation: Float[np.ndarray, "3 3"]) -> CameraRig:
+        """The same cameras in a world that is turned: every position times this rotation."""
+        turned_T_world = np.eye(4)
+        turned_T_world[:3, :3] = rotation
+        poses = (turned_T_world @ camera.world_T_camera for camera in self.cameras)
+        return CameraRig(
+            tuple(replace(camera, world_T_camera=pose) for camera, pose in zip(self.cameras, poses, strict=True))
+        )
+
     @cached_property
     def time_offsets_s(self) -> Float[np.ndarray, " camera"]:
         """How much later than its time stamps say each camera takes its images."""

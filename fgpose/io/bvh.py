@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.up_axis import y_up
 from fgpose.io.atomic import write_text
-from fgpose.io.markers import median_rate_hz, to_y_up
+from fgpose.io.markers import median_rate_hz
 from fgpose.kinematics.poses import SegmentPoses
 
 _NAMES = {"pelvis": "Hips", "thorax": "Spine", "head": "Neck"}
 _OF_A_SIDE = {"thigh": "UpLeg", "shank": "Leg", "foot": "Foot", "upper_arm": "Arm", "forearm": "ForeArm"}
-_Y_UP_R_Z_UP = to_y_up(np.eye(3), "z").T
+_Y_UP_R_Z_UP = y_up(np.eye(3), "z").T
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +111,7 @@ def _channels(body: _Body) -> Float[np.ndarray, "frame channel"]:
 
     poses = body.poses
     world_R_segment = _Y_UP_R_Z_UP @ _held(poses.world_R_segment)
-    columns = [to_y_up(_interpolated(poses.origin_m[:, 0], np.asarray(poses.time_s)), "z")]
+    columns = [y_up(_interpolated(poses.origin_m[:, 0], np.asarray(poses.time_s)), "z")]
     order = _depth_first(body, 0)
     for index in order:
         parent, turned = poses.parent(index), world_R_segment[:, index]

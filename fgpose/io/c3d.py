@@ -9,10 +9,11 @@ from types import ModuleType
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.up_axis import SIGNED_AXES, UpAxis, WorldUp, nearest_axis, z_up, z_up_R_world
 from fgpose.io.arrays import checked, texts
 from fgpose.io.atomic import Check, replacing
 from fgpose.io.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
-from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
+from fgpose.io.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
 from fgpose.kinematics.poses import SegmentPoses
 from fgpose.trajectory import Trajectory
 
@@ -21,7 +22,7 @@ _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 _MAX_FRAMES = 65535
 _MAX_INTERVAL_DEVIATION = 0.01  # time stamps rounded to 0.1 ms at 100 Hz deviate by this much
 _ROTATION_BYTES = 17 * 4  # a 4x4 matrix and its reliability, 32 bit each
-_SCREEN = {"z": ("+X", "+Z"), "y": ("+Z", "+Y")}
+_SCREEN = {"+z": ("+X", "+Z"), "+y": ("+Z", "+Y")}
 
 
 def require_ezc3d() -> ModuleType:
@@ -33,8 +34,9 @@ def require_ezc3d() -> ModuleType:
     return ezc3d
 
 
-def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses: SegmentPoses | None = None) -> None:
-    """Write positions in millimetres (32 bit), world axes unchanged; gaps are NaN with residual -1.
+def write_c3d(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", poses: SegmentPoses | None = None) -> None:
+    """Write positions in millimetres (32 bit); gaps are NaN with residual -1. World axes are unchanged where z or y is
+    up, and else turned so that z is: few programs heed an axis that points down.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
     file has no times, only a rate and the number of its first frame: the rate is one over the median interval (1 for
@@ -43,7 +45,7 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses:
     Args:
         trajectory: of one person.
         path: the file.
-        world_up: which axis of its world points up.
+        world_up: what is up in its world.
         poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
             (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
             (in millimetres) to the world. NaN where a rotation is not determined.
@@ -59,7 +61,10 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses:
     rate_hz = median_rate_hz(trajectory.time_s)
     known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
     points = np.ones((4, trajectory.skeleton.n_joints, trajectory.n_frames))
-    points[:3] = np.where(known[..., None], trajectory.positions_m, np.nan).transpose(2, 1, 0) * 1000.0
+    kept = isinstance(world_up, str) and nearest_axis(world_up) in _SCREEN
+    file_up: WorldUp = world_up if kept else "z"
+    positions_m = trajectory.positions_m if kept else z_up(trajectory.positions_m, world_up)
+    points[:3] = np.where(known[..., None], positions_m, np.nan).transpose(2, 1, 0) * 1000.0
     file = ezc3d.c3d()
     file["data"]["points"] = points
     file["data"]["meta_points"]["residuals"] = np.where(known.T, 0.0, -1.0)[None]
@@ -68,22 +73,21 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses:
     parameters["RATE"]["value"] = [rate_hz]
     parameters["UNITS"]["value"] = ["mm"]
     parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
-    for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[world_up], strict=True):
+    for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[nearest_axis(file_up)], strict=True):
         file.add_parameter("POINT", name, axis)
     if poses is not None:
-        file["data"]["rotations"] = _rotations(poses, world_up)
+        file["data"]["rotations"] = _rotations(poses, file_up)
         file.add_parameter("ROTATION", "LABELS", [f"{segment.name}_4X4" for segment in poses.segments])
         file.add_parameter("ROTATION", "RATE", [rate_hz])
     with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
         file.write(str(temporary))
 
 
-def _rotations(poses: SegmentPoses, world_up: UpAxis) -> Float[np.ndarray, "4 4 segment frame"]:
+def _rotations(poses: SegmentPoses, file_up: WorldUp) -> Float[np.ndarray, "4 4 segment frame"]:
     matrices = np.zeros((*poses.origin_m.shape[:2], 4, 4))
     matrices[..., :3, :3] = np.where(poses.determined[..., None, None], poses.world_R_segment, np.nan)
     matrices[..., :3, 3] = poses.origin_m * 1000.0
-    if world_up == "y":  # poses have z up
-        matrices[..., :3, :] = to_y_up(matrices[..., :3, :].swapaxes(-1, -2), "z").swapaxes(-1, -2)
+    matrices[..., :3, :] = z_up_R_world(file_up).T @ matrices[..., :3, :]  # poses have z up
     matrices[..., 3, 3] = 1.0
     matrices[np.isnan(matrices).any(axis=(-2, -1))] = np.nan
     return matrices.transpose(2, 3, 1, 0)
@@ -124,11 +128,9 @@ def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path
     return 0
 
 
-def read_c3d(path: Path, world_up: UpAxis = "z") -> Trajectory:
-    """Read the markers of a C3D file, in metres; time counts from the file's frame 0.
-
-    Args:
-        world_up: the axis that points up in the world wanted. The file's is that of Y_SCREEN, z where it says nothing.
+def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
+    """Read the markers of a C3D file, in metres and its own axes, and the axis that it says is up: that of Y_SCREEN, z
+    where it says nothing. Time counts from the file's frame 0.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -146,11 +148,10 @@ def read_c3d(path: Path, world_up: UpAxis = "z") -> Trajectory:
     if len(markers) < n_markers:
         raise ValueError(f"POINT:LABELS names {len(markers)} of {n_markers} markers")
     positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
-    file_up: UpAxis = "y" if _texts(file, "Y_SCREEN") == ("+Y",) else "z"
-    if file_up != world_up:
-        positions_m = from_y_up(positions_m, "z") if file_up == "y" else to_y_up(positions_m, "z")
+    said = "".join(_texts(file, "Y_SCREEN")).lower()
+    file_up: UpAxis = SIGNED_AXES[SIGNED_AXES.index(said)] if said in SIGNED_AXES else "+z"
     time_s = (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
-    return markers_to_trajectory(markers, time_s, positions_m)
+    return markers_to_trajectory(markers, time_s, positions_m), file_up
 
 
 def _texts(file: dict[str, np.ndarray], parameter: str) -> tuple[str, ...]:

@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_writable
 from fgpose.io.bvh import write_bvh
 from fgpose.io.c3d import require_ezc3d, write_c3d
-from fgpose.io.markers import UpAxis
 from fgpose.io.mot import write_mot
 from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
+from fgpose.io.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
 from fgpose.kinematics.opensim import opensim_coordinates
@@ -51,7 +52,7 @@ def check_kinematics_output(path: str | Path) -> None:
 
 
 def save_kinematics(
-    people: Mapping[int, Trajectory] | Trajectory, path: str | Path, world_up: UpAxis = "z"
+    people: Mapping[int, Trajectory] | Trajectory, path: str | Path, world_up: UpChoice | WorldUp = "auto"
 ) -> tuple[Path, ...]:
     """Write what follows from trajectories in the format that the extension names.
 
@@ -65,7 +66,10 @@ def save_kinematics(
     Args:
         people: by number, or one.
         path: the file; of several people the formats other than .parquet have one each, NAME_person1.mot.
-        world_up: which axis of the trajectories' world points up.
+        world_up: what is up in the trajectories' world; auto: as the bodies stand, see find_up.
+
+    Warns:
+        UserWarning: auto found another axis up than z, or is in doubt.
 
     Returns:
         The files. Each appears whole or not at all.
@@ -81,12 +85,12 @@ def save_kinematics(
     if not people:
         raise ValueError(f"{path}: there is nobody to be written")
     try:
-        return _write(people, path, world_up)
+        return _write(people, path, resolved_up(people.values(), world_up, path))
     except ValueError as error:
         raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
 
 
-def _write(people: Mapping[int, Trajectory], path: Path, world_up: UpAxis) -> tuple[Path, ...]:
+def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> tuple[Path, ...]:
     if path.suffix.lower() == ".parquet":
         _write_parquet(people, path, world_up)
         return (path,)
@@ -99,7 +103,7 @@ def _write(people: Mapping[int, Trajectory], path: Path, world_up: UpAxis) -> tu
     return tuple(paths.values())
 
 
-def _write_one(trajectory: Trajectory, path: Path, world_up: UpAxis) -> None:
+def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:
     match path.suffix.lower():
         case ".mot":
             write_mot(opensim_coordinates(trajectory, world_up), trajectory.time_s, path)
@@ -109,7 +113,7 @@ def _write_one(trajectory: Trajectory, path: Path, world_up: UpAxis) -> None:
             write_c3d(trajectory, path, world_up, segment_poses(trajectory, world_up))
 
 
-def _write_parquet(people: Mapping[int, Trajectory], path: Path, world_up: UpAxis) -> None:
+def _write_parquet(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:
     import pyarrow as pa
 
     time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
@@ -121,7 +125,7 @@ def _write_parquet(people: Mapping[int, Trajectory], path: Path, world_up: UpAxi
     write_table(path, table.replace_schema_metadata({_UNITS_KEY: json.dumps(UNITS)}))
 
 
-def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: UpAxis) -> pa.Table:
+def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: WorldUp) -> pa.Table:
     import pyarrow as pa
 
     kinds, labels, value, sigma = _quantities(trajectory, world_up)
@@ -142,16 +146,16 @@ _COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit
 
 
 def _quantities(
-    trajectory: Trajectory, world_up: UpAxis
+    trajectory: Trajectory, world_up: WorldUp
 ) -> tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]:
     """Kinds, names, values and standard deviations of everything that stands in the table."""
     angles, joints = joint_angles(trajectory, world_up), trajectory.skeleton.joints
-    positions_m, up = trajectory.positions_m, 2 if world_up == "z" else 1
+    positions_m, up = trajectory.positions_m, up_vector(world_up)
     points_m = np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)
     unknown = np.full(points_m.shape[:2], np.nan)
     height_sigma_m = unknown.copy()
     if trajectory.covariance_m2 is not None:
-        height_sigma_m[:, :-1] = np.sqrt(trajectory.covariance_m2[..., up, up])
+        height_sigma_m[:, :-1] = np.sqrt(trajectory.covariance_m2 @ up @ up)
     names = [*joints, "centre"]
     kinds = ["angle"] * len(angles.names) + ["speed"] * len(names) + ["height"] * len(names)
     value = [angles.angle_deg, speeds_m_s(points_m, trajectory.time_s), heights_m(points_m, world_up)]

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
-
-UpAxis = Literal["z", "y"]
 
 _CAMEL_CASE = re.compile(r"([LR](?=[A-Z][a-z])|Left|Right)?((?:[A-Z][a-z]+\d*)+)")
 _SIDES = {"L": "left_", "R": "right_", "Left": "left_", "Right": "right_", None: ""}
@@ -70,16 +67,6 @@ def _root(joints: tuple[str, ...]) -> tuple[int, ...]:
         if set(root) <= set(joints):
             return tuple(joints.index(joint) for joint in root)
     return (0,)
-
-
-def to_y_up(positions_m: Float[np.ndarray, "*points 3"], world_up: UpAxis) -> Float[np.ndarray, "*points 3"]:
-    """World coordinates in OpenSim's axes (x forward, y up, z right), mapped as Pose2Sim does: [Y, Z, X] of Z-up."""
-    return positions_m[..., [1, 2, 0]] if world_up == "z" else positions_m
-
-
-def from_y_up(positions_m: Float[np.ndarray, "*points 3"], world_up: UpAxis) -> Float[np.ndarray, "*points 3"]:
-    """The inverse of to_y_up."""
-    return positions_m[..., [2, 0, 1]] if world_up == "z" else positions_m
 
 
 def median_rate_hz(time_s: Float[np.ndarray, " frame"]) -> float:

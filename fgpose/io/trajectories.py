@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, z_up_R_world
 from fgpose.io.atomic import check_writable
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
 from fgpose.io.content import first_bytes
-from fgpose.io.markers import UpAxis
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.origin import Origin
 from fgpose.io.parquet import read_origin, read_parquet, write_parquet
 from fgpose.io.trc import read_trc, write_trc
+from fgpose.io.upright import resolved_up
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
@@ -39,7 +41,7 @@ def check_output(path: str | Path) -> None:
 
 
 def save_trajectory(
-    trajectory: Trajectory, path: str | Path, world_up: UpAxis = "z", origin: Origin | None = None
+    trajectory: Trajectory, path: str | Path, world_up: UpChoice | WorldUp = "auto", origin: Origin | None = None
 ) -> None:
     """Write a trajectory in the format that the extension names: .parquet, .npz, .trc or .c3d.
 
@@ -47,8 +49,12 @@ def save_trajectory(
     write_c3d). The file appears whole or not at all; a missing folder is made.
 
     Args:
-        world_up: which axis of the trajectory's world points up, for TRC (which has y up) and C3D.
+        world_up: what is up in the trajectory's world, for TRC (which has y up) and C3D: an axis, or a direction.
+            auto: as the body and the cameras of the origin stand, see find_up; z where nothing speaks against it.
         origin: what it was made from; parquet keeps it.
+
+    Warns:
+        UserWarning: auto found another axis up than z, or is in doubt; it says why.
 
     Raises:
         ValueError: the extension is none of these, or the format cannot hold the trajectory.
@@ -62,9 +68,9 @@ def save_trajectory(
         case ".npz":
             write_npz(trajectory, path)
         case ".trc":
-            write_trc(trajectory, path, world_up)
+            write_trc(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig))
         case ".c3d":
-            write_c3d(trajectory, path, world_up)
+            write_c3d(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig))
 
 
 def _extension(path: Path) -> str:
@@ -77,7 +83,7 @@ def _extension(path: Path) -> str:
 def save_people(
     trajectories: Mapping[int, Trajectory],
     path: str | Path,
-    world_up: UpAxis = "z",
+    world_up: UpChoice | WorldUp = "auto",
     time_s: Float[np.ndarray, " frame"] | None = None,
     origin: Origin | None = None,
 ) -> tuple[Path, ...]:
@@ -89,7 +95,7 @@ def save_people(
     Args:
         trajectories: by the number of the person, from 0.
         path: NAME with its extension.
-        world_up: see save_trajectory.
+        world_up: see save_trajectory; auto: as all of them stand.
         time_s: of all frames of the recording, increasing, seconds; by default those at which somebody is there.
         origin: see save_trajectory.
 
@@ -115,6 +121,8 @@ def save_people(
             raise ValueError(f"{path}: {error}") from None
         return paths
     check_output(path)
+    if path.suffix.lower() in (".trc", ".c3d"):
+        world_up = resolved_up(trajectories.values(), world_up, path, origin and origin.rig)
     for own_path, trajectory in zip(paths, trajectories.values(), strict=True):
         save_trajectory(trajectory, own_path, world_up)
     return paths
@@ -155,14 +163,21 @@ def _increases(time_s: Float[np.ndarray, " frame"]) -> bool:
     return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0).all())
 
 
-def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up: UpAxis = "z") -> Trajectory:
+def load_trajectory(
+    path: str | Path, skeleton: Skeleton | None = None, world_up: WorldUp = "z", file_up: UpChoice | WorldUp = "auto"
+) -> Trajectory:
     """Read a trajectory that save_trajectory wrote, or anyone's TRC or C3D file; the content says which.
 
     Args:
         path: the file.
         skeleton: wanted joints and their order, by name. Joints that the file lacks are NaN and unobservable; the
             file's others are left out. By default the file's own: of TRC and C3D its markers, without bones.
-        world_up: which axis points up in the world wanted, for TRC and C3D.
+        world_up: what is up in the world wanted, for TRC and C3D.
+        file_up: what is up in the file, for TRC and C3D. auto: as its format says (y in TRC; what Y_SCREEN says in C3D,
+            else z), unless the body stands along another axis.
+
+    Warns:
+        UserWarning: auto found another axis up than the format says, or is in doubt; it says why.
 
     Raises:
         ValueError: the file is empty, damaged or of another kind, holds several people, or has no joint of the
@@ -170,7 +185,7 @@ def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up
         ImportError: C3D without ezc3d.
         OSError: the file cannot be read.
     """
-    people = load_people_trajectories(path, skeleton, world_up)
+    people = load_people_trajectories(path, skeleton, world_up, file_up)
     if len(people) > 1:
         raise ValueError(
             f"{path}: one trajectory is needed, the file holds those of people {', '.join(map(str, people))}; "
@@ -180,7 +195,7 @@ def load_trajectory(path: str | Path, skeleton: Skeleton | None = None, world_up
 
 
 def load_people_trajectories(
-    path: str | Path, skeleton: Skeleton | None = None, world_up: UpAxis = "z"
+    path: str | Path, skeleton: Skeleton | None = None, world_up: WorldUp = "z", file_up: UpChoice | WorldUp = "auto"
 ) -> dict[int, Trajectory]:
     """Read everybody in a table of save_people, by number, in the order of the file; or a file of one person.
 
@@ -189,7 +204,7 @@ def load_people_trajectories(
     path = Path(path)
     kind = _kind(path)
     try:
-        people = _read(path, kind, world_up)
+        people = _read(path, kind, world_up, file_up)
         for trajectory in people.values():
             _check_finite(trajectory)
         if skeleton is None:
@@ -215,16 +230,57 @@ def load_origin(path: str | Path) -> Origin | None:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _read(path: Path, kind: str, world_up: UpAxis) -> dict[int, Trajectory]:
+def load_upright(
+    path: str | Path, world_up: UpChoice | WorldUp = "auto", rig: CameraRig | None = None
+) -> tuple[dict[int, Trajectory], Float[np.ndarray, "3 3"]]:
+    """Everybody in a file, in a world with z up, and the rotation that takes the cameras there.
+
+    Args:
+        path: the file.
+        world_up: what is up in the world of the file, or of the cameras. auto: as its format says, unless bodies (and
+            cameras) stand otherwise.
+        rig: the cameras that saw the people; by default those that the file knows.
+
+    Warns:
+        UserWarning: auto found another axis up than the format says, or is in doubt; it says why.
+
+    Raises as load_people_trajectories.
+    """
+    path = Path(path)
+    kind = _kind(path)
+    if kind in _MARKER_FILES:
+        if rig is None:
+            return load_people_trajectories(path, file_up=world_up), np.eye(3)
+        # Such files have axes of their own, to which the world of the cameras was turned.
+        return load_people_trajectories(path), z_up_R_world(resolved_up((), world_up, path, rig))
+    people, origin = load_people_trajectories(path), load_origin(path)
+    rotation = z_up_R_world(resolved_up(people.values(), world_up, path, rig or (origin and origin.rig)))
+    if np.array_equal(rotation, np.eye(3)):
+        return people, rotation
+    return {person: each.turned(rotation) for person, each in people.items()}, rotation
+
+
+_MARKER_FILES = ("TRC", "C3D")
+
+
+def _read(path: Path, kind: str, world_up: WorldUp, file_up: UpChoice | WorldUp) -> dict[int, Trajectory]:
     match kind:
         case "parquet":
             return read_parquet(path)
         case "npz":
             return {0: read_npz(path)}
         case "TRC":
-            return {0: read_trc(path, world_up)}
+            return {0: _turned(path, read_trc(path), "+y", world_up, file_up)}
         case _:
-            return {0: read_c3d(path, world_up)}
+            return {0: _turned(path, *read_c3d(path), world_up, file_up)}
+
+
+def _turned(
+    path: Path, markers: Trajectory, usual: UpAxis, world_up: WorldUp, file_up: UpChoice | WorldUp
+) -> Trajectory:
+    """Markers of a file in the world wanted."""
+    up = resolved_up([markers], file_up, path, usual=usual)
+    return replace(markers, positions_m=from_z_up(z_up(markers.positions_m, up), world_up))
 
 
 def _kind(path: Path) -> str:

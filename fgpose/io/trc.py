@@ -7,30 +7,35 @@ X1 Y1 Z1 ..., perhaps an empty one, then the frames. OpenSim's axes are x forwar
 from __future__ import annotations
 
 import math
+import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_text
 from fgpose.io.content import read_content
-from fgpose.io.markers import UpAxis, from_y_up, marker_of_joint, markers_to_trajectory, median_rate_hz, to_y_up
+from fgpose.io.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.kinematics.body_size import leg_length
 from fgpose.trajectory import Trajectory
 
 _HEADER = ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]
 _HEADER += ["OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"]
-_UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
+_UNITS_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+_SEPARATORS = ("\t", ";", ",")
 _N_HEADER_LINES = 5  # of the TRC format
 
 
-def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> None:
+def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z") -> None:
     """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is one
     over their median interval (1 for a single frame). Frame numbers count from 1.
 
     Args:
-        world_up: which axis of the trajectory's world points up; z is mapped to OpenSim's y as Pose2Sim does.
+        world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
 
     Raises:
         ValueError: the times do not increase.
@@ -54,9 +59,9 @@ def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
     ]
 
 
-def _frame_lines(trajectory: Trajectory, world_up: UpAxis) -> list[str]:
+def _frame_lines(trajectory: Trajectory, world_up: WorldUp) -> list[str]:
     known = np.isfinite(trajectory.positions_m).all(axis=-1, keepdims=True)
-    positions_m = np.where(known, to_y_up(trajectory.positions_m, world_up), np.nan)
+    positions_m = np.where(known, y_up(trajectory.positions_m, world_up), np.nan)
     rows = positions_m.reshape(trajectory.n_frames, 3 * trajectory.skeleton.n_joints).tolist()
     times_s = np.asarray(trajectory.time_s, dtype=float).tolist()
     return [
@@ -66,39 +71,82 @@ def _frame_lines(trajectory: Trajectory, world_up: UpAxis) -> list[str]:
     ]
 
 
-def read_trc(path: Path, world_up: UpAxis = "z") -> Trajectory:
-    """Read the markers of a TRC file, in metres.
+def read_trc(path: Path) -> Trajectory:
+    """Read the markers of a TRC file, in metres and the axes of the file.
 
     Lenient where writers differ: NumFrames, NumMarkers and the frame numbers are not believed, rows may lack trailing
-    cells, empty lines are skipped, a cell "nan" is a gap.
+    cells, empty lines are skipped, a cell "nan" is a gap. Cells may be separated by semicolons or commas, as a table
+    program leaves them, and numbers may have decimal commas where no cell has a point. Where no unit is named, the legs
+    of the body tell it.
 
-    Args:
-        world_up: the axis that points up in the world wanted; the file's is y.
+    Warns:
+        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken.
 
     Raises:
-        ValueError: the header is not that of a TRC file, the unit is not m or mm, a cell is not a number; the message
-            names line and marker.
+        ValueError: the header is not that of a TRC file, the unit is not m, cm or mm, or is not named and not told by a
+            body, a cell is not a number; the message names line and marker.
     """
     lines = read_content(path).decode("utf-8-sig").splitlines()
     if len(lines) < _N_HEADER_LINES or not lines[0].startswith("PathFileType"):
         raise ValueError("it lacks the five header lines of a TRC file")
-    header = dict(zip(lines[1].split(), lines[2].split(), strict=False))
-    unit = header.get("Units", "none")
-    if unit not in _UNITS_PER_METRE:
-        raise ValueError(f"line 3: Units must be m or mm, got {unit}")
-    markers = [name.strip() for name in lines[3].split("\t")[2:] if name.strip()]
+    separator = next((each for each in _SEPARATORS if each in lines[3]), "\t")
+    markers = [name.strip() for name in lines[3].split(separator)[2:] if name.strip()]
     if not markers:
         raise ValueError("line 4 names no marker")
-    frames = [(n, line) for n, line in enumerate(lines[_N_HEADER_LINES:], _N_HEADER_LINES + 1) if line.strip()]
-    table = np.array([_parse_frame(line, number, markers) for number, line in frames])
+    numbered = enumerate(lines[_N_HEADER_LINES:], _N_HEADER_LINES + 1)
+    frames = [(n, [cell.strip() for cell in line.split(separator)]) for n, line in numbered]
+    frames = [(n, cells) for n, cells in frames if any(cells)]
+    if separator != "," and not any("." in cell for _, cells in frames for cell in cells):
+        frames = [(n, [cell.replace(",", ".", 1) for cell in cells]) for n, cells in frames]
+    table = np.array([_parse_frame(cells, number, markers) for number, cells in frames])
     table = table.reshape(len(frames), 1 + 3 * len(markers))
     positions = table[:, 1:].reshape(len(frames), len(markers), 3)
-    return markers_to_trajectory(markers, table[:, 0], from_y_up(positions / _UNITS_PER_METRE[unit], world_up))
+    in_file = markers_to_trajectory(markers, table[:, 0], positions)
+    unit = _checked_unit(_unit(lines, separator), leg_length(in_file), path)
+    return replace(in_file, positions_m=in_file.positions_m / _UNITS_PER_METRE[unit])
 
 
-def _parse_frame(line: str, line_number: int, markers: list[str]) -> Float[np.ndarray, " cell"]:
+def _unit(lines: list[str], separator: str) -> str:
+    """As line 3 says; empty where it says nothing."""
+    names = [name.strip().lower() for name in lines[1].split(separator)]
+    values = [value.strip() for value in lines[2].split(separator)]
+    if "units" not in names:
+        # Some writers separate the header by blanks.
+        names, values = lines[1].lower().split(), lines[2].split()
+    unit = dict(zip(names, values, strict=False)).get("units", "").lower()
+    if unit and unit not in _UNITS_PER_METRE:
+        raise ValueError(f"line 3: Units must be m, cm or mm, got {unit}")
+    return unit
+
+
+def _checked_unit(said: str, leg: float, path: Path) -> str:
+    """The unit that the file names, unless legs of that length belong to nobody.
+
+    Args:
+        said: in line 3; empty: nothing.
+        leg: length of the legs in the file; NaN: it has none.
+        path: the file.
+    """
+    if said and not (np.isfinite(leg) and not _is_leg(leg, said)):
+        return said
+    fitting = [unit for unit in _UNITS_PER_METRE if _is_leg(leg, unit)]
+    if not fitting and said:
+        return said
+    if not fitting:
+        raise ValueError("line 3: Units is missing, and no legs of a person tell it; write m, cm or mm there")
+    why = f"line 3 says {said}, in which legs are {leg:.3g} long" if said else "line 3 names no unit"
+    warnings.warn(f"{path}: {why}: lengths are taken to be {fitting[0]}, which fits a person", stacklevel=5)
+    return fitting[0]
+
+
+def _is_leg(leg: float, unit: str) -> bool:
+    """Whether legs of a small child up to a very tall man are this long; the units are further apart than these."""
+    return 0.25 < leg / _UNITS_PER_METRE[unit] < 1.3
+
+
+def _parse_frame(row: list[str], line_number: int, markers: list[str]) -> Float[np.ndarray, " cell"]:
     """Time and coordinates of one line, in the file's units; NaN in gaps."""
-    cells = [cell.strip() for cell in line.split("\t")][1:]
+    cells = row[1:]
     n_cells = 1 + 3 * len(markers)
     if any(cells[n_cells:]):
         raise ValueError(f"line {line_number}: there are more cells than {len(markers)} markers need")

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.up_axis import WorldUp, z_up, z_up_R_world
 from fgpose.kinematics import definitions
 from fgpose.kinematics.definitions import angles_of
-from fgpose.kinematics.landmarks import landmarks, points_of, z_up
+from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.propagation import mean_squares_rad2
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
@@ -53,12 +53,12 @@ def angle_names(skeleton: Skeleton) -> tuple[str, ...]:
     return tuple(angles_of(points_of(np.zeros((0, skeleton.n_joints, 3)), landmarks(skeleton))))
 
 
-def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> JointAngles:
+def joint_angles(trajectory: Trajectory, world_up: WorldUp = "z") -> JointAngles:
     """The joint angles that the trajectory's skeleton determines.
 
     Args:
         trajectory: of one person.
-        world_up: which axis of its world points up.
+        world_up: what is up in its world.
 
     Raises:
         ValueError: the skeleton determines no angle.
@@ -67,8 +67,9 @@ def joint_angles(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> J
     angle_deg = np.stack(list(angles.values()), axis=-1)
     sigma_deg = np.full_like(angle_deg, np.nan)
     if trajectory.covariance_m2 is not None:
-        covariance_m2 = z_up(z_up(trajectory.covariance_m2, world_up).swapaxes(-1, -2), world_up)
-        sigma_rad = _sigma_rad(z_up(trajectory.positions_m, world_up), covariance_m2, _joints(trajectory))
+        turned = trajectory.turned(z_up_R_world(world_up))
+        assert turned.covariance_m2 is not None
+        sigma_rad = _sigma_rad(turned.positions_m, turned.covariance_m2, _joints(trajectory))
         sigma_deg = np.rad2deg(np.stack([sigma_rad[name] for name in angles], axis=-1))
         sigma_deg[np.isnan(angle_deg)] = np.nan
     return JointAngles(tuple(angles), trajectory.time_s, angle_deg, sigma_deg)
@@ -98,13 +99,13 @@ def _sigma_rad(
 
 
 def angles_deg(
-    trajectory: Trajectory, world_up: Literal["z", "y"] = "z", *, arms_in_zxy: bool = False
+    trajectory: Trajectory, world_up: WorldUp = "z", *, arms_in_zxy: bool = False
 ) -> dict[str, Float[np.ndarray, " frame"]]:
     """The angles of joint_angles by name, without their standard deviations, which take longer; NaN = not determined.
 
     Args:
         trajectory: of one person.
-        world_up: which axis of its world points up.
+        world_up: what is up in its world.
         arms_in_zxy: with the angles of definitions.arms_in_zxy as well.
 
     Raises:

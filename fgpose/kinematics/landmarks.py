@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -19,11 +18,6 @@ _OF_A_SIDE = {
     "toe": (("big_toe", "small_toe"), ("big_toe",), ("foot_index",), ("foot",)),
 }
 _OF_THE_MIDLINE = {"head": (("head",), ("head_top",), ("left_ear", "right_ear"), ("nose",))}
-
-
-def z_up(vectors: Float[np.ndarray, "*points 3"], world_up: Literal["z", "y"]) -> Float[np.ndarray, "*points 3"]:
-    """Vectors of a world with y up (x to the left, z forward) or z up, in one with z up (x forward, y to the left)."""
-    return vectors[..., [2, 0, 1]] if world_up == "y" else vectors
 
 
 def landmarks(skeleton: Skeleton) -> dict[str, tuple[int, ...]]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.kinematics.landmarks import z_up
+from fgpose.geometry.up_axis import WorldUp, z_up
 from fgpose.skeleton import Skeleton
 
 
@@ -34,13 +32,13 @@ def centre_m(positions_m: Float[np.ndarray, "*frames joint 3"], skeleton: Skelet
 
 
 def heights_m(
-    positions_m: Float[np.ndarray, "*points 3"], world_up: Literal["z", "y"] = "z", floor_m: float = 0.0
+    positions_m: Float[np.ndarray, "*points 3"], world_up: WorldUp = "z", floor_m: float = 0.0
 ) -> Float[np.ndarray, "*points"]:
     """Heights above the floor.
 
     Args:
         positions_m: in the world frame.
-        world_up: which axis of it points up.
-        floor_m: height of the floor on that axis.
+        world_up: what is up in it.
+        floor_m: height of the floor above the origin.
     """
     return z_up(positions_m, world_up)[..., 2] - floor_m

@@ -8,13 +8,12 @@ lumbar_extension is zero, and hip_flexion is that against the trunk.
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.up_axis import WorldUp, z_up
 from fgpose.kinematics.angles import angles_deg
-from fgpose.kinematics.landmarks import landmarks, points_of, z_up
+from fgpose.kinematics.landmarks import landmarks, points_of
 from fgpose.kinematics.segments import TRUNK, pelvis
 from fgpose.trajectory import Trajectory
 
@@ -35,9 +34,7 @@ _GROUND_R_WORLD = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 _ORIGIN_FROM_HIPS_M = np.array([0.056276, 0.07849, 0.0])
 
 
-def opensim_coordinates(
-    trajectory: Trajectory, world_up: Literal["z", "y"] = "z"
-) -> dict[str, Float[np.ndarray, " frame"]]:
+def opensim_coordinates(trajectory: Trajectory, world_up: WorldUp = "z") -> dict[str, Float[np.ndarray, " frame"]]:
     """Values by coordinate: degrees; pelvis_tx, pelvis_ty and pelvis_tz in metres; NaN = not determined.
 
     pelvis_rotation does not jump at 180 degrees: somebody who has turned round is at 360.
@@ -58,7 +55,7 @@ def opensim_coordinates(
     return coordinates
 
 
-def _pelvis(trajectory: Trajectory, world_up: Literal["z", "y"]) -> dict[str, Float[np.ndarray, " frame"]]:
+def _pelvis(trajectory: Trajectory, world_up: WorldUp) -> dict[str, Float[np.ndarray, " frame"]]:
     """Its rotation, and where its origin is if the model's hips are in the middle of ours, in OpenSim's ground."""
     from scipy.spatial.transform import Rotation
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.geometry.up_axis import WorldUp, z_up
 from fgpose.kinematics.definitions import BENT_DEG
-from fgpose.kinematics.landmarks import Points, landmarks, points_of, z_up
+from fgpose.kinematics.landmarks import Points, landmarks, points_of
 from fgpose.kinematics.segments import TRUNK, Rotations, Vectors, bend, pelvis, thorax, unit
 from fgpose.trajectory import Trajectory
 
@@ -81,7 +81,7 @@ class SegmentPoses:
         return None if parent is None else names.index(parent)
 
 
-def segment_poses(trajectory: Trajectory, world_up: Literal["z", "y"] = "z") -> SegmentPoses:
+def segment_poses(trajectory: Trajectory, world_up: WorldUp = "z") -> SegmentPoses:
     """The pose of every segment that the trajectory's skeleton has.
 
     The rotation of thigh and upper arm about their own axis is that of the plane of knee and elbow. Where the limb is

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import people_paths, save_people, save_trajectory
 from fgpose.pipeline.people import PeopleResult
-from fgpose.pipeline.results import Outputs, WorldUp, viewer_writers, write_all
+from fgpose.pipeline.results import Outputs, viewer_writers, write_all
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import PeopleRecording
 
@@ -38,6 +39,7 @@ def write_people(
     Raises:
         OutputError: a file could not be written, whatever the reason. All others were.
     """
+    outputs = outputs.standing(result.main.values(), result.association.rig)
     paths = outputs.trajectory_paths(result.saved).items()
     names = {path: name for path, name in paths if name in result.trajectories}
     time_s = result.association.frames.frame_time_s
@@ -58,7 +60,7 @@ def write_people(
 def _save(
     people: Mapping[int, Trajectory],
     path: Path,
-    world_up: WorldUp,
+    world_up: UpChoice | WorldUp,
     time_s: Float[np.ndarray, " frame"],
     origin: Origin | None,
 ) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -18,16 +18,18 @@ from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import check_writable
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
+from fgpose.io.upright import resolved_up
+from fgpose.kinematics.vertical import find_up
 from fgpose.pipeline.source import Source, with_findings
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 from fgpose.viewer import PeopleRecording, Recording, open_people_recording, open_recording
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
-WorldUp = Literal["z", "y"]
 AnyResult = TypeVar("AnyResult")
 AnyRecording = TypeVar("AnyRecording", Recording, PeopleRecording)
 
@@ -80,8 +82,8 @@ class Outputs:
     folder: Path
     name: str
     formats: tuple[Format, ...]
-    world_up: WorldUp = "z"
-    """The axis of the world that points up; for TRC, C3D and the viewer."""
+    world_up: UpChoice | WorldUp = "auto"
+    """What is up in the world, for TRC, C3D and the viewer; auto: as bodies and cameras stand."""
     live_port: int | None = None
     """Where viewers can connect; 0 takes any free port. None: they cannot."""
     image_width_px: int | None = 640
@@ -150,22 +152,31 @@ class Outputs:
             ImportError: Rerun is not installed.
             OSError: the port is taken, or the file cannot be written.
         """
-        return open_recording(self._rrd, rig, skeleton, trajectories, n_frames=n_frames, **self._viewer_options)
+        return open_recording(self._rrd, rig, skeleton, trajectories, n_frames=n_frames, **self._viewer_options(rig))
 
     def open_people_viewer(self, rig: CameraRig, skeleton: Skeleton, n_frames: int | None = None) -> PeopleRecording:
         """The same for several people."""
-        return open_people_recording(self._rrd, rig, skeleton, n_frames=n_frames, **self._viewer_options)
+        return open_people_recording(self._rrd, rig, skeleton, n_frames=n_frames, **self._viewer_options(rig))
 
     @property
     def _rrd(self) -> Path | None:
         return self.path("rrd") if "rrd" in self.formats else None
 
-    @property
-    def _viewer_options(self) -> dict[str, Any]:
+    def standing(self, people: Iterable[Trajectory], rig: CameraRig) -> Outputs:
+        """The same, with what is up as these people and cameras stand, if that is to be found.
+
+        Warns:
+            UserWarning: it is another axis than z, or in doubt.
+        """
+        return replace(self, world_up=resolved_up(people, self.world_up, self.folder / self.name, rig))
+
+    def _viewer_options(self, rig: CameraRig) -> dict[str, Any]:
+        # Before anybody is estimated only the cameras tell.
+        world_up = find_up((), rig).world_up if self.world_up == "auto" else self.world_up
         return {
             "live": self.live_port is not None,
             "port": self.live_port or 0,
-            "up": "+z" if self.world_up == "z" else "+y",
+            "up": nearest_axis(world_up),
             "image_width_px": self.image_width_px,
         }
 
@@ -216,6 +227,7 @@ def write_outputs(
     Raises:
         OutputError: a file could not be written, whatever the reason. All others were.
     """
+    outputs = outputs.standing([result.main], result.source.rig)
     writers: dict[Path | str, Callable[[], object]] = {
         path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, result.origin)
         for path, name in outputs.trajectory_paths(result.saved).items()

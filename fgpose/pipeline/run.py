@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from fgpose.association.chosen_person import main_person
 from fgpose.association.common_clock import on_common_clock
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
@@ -17,10 +18,11 @@ from fgpose.estimation.refinement import refine_evidence
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
-from fgpose.io.calibration import load_rig
+from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.camera_names import seen_cameras
 from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people, person_of
 from fgpose.observations import Observations
+from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.people import PeopleSource
 from fgpose.pipeline.results import Result
@@ -42,7 +44,7 @@ def load_source(
     *,
     cameras: tuple[str, ...] = (),
     fps: float | None = None,
-    unit: Literal["auto", "m", "mm"] = "auto",
+    unit: Unit = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
     person: Person = "consistent",
@@ -62,13 +64,16 @@ def load_source(
         OSError: a file cannot be read.
     """
     rig = _rig(keypoints, calibration, unit, cameras)
-    origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     reading: dict[str, Any] = {
         "fps": fps,
         "points3d_frame": points3d_frame,
         "points3d_unit": points3d_unit,
         "ignore_other_cameras": bool(cameras),
     }
+    rig = as_detected(
+        rig, calibration, lambda each: load_observations(keypoints, each, skeleton, person=person, **reading)
+    )
+    origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     if rig.time_offsets_s.any():
         people = load_people(keypoints, rig, skeleton, **reading)
         together, on_clock = on_common_clock(people, rig)
@@ -85,27 +90,28 @@ def load_people_source(
     *,
     cameras: tuple[str, ...] = (),
     fps: float | None = None,
-    unit: Literal["auto", "m", "mm"] = "auto",
+    unit: Unit = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
 ) -> PeopleSource:
     """Everybody in a recording, see load_source."""
     rig = _rig(keypoints, calibration, unit, cameras)
-    people = load_people(
-        keypoints,
-        rig,
-        skeleton,
-        fps=fps,
-        points3d_frame=points3d_frame,
-        points3d_unit=points3d_unit,
-        ignore_other_cameras=bool(cameras),
+    reading: dict[str, Any] = {
+        "fps": fps,
+        "points3d_frame": points3d_frame,
+        "points3d_unit": points3d_unit,
+        "ignore_other_cameras": bool(cameras),
+    }
+    rig = as_detected(
+        rig, calibration, lambda each: main_person(load_people(keypoints, each, skeleton, **reading), each)
     )
+    people = load_people(keypoints, rig, skeleton, **reading)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     people, rig = on_common_clock(people, rig)
     return PeopleSource(rig, people, origin).subset(cameras)
 
 
-def _rig(keypoints: Path, calibration: Path, unit: Literal["auto", "m", "mm"], cameras: tuple[str, ...]) -> CameraRig:
+def _rig(keypoints: Path, calibration: Path, unit: Unit, cameras: tuple[str, ...]) -> CameraRig:
     """The cameras wanted, and all others that saw something: together they tell best who is who."""
     rig = load_rig(calibration, unit)
     if not cameras:

@@ -35,7 +35,7 @@ def angle_section(recording: FinishedRecording) -> Section:
         return Section("Joint angles", "angles", [Note(missing, is_missing=True)])
 
     def blocks_of(trajectory: Trajectory, columns: int) -> list[Block]:
-        angles = joint_angles(trajectory, recording.world_up)
+        angles = joint_angles(trajectory)
         return [*_plots(angles, columns), _table(angles)]
 
     blocks = of_people(recording, blocks_of)

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.calibration import load_calibration_origin, load_rig
 from fgpose.io.origin import InputFile, Origin
-from fgpose.io.trajectories import load_origin, load_people_trajectories
+from fgpose.io.trajectories import load_origin, load_upright
 from fgpose.observations import Observations
 from fgpose.report.origin_facts import facts_of, findings_of
 from fgpose.report.used_detections import used_detections
@@ -71,7 +75,7 @@ def load_finished(
     keypoints: Path | None = None,
     fps: float | None = None,
     videos: Path | None = None,
-    world_up: Literal["z", "y"] = "z",
+    world_up: UpChoice = "auto",
     observed: bool = True,
 ) -> FinishedRecording:
     """Read the result of a run with what is known of its inputs.
@@ -84,23 +88,26 @@ def load_finished(
         keypoints: what the cameras saw; by default what the result says it was made from, if that is still there.
         fps: of the keypoints, if their file has no times, and of folders of images.
         videos: folder of the videos; by default as of the keypoints.
-        world_up: which axis of the world points up.
+        world_up: what is up in the world of the result; auto: as people and cameras stand. The recording is turned so
+            that z is up.
         observed: whether what the cameras saw is looked for, if no keypoints are named.
 
     Raises:
         ValueError: a file is damaged, or they are not of one recording; the message names the file.
         OSError: a file cannot be read.
     """
-    people = load_people_trajectories(result, world_up=world_up)
     origin = load_origin(result) or Origin()
     rig_file = rig or (None if origin.rig is not None else _rig_beside(result))
     given = load_rig(rig_file) if rig_file is not None else origin.rig
+    people, up_R_world, axes = _upright(result, world_up, given)
+    given = None if given is None else given.turned(up_R_world)
     cameras = None if given is None else _rig_of(rig_file or result, given, next(iter(people.values())))
     # Of another rig than the one that was used, what was found of it does not hold; its file may know of it itself.
     known = origin.calibration if rig_file is None else load_calibration_origin(rig_file)
     known = known.subset(cameras.names) if cameras is not None else known
     origin = replace(origin, calibration=known)
     made_from = {"Result": str(result)} | facts_of(origin) | _named(Calibration=rig_file, Videos=videos)
+    made_from |= _named(Axes=axes)
     if keypoints is not None and given is None:
         raise ValueError(f"{keypoints}: keypoints are shown with a calibration (--rig FILE)")
     observations: Mapping[int, Observations] = {}
@@ -121,7 +128,6 @@ def load_finished(
         events=origin.events,
         videos=videos or _videos(origin, cameras),
         images_hz=fps or origin.fps,
-        world_up=world_up,
         made_from=made_from,
     )
 
@@ -138,7 +144,24 @@ def _still_there(
         return {}, f"They cannot be read any more ({error}): nothing that needs them is judged"
 
 
-def _named(**files: Path | None) -> dict[str, str]:
+def _upright(
+    result: Path, world_up: UpChoice, rig: CameraRig | None
+) -> tuple[dict[int, Trajectory], Float[np.ndarray, "3 3"], str]:
+    """Everybody in a world with z up, the rotation to it, and what is to be said of that."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        people, up_R_world = load_upright(result, world_up, rig)
+    for warning in caught:
+        warnings.warn(warning.message, stacklevel=3)
+    said = "; ".join(str(warning.message).removeprefix(f"{result}: ") for warning in caught)
+    if np.array_equal(up_R_world, np.eye(3)):
+        return people, up_R_world, said
+    rows = ", ".join(" ".join(f"{value:.3g}" for value in row) for row in (up_R_world + 0.0).tolist())
+    turned = f"the world of this report is that of the result, turned by the rotation ({rows}) so that z is up"
+    return people, up_R_world, f"{said}; {turned}" if said else turned
+
+
+def _named(**files: Path | str | None) -> dict[str, str]:
     """Those that were given."""
     return {what: str(file) for what, file in files.items() if file}
 

@@ -14,6 +14,7 @@ from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, models, p
 from fgpose.sampling import spread_evenly
 
 _HEIGHT_PX = 420
+_PLAN = (0, 1)  # axes of the floor
 _CELLS = 44  # of the map of the covered volume, along each side
 _WAY_POINTS = 500
 _POSES = 5
@@ -22,8 +23,7 @@ _NAME_COLOUR = "#7a808a"  # seen on white and on the ground of the dark page ali
 
 def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
     """Plan, with the floor that cameras see, and side view."""
-    across, along, up = recording.axes
-    plan, side = _view(recording, (across, along)), _view(recording, (across, up))
+    plan, side = _view(recording, _PLAN), _view(recording, (0, 2))
     return (
         Plot(plan, "Plan: the way of the hips, and how many cameras see each place", _HEIGHT_PX, half=True),
         Plot(side, f"Side: {_POSES} poses of the recording", _HEIGHT_PX, half=True),
@@ -33,7 +33,7 @@ def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
 def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
     rig = recording.rig
     assert rig is not None
-    is_plan = axes[1] == recording.axes[1]
+    is_plan = axes == _PLAN
     x_label, y_label = (f"{'xyz'[axis]} / m" for axis in axes)
     plot = plain_figure(x_label, y_label, _HEIGHT_PX, match_aspect=True)
     reach_m = 0.25 * max(np.ptp([camera.position_m for camera in rig.cameras], axis=0).max(), 1.0)
@@ -85,16 +85,15 @@ def _covered(plot: Figure, recording: FinishedRecording) -> None:
     places_m = np.array([camera.position_m for camera in rig.cameras])
     everything_m = np.concatenate([places_m, ways_m[np.isfinite(ways_m).all(axis=1)]])
     low, high = everything_m.min(axis=0) - 0.3, everything_m.max(axis=0) + 0.3
-    across, along, up = recording.axes
     grid = np.empty((_CELLS, _CELLS, 3))
-    grid[..., across], grid[..., along] = np.meshgrid(*(np.linspace(low[a], high[a], _CELLS) for a in (across, along)))
-    grid[..., up] = known_quantile(ways_m[:, up], 0.5)
+    grid[..., 0], grid[..., 1] = np.meshgrid(*(np.linspace(low[axis], high[axis], _CELLS) for axis in _PLAN))
+    grid[..., 2] = known_quantile(ways_m[:, 2], 0.5)
     views = views_of(grid.reshape(-1, 3), rig).reshape(_CELLS, _CELLS)
     views[views < 1] = np.nan
     palette = [f"rgba(11, 110, 134, {0.08 + 0.5 * share:.2f})" for share in np.linspace(0, 1, rig.n_cameras)]
     mapper = models().LinearColorMapper(palette, low=0.5, high=rig.n_cameras + 0.5, nan_color="rgba(0, 0, 0, 0)")
     size = high - low
-    place = {"x": low[across], "y": low[along], "dw": size[across], "dh": size[along]}
+    place = {"x": low[0], "y": low[1], "dw": size[0], "dh": size[1]}
     plot.image([views.astype(np.float32)], **place, color_mapper=mapper)
     plot.add_layout(colour_bar(mapper, "cameras"), "right")
 

@@ -20,8 +20,7 @@ def thumbnail(recording: FinishedRecording) -> str:
     """As SVG: the way of the hips of the main person from above, turned so that it fills the picture, and how far it
     reaches; then the share of joints that two cameras see, over time."""
     trajectory = recording.main
-    across, along, _ = recording.axes
-    way_m = gathered(root_m(trajectory), _WAY_POINTS)[:, [across, along]]
+    way_m = gathered(root_m(trajectory), _WAY_POINTS)[:, :2]
     way, reach_m = _way(way_m[np.isfinite(way_m).all(axis=1)])
     strip = _strip(gathered(trajectory.observed.mean(axis=1), _BINS))
     seen = float(trajectory.observed.mean())

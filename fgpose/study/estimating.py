@@ -10,9 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, Mark
+from fgpose.geometry.up_axis import WorldUp
 from fgpose.io.kinematics import save_kinematics
 from fgpose.io.origin import Origin, input_file
-from fgpose.io.trajectories import load_people_trajectories, save_people, save_trajectory
+from fgpose.io.trajectories import load_origin, load_people_trajectories, save_people, save_trajectory
+from fgpose.io.upright import resolved_up
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import find_clips
 from fgpose.pipeline import PeopleSource, Source, run_smooth, run_smooth_people
@@ -91,21 +93,29 @@ def _save(
 def export(job: Job) -> None:
     """The motion in the formats of other programs. Raises ImportError if a package for one is not installed, OSError if
     a file cannot be written."""
-    people = load_people_trajectories(job.path(MOTION))
+    people, world_up = _with_up(job)
     for name in job.study.steps.formats:
         path = job.path(MOTION).with_suffix(f".{name}")
         if name in _KINEMATICS:
-            save_kinematics(people, path, job.study.steps.world_up)
+            save_kinematics(people, path, world_up)
         elif len(people) == 1:
             (alone,) = people.values()
-            save_trajectory(alone, path, job.study.steps.world_up)
+            save_trajectory(alone, path, world_up)
         else:
-            save_people(people, path, job.study.steps.world_up)
+            save_people(people, path, world_up)
 
 
 def measure_angles(job: Job) -> None:
     """Joint angles, speeds and heights of everybody. Raises ValueError if the skeleton determines none."""
-    save_kinematics(load_people_trajectories(job.path(MOTION)), job.path(ANGLES), job.study.steps.world_up)
+    people, world_up = _with_up(job)
+    save_kinematics(people, job.path(ANGLES), world_up)
+
+
+def _with_up(job: Job) -> tuple[dict[int, Trajectory], WorldUp]:
+    """Everybody, and what is up in their world."""
+    path = job.path(MOTION)
+    people, origin = load_people_trajectories(path), load_origin(path)
+    return people, resolved_up(people.values(), job.study.steps.world_up, path, origin and origin.rig)
 
 
 def judge(job: Job) -> None:

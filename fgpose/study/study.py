@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from fgpose.config import Config, checked_fields, parse_toml
+from fgpose.geometry.up_axis import UpChoice
 from fgpose.study.pattern import Pattern
 
 Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
@@ -31,7 +32,8 @@ class Data:
     """What the keypoints are: a name, or a TOML file. Of videos it is that of the network."""
     fps: float | None = None
     """Frames per second, where the files do not say."""
-    unit: Literal["auto", "m", "mm"] = "auto"
+    unit: str = "auto"
+    """Of the lengths in the calibrations: m, cm, mm, inch, or how many metres it is, as a text."""
     points3d_frame: Literal["camera", "world"] = "camera"
     points3d_unit: Literal["mm", "m"] = "mm"
     cameras: tuple[str, ...] = ()
@@ -60,8 +62,8 @@ class Steps:
     synchronise: bool = False
     """The cameras were started by hand: when each began is found in every recording, from the motion. Where people
     calibrate the cameras it is always."""
-    world_up: Literal["z", "y"] = "z"
-    """Axis of the calibration's world that points up."""
+    world_up: UpChoice = "auto"
+    """Axis of the calibration's world that points up; auto: as people and cameras of each recording stand."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +16,10 @@ from fgpose.estimation import fusion
 from fgpose.estimation.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed, smooth
-from fgpose.geometry.camera import Camera
-from fgpose.geometry.triangulation import Triangulation
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.reprojection import reprojection_residual_px
+from fgpose.geometry.triangulation import Triangulation, triangulate_robust
+from fgpose.geometry.up_axis import z_up_R_world
 from fgpose.io.calibration import save_rig
 from fgpose.io.content import read_content
 from fgpose.io.keypoints import detections, save_observations
@@ -275,3 +278,52 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: So
     motion = whitened_residuals(trajectory, evidence, source.rig, config)["motion"]
     # 10,000 values of mean square 3 and standard deviation about 2.5: 3 +- 0.1 is four standard errors.
     assert np.nanmean(motion**2) == pytest.approx(3.0, abs=0.1)
+
+
+def test_a_recording_in_the_world_of_a_camera_stands_in_every_file(smoothed: Result, tmp_path: Path) -> None:
+    """The real recording, once in a world with y down: the TRC stands, and says the same but for the heading."""
+    world_R_up = z_up_R_world("-y").T
+    rig = smoothed.source.rig.turned(world_R_up)
+    source = Source(rig, smoothed.source.observations)
+    turned = Result(source, smoothed.config, {"smoothed": smoothed.main.turned(world_R_up)}, ("smoothed",))
+    write_outputs(smoothed, Outputs(tmp_path, "up", ("trc",)))
+    with pytest.warns(UserWarning, match=r"down: the body stands along -y of the world, not along \+z"):
+        write_outputs(turned, Outputs(tmp_path, "down", ("trc",)))
+    np.testing.assert_allclose(
+        load_trajectory(tmp_path / "down.trc").positions_m, load_trajectory(tmp_path / "up.trc").positions_m, atol=1e-12
+    )
+    # What is said counts.
+    write_outputs(turned, Outputs(tmp_path, "said", ("trc",), "-y"))
+    assert (tmp_path / "said.trc").read_text().splitlines()[4:] == (tmp_path / "down.trc").read_text().splitlines()[4:]
+
+
+@pytest.mark.parametrize("turns", [[0, -1, 1, 0], [1, 1, 1, 1]])
+@pytest.mark.parametrize("turn_keypoints", [True, False])
+def test_keypoints_of_images_turned_by_caliscope_are_noticed(
+    source: Source, tmp_path: Path, turns: list[int], turn_keypoints: bool
+) -> None:
+    """Its calibration is that of the images as recorded, whatever rotation_count says."""
+    rig = CameraRig(tuple(replace(each, name=f"cam_{n}") for n, each in enumerate(source.rig.cameras)))
+    save_rig(rig, tmp_path / "rig.toml", "caliscope")
+    parts = (tmp_path / "rig.toml").read_text().split("rotation_count = 0")
+    text = parts[0] + "".join(f"rotation_count = {turn}{part}" for turn, part in zip(turns, parts[1:], strict=True))
+    (tmp_path / "rig.toml").write_text(text)
+    points_px = source.observations.points2d_px.copy()
+    for camera, turn in enumerate(turns if turn_keypoints else []):
+        x, y = points_px[:, camera, :, 0].copy(), points_px[:, camera, :, 1].copy()
+        width, height = rig.cameras[camera].size_px
+        if turn:
+            points_px[:, camera] = np.stack([height - 1 - y, x] if turn == 1 else [y, width - 1 - x], axis=-1)
+    seen = replace(source.observations, points2d_px=points_px, camera_names=rig.names)
+    save_observations(seen, tmp_path / "seen.npz")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        loaded = load_source(tmp_path / "seen.npz", tmp_path / "rig.toml", source.observations.skeleton)
+    assert bool(caught) == turn_keypoints
+    errors_px = []
+    for each in (source, loaded):
+        undistorted_px = each.rig.undistort(each.observations.points2d_px)
+        positions_m = triangulate_robust(undistorted_px, each.observations.confidence, each.rig).positions_m
+        errors_px.append(np.nanmedian(reprojection_residual_px(undistorted_px, each.rig, positions_m)))
+    # Turning the images changes nothing but for rounding in the file, 1e-4 px.
+    assert errors_px[1] == pytest.approx(errors_px[0], abs=1e-2)

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.steps import Steps
+from fgpose.kinematics.vertical import geometric_median
 
 # Of the axis from ankles to head over a walk, forwards and to the side, radians: 3 degrees, as single frames are off.
 _LEAN_SIGMA = np.deg2rad(3.0)
@@ -62,7 +63,8 @@ def find_vertical(
         raise ValueError("there is no vertical: head (or shoulders) and ankles are never known in the same frame")
     frame_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     per_frame = min(1.0, frame_s / _AXIS_CORRELATION_S)
-    up, covariance = _middle(axis), np.eye(2)
+    up, covariance = geometric_median(axis), np.eye(2)
+    up /= np.linalg.norm(up)
     for _ in range(_ROUNDS):
         upright = np.asarray(axis @ up > np.cos(_UPRIGHT))
         if not upright.any():
@@ -86,15 +88,6 @@ def _axes(
     length_m, left = np.linalg.norm(axis_m, axis=-1, keepdims=True), anatomy.left(joints_m)
     known = (length_m[:, 0] > 0) & np.isfinite(left).all(axis=-1)
     return axis_m[known] / length_m[known], left[known]
-
-
-def _middle(axis: Float[np.ndarray, "known 3"]) -> Float[np.ndarray, 3]:
-    """Geometric median of unit vectors (Weiszfeld), which holds if less than half of the frames lie or bend."""
-    up = np.median(axis, axis=0)
-    for _ in range(50):  # converges linearly, to 1e-6 here
-        weights = 1 / np.maximum(np.linalg.norm(axis - up, axis=1), 1e-6)
-        up = weights @ axis / weights.sum()
-    return up / np.linalg.norm(up)
 
 
 def _plane(up: Float[np.ndarray, 3]) -> Float[np.ndarray, "2 3"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,13 +13,18 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig, LensModel
 
-Unit = Literal["auto", "m", "mm"]
-
-_METRES_PER_UNIT = {"m": 1.0, "mm": 1e-3}
+UnitOfFormat = Literal["auto", "m", "mm"]
+"""What a format prescribes; auto where it leaves the unit open."""
+Unit = str | float
+"""auto, a name of UNITS, or how many metres a unit is, as the side of the squares of a board."""
+UNITS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "inch": 0.0254, "in": 0.0254, "ft": 0.3048}
+"""Metres per unit, by its name."""
 # Rigs stand in rooms and halls: no camera is farther than this from the others or from the origin.
 _MAX_PLAUSIBLE_M = 100.0
 # Cameras that are all nearer to each other than this cannot triangulate a person.
 _MIN_PLAUSIBLE_M = 0.02
+# Cameras around a person are further apart than this.
+_SMALL_M = 0.5
 # A file of unknown unit: below the first it can only be metres, above the second only millimetres.
 _SURELY_METRES = 20.0
 _SURELY_MILLIMETRES = 200.0
@@ -57,7 +63,22 @@ class Lens:
     lens: LensModel = "pinhole"
 
 
-def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: Unit, unit: Unit) -> CameraRig:
+def metres_per_unit(unit: Unit) -> float | None:
+    """None for auto. Raises ValueError unless it is a unit or a positive number of metres."""
+    if unit == "auto":
+        return None
+    try:
+        metres = UNITS[unit] if unit in UNITS else float(unit)  # type: ignore[index]
+    except (TypeError, ValueError):
+        metres = math.nan
+    if not 0 < metres < math.inf:
+        raise ValueError(
+            f"unit must be auto, {', '.join(UNITS)}, or how many metres it is (0.054: squares of 54 mm), got {unit!r}"
+        )
+    return metres
+
+
+def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: UnitOfFormat, unit: Unit) -> CameraRig:
     """The rig of a file's cameras, in metres.
 
     Args:
@@ -68,14 +89,14 @@ def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: Unit, unit: U
     Raises:
         ValueError: the unit cannot be told, or with it the rig is implausibly large or small.
     """
-    if unit != "auto":
-        chosen = unit
-    elif unit_of_format != "auto":
-        chosen = unit_of_format
-    else:
-        chosen = _unit_by_size(_extent([view.to_camera(1.0) for view in views]))
-    rig = CameraRig(tuple(view.to_camera(_METRES_PER_UNIT[chosen]) for view in views))
-    _check_plausible(rig, chosen)
+    metres = metres_per_unit(unit)
+    if metres is None and unit_of_format != "auto":
+        unit, metres = unit_of_format, UNITS[unit_of_format]
+    elif metres is None:
+        unit = _unit_by_size(_extent([view.to_camera(1.0) for view in views]))
+        metres = UNITS[unit]
+    rig = CameraRig(tuple(view.to_camera(metres) for view in views))
+    _check_plausible(rig, str(unit))
     return rig
 
 
@@ -91,8 +112,9 @@ def _unit_by_size(extent: float) -> Literal["m", "mm"]:
     if extent > _SURELY_MILLIMETRES:
         return "mm"
     raise ValueError(
-        f"the file does not say its unit of length, and a rig of {extent:.0f} may be metres or millimetres; "
-        'give unit="m" or unit="mm"'
+        f"the file does not say its unit of length, and a rig of {extent:.0f} may be metres, centimetres or "
+        "millimetres; "
+        'give unit="m", unit="cm" or unit="mm"; squares of a board as their side in metres, unit="0.054"'
     )
 
 
@@ -100,7 +122,7 @@ def _check_plausible(rig: CameraRig, unit: str) -> None:
     extent_m = _extent(rig.cameras)
     if extent_m > _MAX_PLAUSIBLE_M:
         farthest = max(rig.cameras, key=lambda camera: float(np.linalg.norm(camera.position_m)))
-        advice = 'these look like millimetres; give unit="mm"' if unit == "m" else "the translations are wrong"
+        advice = "the translations are wrong" if unit != "m" else _other_units(extent_m)
         raise ValueError(
             f"camera {farthest.name} is {np.linalg.norm(farthest.position_m):.0f} m from the origin, the rig measures "
             f"{extent_m:.0f} m: {advice}"
@@ -112,6 +134,15 @@ def _check_plausible(rig: CameraRig, unit: str) -> None:
             f"all cameras lie within {1000 * spread_m:.1f} mm of {rig.names[0]}: "
             'the file looks like metres; give unit="m"'
         )
+
+
+def _other_units(extent: float) -> str:
+    """What to say of a rig that is too large in metres."""
+    fitting = [each for each in ("cm", "mm") if _SMALL_M <= extent * UNITS[each] <= _SURELY_METRES]
+    if not fitting:
+        return "the unit is another one; give it, or how many metres it is (the side of the squares of a board)"
+    sizes = " or ".join(f'unit="{each}" (then it measures {extent * UNITS[each]:.1f} m)' for each in fitting)
+    return f"these are not metres; give {sizes}, or how many metres a unit is (the side of the squares of a board)"
 
 
 def rotation_matrix(name: str, rotation: Any) -> Float[np.ndarray, "3 3"]:

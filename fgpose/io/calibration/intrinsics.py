@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,17 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.geometry.intrinsics import is_of_another_size
 from fgpose.io.arrays import array_names, read_arrays
-from fgpose.io.calibration import lens_documents, live_format, npz_format, opencv_yaml, qualisys, toml_formats
+from fgpose.io.calibration import (
+    biocv,
+    json_format,
+    lens_documents,
+    live_format,
+    npz_format,
+    opencap,
+    opencv_yaml,
+    toml_formats,
+    xml_formats,
+)
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
 from fgpose.io.camera_names import named_cameras, natural_key
 from fgpose.io.content import read_content
@@ -94,6 +102,9 @@ def _lenses(path: Path) -> list[Lens]:
         return _of_file(path)
     if (path / "intri.yml").is_file():
         return _of_file(path / "intri.yml")
+    for format_of_folder in (opencap, biocv):
+        if format_of_folder.files_in(path):
+            return _without_poses(format_of_folder.read(path))
     files = sorted((f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES), key=lambda f: natural_key(f.name))
     if not files:
         raise ValueError(
@@ -122,10 +133,14 @@ def _of_file(path: Path) -> list[Lens]:
     if content.startswith(b"PK"):
         is_rig = "world_T_camera" in array_names(path)
         return _without_poses(npz_format.read(path)) if is_rig else lens_documents.lenses(read_arrays(path), path.stem)
-    if start.startswith(b"<") or content.startswith((b"\xff\xfe<", b"\xfe\xff\x00<")):
-        return _without_poses(qualisys.read(content))
+    if xml_formats.is_xml(content):
+        return _without_poses(xml_formats.read(content))
+    if opencap.is_pickle(content):
+        return _without_poses(opencap.read(path))
+    if path.suffix.lower() == biocv.EXTENSION:
+        return _without_poses(biocv.read(path))
     if start.startswith(b"{"):
-        return lens_documents.lenses(_json(start), path.stem)
+        return lens_documents.lenses(json_format.document_of(start), path.stem)
     if start.startswith(b"%YAML") or path.suffix.lower() in (".yml", ".yaml"):
         document = opencv_yaml.yaml_document(path)
         return opencv_yaml.intrinsics(document) or lens_documents.lenses(document, path.stem)
@@ -141,13 +156,6 @@ def _of_toml(content: bytes, name: str) -> list[Lens]:
     if toml_formats.has_cameras(document):
         return _without_poses(toml_formats.read(text, poses=False)[0])
     return lens_documents.lenses(document, name)
-
-
-def _json(content: bytes) -> dict[str, Any]:
-    try:
-        return json.loads(content)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"not JSON, or a damaged file: {error}") from None
 
 
 def _without_poses(views: list[CalibratedView]) -> list[Lens]:

@@ -17,8 +17,11 @@ from fgpose.geometry.camera import LensModel
 from fgpose.io.calibration.calibrated_view import Lens, numbers
 
 # Without case and underscores, the more telling first.
-_MATRIX = ("cameramatrix", "intrinsicmatrix", "mtx", "k")
-_DISTORTION = ("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "dist", "d")
+_MATRIX = ("cameramatrix", "intrinsicmatrix", "intrinsicmat", "intrinsics", "matrix", "mtx", "k")
+_DISTORTION = (
+    *("distortioncoefficients", "distortioncoeffs", "distcoeffs", "distcoeff", "distcoef"),
+    *("distortions", "distortion", "dist", "d"),
+)
 _WIDTH, _HEIGHT = ("imagewidth", "width"), ("imageheight", "height")
 _SIZE = ("imagesize", "imgsize", "size", "resolution")
 _FISHEYE = ("fisheyemodel", "fisheye")
@@ -38,30 +41,30 @@ def lenses(document: Mapping[str, Any], name: str) -> list[Lens]:
     Raises:
         ValueError: it has no camera matrix, or a camera is incomplete; the message names it.
     """
-    if _value(document, _MATRIX) is not None:
+    if value_of(document, _MATRIX) is not None:
         return [_lens(document, name)]
     tables = {str(key): table for key, table in document.items() if isinstance(table, Mapping)}
-    found = [_lens(table, key) for key, table in tables.items() if _value(table, _MATRIX) is not None]
+    found = [_lens(table, key) for key, table in tables.items() if value_of(table, _MATRIX) is not None]
     if not found:
         raise ValueError("no intrinsics in it: camera_matrix and distortion_coefficients are missing")
     return found
 
 
 def _lens(table: Mapping[str, Any], name: str) -> Lens:
-    K = numbers(name, "the camera matrix", _numbers(_value(table, _MATRIX), name), 3, 3)
-    coefficients = _value(table, _DISTORTION)
+    K = numbers(name, "the camera matrix", _numbers(value_of(table, _MATRIX), name), 3, 3)
+    coefficients = value_of(table, _DISTORTION)
     distortion = np.zeros(0)
     if coefficients is not None:
         distortion = numbers(name, "the distortion", _numbers(coefficients, name)).ravel()
-    model, fisheye = str(_value(table, _MODEL)).casefold(), str(_value(table, _FISHEYE)).casefold()
+    model, fisheye = str(value_of(table, _MODEL)).casefold(), str(value_of(table, _FISHEYE)).casefold()
     lens: LensModel = "fisheye" if model in _FISHEYE_MODELS or fisheye in _TRUE else "pinhole"
     return Lens(name, K, distortion, _size_px(table, name), lens)
 
 
 def _size_px(table: Mapping[str, Any], name: str) -> tuple[int, int] | None:
-    size = _value(table, _SIZE)
+    size = value_of(table, _SIZE)
     if size is None:
-        sides = _value(table, _WIDTH), _value(table, _HEIGHT)
+        sides = value_of(table, _WIDTH), value_of(table, _HEIGHT)
         size = None if None in sides else list(sides)
     if size is None:
         return None
@@ -69,8 +72,8 @@ def _size_px(table: Mapping[str, Any], name: str) -> tuple[int, int] | None:
     return round(width), round(height)
 
 
-def _value(table: Mapping[str, Any], names: tuple[str, ...]) -> Any:
-    """Of the first of the names that the table has; None if it has none."""
+def value_of(table: Mapping[str, Any], names: tuple[str, ...]) -> Any:
+    """Of the first of the names, which are without case and underscores, that the table has; None if it has none."""
     plain = {str(key).replace("_", "").casefold(): value for key, value in table.items()}
     return next((plain[name] for name in names if name in plain), None)
 

@@ -2,35 +2,54 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.calibration import live_format, npz_format, opencv_yaml, qualisys, toml_formats
-from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, rig_in_metres
+from fgpose.io.calibration import (
+    biocv,
+    json_format,
+    live_format,
+    npz_format,
+    opencap,
+    opencv_yaml,
+    toml_formats,
+    xml_formats,
+)
+from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, UnitOfFormat, metres_per_unit, rig_in_metres
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
 _Writer = Callable[[CameraRig, Path, CalibrationOrigin | None], None]
 
+_JSON = (b"{", b"[{", b"[\n", b"[ ", b"[\r")  # a TOML file may begin with [table]
 # Files of caliscope also hold all points that it saw.
 _MAX_BYTES = 100_000_000
-_FORMATS = "Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, intri.yml with extri.yml, or npz of fgpose"
+_FORMATS = (
+    "Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, intri.yml with extri.yml, OpenCap's "
+    "pickles, bioCV's .calib, JSON with K, dist, R, t and size, or npz of fgpose"
+)
 
 
 def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
     """The cameras of a calibration file; the format is recognised by its content.
 
-    Pose2Sim, aniposelib and caliscope TOML, Qualisys ``.qca.txt``, EasyMocap / OpenCV FileStorage YAML (the folder with
-    ``intri.yml`` and ``extri.yml``, or either file), the npz of save_rig, and the recording of a live system.
-    All but the last two store world to camera.
+    Pose2Sim, aniposelib and caliscope TOML, Qualisys ``.qca.txt``, Vicon ``.xcp``, EasyMocap / OpenCV FileStorage YAML
+    (the folder with ``intri.yml`` and ``extri.yml``, or either file), OpenCap's ``cameraIntrinsicsExtrinsics.pickle``
+    (one, or the folder of all), bioCV's ``.calib``, JSON with K, dist, R, t and the image size of each camera, the npz
+    of save_rig, and the recording of a live system. All but the last two store world to camera.
 
     Args:
-        path: the file, or the folder of the two YAML files.
-        unit: unit of the lengths in the file. auto takes what the format prescribes; aniposelib prescribes none, there
+        path: the file, or the folder of the files of all cameras.
+        unit: unit of the lengths in the file: m, dm, cm, mm, inch, ft, or how many metres a unit is, as the side of the
+            squares of a board (0.054). auto takes what the format prescribes; aniposelib and JSON prescribe none, there
             the size of the rig tells.
+
+    Warns:
+        UserWarning: a camera is left out, or something of the file may be meant otherwise.
 
     Raises:
         ValueError: the file is empty, damaged or no calibration; a camera is incomplete or impossible (its rotation is
@@ -39,18 +58,21 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
         OSError: the file cannot be read.
     """
     path = Path(path)
-    if unit not in ("auto", "m", "mm"):
-        raise ValueError(f"unit must be auto, m or mm, got {unit!r}")
+    metres_per_unit(unit)
     try:
-        views, unit_of_format = _read(path)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            views, unit_of_format = _read(path)
+        for warning in caught:
+            warnings.warn(f"{path}: {warning.message}", stacklevel=2)
         return rig_in_metres(views, unit_of_format, unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
 
-def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
+def _read(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
     if path.is_dir():
-        return opencv_yaml.read(path), "m"
+        return _read_folder(path)
     if live_format.is_live(path):
         return live_format.read(path), "m"
     content = read_content(path, _MAX_BYTES)
@@ -59,14 +81,28 @@ def _read(path: Path) -> tuple[list[CalibratedView], Unit]:
         raise ValueError("the file is empty")
     if content.startswith(b"PK"):
         return npz_format.read(path), "m"
-    if start.startswith(b"<") or content.startswith((b"\xff\xfe<", b"\xfe\xff\x00<")):
-        return qualisys.read(content), "mm"
+    if xml_formats.is_xml(content):
+        return xml_formats.read(content), "mm"
+    if opencap.is_pickle(content):
+        return opencap.read(path), "mm"
+    if path.suffix.lower() == biocv.EXTENSION:
+        return biocv.read(path), "mm"
+    if start.startswith(_JSON):
+        return json_format.read(start), "auto"
     if start.startswith(b"%YAML"):
         return opencv_yaml.read(path.parent), "m"
     try:
         return toml_formats.read(start.decode("utf-8"))
     except UnicodeDecodeError:
         raise ValueError(f"not a calibration; it should be {_FORMATS}") from None
+
+
+def _read_folder(folder: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
+    if opencap.files_in(folder):
+        return opencap.read(folder), "mm"
+    if biocv.files_in(folder):
+        return biocv.read(folder), "mm"
+    return opencv_yaml.read(folder), "m"
 
 
 def load_calibration_origin(path: str | Path) -> CalibrationOrigin:
@@ -87,6 +123,23 @@ def load_calibration_origin(path: str | Path) -> CalibrationOrigin:
         return toml_formats.read_origin(content.decode("utf-8", errors="replace").removeprefix("\ufeff"))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+
+
+def load_quarter_turns(path: str | Path) -> dict[str, int]:
+    """By how many quarter turns, clockwise, the images of a camera are turned before anything is detected in them, as a
+    file of caliscope says; those that are turned only. The calibration is that of the images as recorded.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    if path.is_dir() or live_format.is_live(path):
+        return {}
+    try:
+        return toml_formats.quarter_turns(read_content(path, _MAX_BYTES).decode("utf-8").removeprefix("\ufeff"))
+    except ValueError:
+        # It is not TOML.
+        return {}
 
 
 def save_rig(

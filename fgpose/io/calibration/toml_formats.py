@@ -9,18 +9,21 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
   and take no notice of it.
 - fgpose: in the table ``[metadata.fgpose]`` of Pose2Sim's and aniposelib's files, which these do not read, how the
   cameras became what they are, where that is known.
-- caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; an ``ignore``d camera is left out.
+- caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; a camera that is ``ignore``d or has no pose
+  is left out. It detects in images turned by ``rotation_count`` quarter turns and turns the points back: the
+  calibration is that of the images as recorded.
 """
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.atomic import write_text
-from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, numbers, rotation_matrix
+from fgpose.io.calibration.calibrated_view import CalibratedView, UnitOfFormat, numbers, rotation_matrix
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
 from fgpose.io.camera_names import natural_key
 
@@ -29,10 +32,11 @@ _AT_THE_ORIGIN = {"rotation": [0.0] * 3, "translation": [0.0] * 3}
 _METADATA = {"adjusted": False, "error": 0.0}
 _OWN = "fgpose"
 """Table of the metadata that is ours."""
+_NULL = "null"
 _KEYS = ("matrix", "distortions", "rotation", "translation", "size")
 
 
-def read(text: str, *, poses: bool = True) -> tuple[list[CalibratedView], Unit]:
+def read(text: str, *, poses: bool = True) -> tuple[list[CalibratedView], UnitOfFormat]:
     """Cameras of a TOML calibration and the unit its format prescribes.
 
     Args:
@@ -54,8 +58,39 @@ def read(text: str, *, poses: bool = True) -> tuple[list[CalibratedView], Unit]:
     is_caliscope = _has_calibration(document.get("cameras")) or all("port" in table for table in tables.values())
     names = list(tables) if is_pose2sim else sorted(tables, key=natural_key)
     absent = {} if poses else _AT_THE_ORIGIN
-    views = [_view(name, absent | tables[name]) for name in names if not tables[name].get("ignore", False)]
+    used = [name for name in names if not tables[name].get("ignore", False)]
+    if is_caliscope and poses:
+        used = _with_pose(used, tables)
+    views = [_view(name, absent | _without_null(tables[name])) for name in used]
     return views, "m" if is_pose2sim or is_caliscope else "auto"
+
+
+def _without_null(table: dict[str, Any]) -> dict[str, Any]:
+    """caliscope has written None as the text "null"."""
+    return {key: value for key, value in table.items() if value != _NULL}
+
+
+def _with_pose(names: list[str], tables: dict[str, dict[str, Any]]) -> list[str]:
+    """Those that caliscope has placed; it leaves the others without a pose."""
+    lost = [name for name in names if not {"rotation", "translation"} <= _without_null(tables[name]).keys()]
+    if lost == names:
+        raise ValueError("no camera has a pose: calibrate the extrinsics in caliscope")
+    if lost:
+        warnings.warn(
+            f"camera {', '.join(lost)} has no pose: caliscope has not placed it, and it is left out of the calibration",
+            stacklevel=5,
+        )
+    return [name for name in names if name not in lost]
+
+
+def quarter_turns(text: str) -> dict[str, int]:
+    """By how many quarter turns, clockwise, caliscope turns the images of each camera before it detects anything; those
+    that it turns only. Raises ValueError if the text is not TOML."""
+    if "rotation_count" not in text:
+        return {}
+    tables = _camera_tables(parse_toml(text))
+    turns = {str(table.get("name", key)): table.get("rotation_count", 0) for key, table in tables.items()}
+    return {name: turn for name, turn in turns.items() if isinstance(turn, int) and turn % 4}
 
 
 def read_origin(text: str) -> CalibrationOrigin:

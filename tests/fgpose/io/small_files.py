@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import pickle
 import shutil
 import sys
 import warnings
@@ -329,6 +330,52 @@ def _make_live_recording(folder: Path) -> None:
     (folder / "live.fgpose").write_bytes(MAGIC + b"".join(records))
 
 
+def _make_xcp(folder: Path) -> None:
+    lens = 'FOCAL_LENGTH="1145" PRINCIPAL_POINT="500 500" VICON_RADIAL2="ViconRadial2 500 500 0.1 0.01 0"'
+    cameras = []
+    for camera in rig().cameras:
+        x, y, z = (1000 * camera.position_m).tolist()
+        frame = f'<KeyFrame {lens} ORIENTATION="0.5 0.5 0.5 0.5" POSITION="{x} {y} {z}"/>'
+        head = f'DEVICEID="{camera.name}" TYPE="VideoCamera" SENSOR_SIZE="1000 1000"'
+        cameras.append(f"<Camera {head}><KeyFrames>{frame}</KeyFrames></Camera>")
+    (folder / "rig.xcp").write_text(f"<Cameras>{''.join(cameras)}</Cameras>")
+
+
+def _make_opencap(folder: Path) -> None:
+    for camera in rig().cameras:
+        (folder / camera.name).mkdir()
+        values = {
+            "intrinsicMat": camera.K,
+            "distortion": np.zeros((1, 5)),
+            "imageSize": np.array([[1000.0], [1000.0]]),
+            "rotation": camera.camera_T_world[:3, :3],
+            "translation": 1000 * camera.camera_T_world[:3, 3:],
+        }
+        with (folder / camera.name / "cameraIntrinsicsExtrinsics.pickle").open("wb") as file:
+            pickle.dump(values, file)
+
+
+def _make_biocv(folder: Path) -> None:
+    for camera in rig().cameras:
+        pose = [[*row[:3], 1000 * row[3]] for row in camera.camera_T_world[:3].tolist()]
+        rows = [[1000, 1000], *camera.K.tolist(), *pose, [0.0] * 5]
+        (folder / f"{camera.name}.calib").write_text("\n".join(" ".join(map(str, row)) for row in rows))
+
+
+def _make_rig_json(folder: Path) -> None:
+    cameras = {
+        camera.name: {
+            "K": camera.K.tolist(),
+            "dist": [0.0] * 5,
+            "R": camera.camera_T_world[:3, :3].tolist(),
+            "t": camera.camera_T_world[:3, 3].tolist(),
+            "size": [1000, 1000],
+        }
+        for camera in rig().cameras
+    }
+    (folder / "rig.json").write_text(json.dumps(cameras))
+
+
 def _copied(source: Path) -> Callable[[Path], Any]:
     return lambda folder: shutil.copy(source, folder / source.name)
 
@@ -391,6 +438,10 @@ FORMATS = {
         Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
         Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),
         Format("rig yaml", "text", _make_easymocap, load_rig),
+        Format("rig xcp", "text", _make_xcp, _one(load_rig)),
+        Format("rig opencap", "bytes", _make_opencap, load_rig),
+        Format("rig biocv", "text", _make_biocv, load_rig),
+        Format("rig json", "json", _make_rig_json, _one(load_rig)),
         Format("lens yaml", "text", _make_lens_yaml, _one(_read_lens)),
         Format("lens json", "json", _make_lens_json, _one(_read_lens)),
         Format(

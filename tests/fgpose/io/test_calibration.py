@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import re
 import tomllib
 from pathlib import Path
@@ -11,7 +12,7 @@ import tomli_w
 from scipy.spatial.transform import Rotation
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.calibration import load_rig, save_rig
+from fgpose.io.calibration import load_quarter_turns, load_rig, save_rig
 
 DATA = Path(__file__).parents[2] / "data"
 QCA = DATA / "qualisys" / "Calib.qca.txt"
@@ -67,7 +68,14 @@ def test_qualisys_agrees_with_its_conversion_by_pose2sim(points_m: np.ndarray):
     qualisys, pose2sim = load_rig(QCA), load_rig(POSE2SIM)
     assert qualisys.names == ("cam01", "cam02", "cam03", "cam04")
     assert [camera.size_px for camera in qualisys.cameras] == [camera.size_px for camera in pose2sim.cameras]
-    assert same_pixels(qualisys, pose2sim, points_m)
+    # Pose2Sim has divided the coefficients of the lens by 64, to the last digit.
+    for own, theirs in zip(qualisys.cameras, pose2sim.cameras, strict=True):
+        np.testing.assert_allclose(own.distortion, 64 * theirs.distortion, rtol=1e-9)
+    assert same_pixels(without_distortion(qualisys), without_distortion(pose2sim), points_m)
+
+
+def without_distortion(rig: CameraRig) -> CameraRig:
+    return CameraRig(tuple(dataclasses.replace(camera, distortion=np.zeros(0)) for camera in rig.cameras))
 
 
 def test_qualisys_leaves_marker_cameras_out(tmp_path: Path):
@@ -107,7 +115,7 @@ def test_aniposelib_unit(tmp_path: Path, scale: float, unit: Any):
 
 def test_aniposelib_of_ambiguous_size_asks_for_the_unit(tmp_path: Path):
     path = write_toml(tmp_path, {f"cam_{i}": camera_table(translation=[i, 0, 60]) for i in range(2)})
-    with pytest.raises(ValueError, match=rf'{path.name}: .*give unit="m" or unit="mm"'):
+    with pytest.raises(ValueError, match=rf'{path.name}: .*give unit="m", unit="cm" or unit="mm"'):
         load_rig(path)
     np.testing.assert_allclose(load_rig(path, unit="m").cameras[0].position_m, [0, 0, -60])
 
@@ -268,7 +276,7 @@ def test_millimetres_where_metres_are_meant(tmp_path: Path):
             POSE2SIM.read_text(),
         )
     )
-    with pytest.raises(ValueError, match=r'Calib\.toml: camera cam_0\d is \d+ m .*millimetres; give unit="mm"'):
+    with pytest.raises(ValueError, match=r'Calib\.toml: camera cam_0\d is \d+ m .*not metres; give unit="mm"'):
         load_rig(path)
     np.testing.assert_allclose(
         load_rig(path, unit="mm").cameras[0].position_m, load_rig(POSE2SIM).cameras[0].position_m
@@ -349,9 +357,17 @@ def test_easymocap_with_a_wrong_number_of_rows(easymocap: Path):
 
 
 def test_an_unknown_unit_is_refused():
-    unit: Any = "cm"
-    with pytest.raises((ValueError, TypeError)):
-        load_rig(POSE2SIM, unit=unit)
+    for unit in ("km/h", "0", "-1", "nan"):
+        with pytest.raises(ValueError, match=rf"unit must be auto, m, .* how many metres it is .*got '{unit}'"):
+            load_rig(POSE2SIM, unit=unit)
+
+
+@pytest.mark.parametrize(
+    ("unit", "metres"), [("cm", 0.01), ("inch", 0.0254), ("dm", 0.1), ("0.054", 0.054), (0.03, 0.03)]
+)
+def test_any_unit_is_converted(tmp_path: Path, unit: str | float, metres: float):
+    document = {f"cam_{i}": camera_table(translation=[i / metres, 0, 4 / metres]) for i in range(2)}
+    np.testing.assert_allclose(load_rig(write_toml(tmp_path, document), unit=unit).cameras[1].position_m, [-1, 0, -4])
 
 
 @pytest.mark.parametrize("extension", [".npz", ".toml"])
@@ -487,3 +503,32 @@ def test_an_npz_member_of_another_kind_is_named(tmp_path: Path, name: str, array
     np.savez(path, **{**members, name: array})
     with pytest.raises(ValueError, match=rf"rig\.npz: .*{message}"):
         load_rig(path)
+
+
+def test_cameras_that_caliscope_has_not_placed_are_left_out_by_name(tmp_path: Path):
+    lost = camera_table() | {"rotation": "null", "translation": "null"}
+    document = {"cameras": {"0": camera_table(), "1": camera_table(translation=[1, 0, 4]), "2": lost}}
+    with pytest.warns(
+        UserWarning,
+        match=r"calibration\.toml: camera cam_2 has no pose: caliscope has not placed it, and it is left out",
+    ):
+        rig = load_rig(write_toml(tmp_path, document))
+    assert rig.names == ("cam_0", "cam_1")
+    path = write_toml(tmp_path, {"cameras": {"0": lost}})
+    with pytest.raises(ValueError, match="no camera has a pose: calibrate the extrinsics in caliscope"):
+        load_rig(path)
+
+
+def test_quarter_turns_of_caliscope(tmp_path: Path):
+    """The recorded calibration beside this test has such cameras, and keypoints of the images as recorded."""
+    assert load_quarter_turns(WEBCAMS) == {"cam_1": -1, "cam_2": 1}
+    assert load_quarter_turns(POSE2SIM) == load_quarter_turns(QCA) == {}
+
+
+def test_a_rig_that_is_too_large_names_the_units_that_fit(tmp_path: Path):
+    """Squares of 54 mm, read as metres: 4 m are 74."""
+    document = {f"cam_{i}": camera_table(translation=[i / 0.054, 0, 8 / 0.054]) for i in range(3)}
+    with pytest.raises(
+        ValueError, match=r"these are not metres; give unit=\"cm\" \(then it measures 1\.5 m\), or how many"
+    ):
+        load_rig(write_toml(tmp_path, document), unit="m")

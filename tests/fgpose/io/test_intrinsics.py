@@ -108,7 +108,8 @@ def test_poses_and_clocks_of_a_calibration_are_dropped(tmp_path: Path, source: P
     for camera, of_rig in zip(found.cameras, (rig.cameras[1], rig.cameras[0]), strict=True):
         np.testing.assert_array_equal(camera.world_T_camera, np.eye(4))
         np.testing.assert_allclose(camera.K, of_rig.K, rtol=1e-9)
-        np.testing.assert_allclose(camera.distortion, of_rig.distortion, atol=1e-9)
+        # Pose2Sim, which has converted the file of Qualisys, divides these by 64.
+        np.testing.assert_allclose(camera.distortion, (64 if source == QCA else 1) * of_rig.distortion, atol=1e-9)
 
 
 @pytest.mark.parametrize("layout", ["pose2sim", "caliscope", "anipose"])
@@ -124,7 +125,7 @@ def test_toml_cameras_without_a_pose(tmp_path: Path, layout: str) -> None:
     path.write_text(tomli_w.dumps(documents[layout]))
     names = ("cam_1", "cam_2") if layout == "caliscope" else ("cam01", "cam02")
     assert same_intrinsics(load_intrinsics(path, names), names)
-    with pytest.raises(ValueError, match=r"(rotation, )?translation is missing"):
+    with pytest.raises(ValueError, match=r"(rotation, )?translation is missing|no camera has a pose"):
         load_rig(path)
 
 

@@ -123,7 +123,7 @@ def test_what_writers_do_differently_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("\tmm\t", "\tinch\t", "line 3: Units must be m or mm, got inch"),
+        ("\tmm\t", "\tinch\t", "line 3: Units must be m, cm or mm, got inch"),
         ("\t4\t5\t6", "\t4\t5,1\t6", "line 10, RHip: '5,1' is not a number"),
         ("\t4\t5\t6", "\t4\t5\t6\t7\t8\t9\t10", "line 10: there are more cells than 2 markers need"),
         ("2\t0.02", "2\t", "line 10: there is no time"),

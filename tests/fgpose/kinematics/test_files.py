@@ -213,7 +213,8 @@ def test_rotations_stand_beside_the_points_in_c3d(world_up, tmp_path: Path) -> N
     assert np.isfinite(matrices[1:, labels.index("left_thigh_4X4")]).all()
     # The points are those of a file without rotations.
     write_c3d(body, tmp_path / "points.c3d", world_up)
-    with_rotations, alone = read_c3d(path, world_up), read_c3d(tmp_path / "points.c3d", world_up)
+    (with_rotations, up), (alone, _) = read_c3d(path), read_c3d(tmp_path / "points.c3d")
+    assert up == f"+{world_up}"
     np.testing.assert_array_equal(with_rotations.positions_m, alone.positions_m)
     np.testing.assert_array_equal(with_rotations.time_s, alone.time_s)
 

@@ -9,7 +9,7 @@ import pytest
 from built_body import built, random_angles, trajectory
 from rajagopal import RANGES, directions, middle_of_the_hips_m
 
-from fgpose.io.markers import to_y_up
+from fgpose.geometry.up_axis import y_up
 from fgpose.io.mot import read_mot, write_mot
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.trajectory import Trajectory
@@ -48,7 +48,7 @@ def test_the_model_takes_the_posture_of_the_joints(side: str) -> None:
         compared += 1
         for bone, along in directions(coordinates, side[0]).items():
             start, end = (body[f"{side}_{joint}"][frame] for joint in ENDS[bone])
-            seen = to_y_up((end - start) / np.linalg.norm(end - start), "z")
+            seen = y_up((end - start) / np.linalg.norm(end - start), "z")
             # Both are exact; what remains is rounding.
             np.testing.assert_allclose(along, seen, atol=1e-9, err_msg=f"{bone} {frame}")
     assert compared > 40
@@ -57,7 +57,7 @@ def test_the_model_takes_the_posture_of_the_joints(side: str) -> None:
 def test_the_model_s_hips_are_where_ours_are() -> None:
     rng = np.random.default_rng(6)
     body = trajectory(np.stack([built(random_angles(rng)) for _ in range(20)]))
-    ours_m = to_y_up((body["left_hip"] + body["right_hip"]) / 2, "z")
+    ours_m = y_up((body["left_hip"] + body["right_hip"]) / 2, "z")
     for frame in range(20):
         np.testing.assert_allclose(middle_of_the_hips_m(coordinates_of(body, frame)), ours_m[frame], atol=1e-9)
 

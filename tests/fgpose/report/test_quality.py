@@ -277,18 +277,18 @@ def test_a_late_camera_does_not_make_the_others_early(walk: FinishedRecording) -
 
 
 def test_a_jump_that_falls_as_things_do_is_not_suspicious(walk: FinishedRecording) -> None:
-    assert len(flights(jumping(walk, 9.81).main, up=2)) == 2
+    assert len(flights(jumping(walk, 9.81).main)) == 2
     assert quality(jumping(walk, 9.81)).suspicions == ()
     # Half-way to 30 frames a second where there were 25.
     assert quality(jumping(walk, 1.08**2 * 9.81)).suspicions == ()
 
 
 def test_who_stands_on_tiptoe_or_walks_on_a_stage_does_not_jump(walk: FinishedRecording) -> None:
-    assert flights(walk.main, up=2) == []
+    assert flights(walk.main) == []
     # 10 cm high, for half a second: as a jump would be, and as high as heels can be raised.
-    assert flights(jumping(walk, 3.2).main, up=2) == []
+    assert flights(jumping(walk, 3.2).main) == []
     stage_m = walk.main.positions_m + np.where(walk.main.time_s > 5, 0.4, 0.0)[:, None, None] * (0.0, 0.0, 1.0)
-    assert flights(changed(walk, positions_m=stage_m).main, up=2) == []
+    assert flights(changed(walk, positions_m=stage_m).main) == []
 
 
 def test_observations_of_another_recording_are_refused(walk: FinishedRecording) -> None:

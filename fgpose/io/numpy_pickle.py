@@ -1,7 +1,9 @@
-"""Object arrays of .npy files, which are pickles, read without running what else a pickle may contain."""
+"""Pickles of plain values and NumPy arrays, and the object arrays of .npy files, which are pickles, read without
+running what else a pickle may contain."""
 
 from __future__ import annotations
 
+import io
 import pickle
 from pathlib import Path
 from tokenize import TokenError
@@ -140,6 +142,20 @@ def read_dictionary(path: Path) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise ValueError(f"{path}: a dictionary saved with np.save is needed, it holds {type(content).__name__}")
     return content
+
+
+def unpickled(content: bytes) -> Any:
+    """What a pickle holds.
+
+    Raises:
+        ValueError: it is no pickle, is damaged, or wants more than NumPy arrays and plain values.
+    """
+    try:
+        return _resolved(_NumpyUnpickler(io.BytesIO(content)).load())
+    except pickle.UnpicklingError as error:
+        raise ValueError(f"not safe to load, or damaged: {error}") from None
+    except _DAMAGE as error:
+        raise ValueError(f"not a readable pickle: {error}") from None
 
 
 def _read(file: BinaryIO) -> Any:
