@@ -15,6 +15,8 @@ from fgpose.diagnosis.input_checks import blind, exchanged_sides, implausible, n
 from fgpose.diagnosis.result_checks import RESULT_CHECKS
 from fgpose.finding import Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import z_up_R_world
+from fgpose.kinematics.vertical import find_up
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
 from fgpose.trajectory import Trajectory
@@ -72,8 +74,15 @@ def diagnose(
         told_apart = associate(recording, rig, config.tracking)
         recording = told_apart if told_apart.people else main_person(recording, rig)
     people = {0: result} if isinstance(result, Trajectory) else result
-    finished = FinishedRecording("", people, rig) if people else None
+    finished = _standing(people, rig) if people else None
     return _diagnosed(Examined.of(recording, rig, config, finished, remarks))
+
+
+def _standing(people: Mapping[int, Trajectory], rig: CameraRig) -> FinishedRecording:
+    """The result in a world with z up."""
+    up_R_world = z_up_R_world(find_up(people.values(), rig).world_up)
+    turned = {person: each.turned(up_R_world) for person, each in people.items()}
+    return FinishedRecording("", turned, rig.turned(up_R_world))
 
 
 def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
