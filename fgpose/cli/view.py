@@ -66,7 +66,7 @@ class View:
             with outputs.open_people_viewer(rig, skeleton, len(time_s)) as recording:
                 for person, trajectory in people.items():
                     recording.log_person(person, trajectory, int(np.searchsorted(time_s, trajectory.time_s[0])))
-        return outputs.path("rrd")
+        return outputs.rrd
 
     def _with_rig(self, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:
         """The cameras that the trajectories know, or one that looks at the people where no calibration is given."""

@@ -33,7 +33,13 @@ def require_ezc3d() -> ModuleType:
     return ezc3d
 
 
-def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses: SegmentPoses | None = None) -> None:
+def write_c3d(
+    trajectory: Trajectory,
+    path: Path,
+    world_up: UpAxis = "z",
+    poses: SegmentPoses | None = None,
+    made_by: str = "",
+) -> None:
     """Write positions in millimetres (32 bit), world axes unchanged; gaps are NaN with residual -1.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
@@ -47,6 +53,7 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses:
         poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
             (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
             (in millimetres) to the world. NaN where a rotation is not determined.
+        made_by: command of fgpose, which is then said in MANUFACTURER:SOFTWARE.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -70,6 +77,8 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", poses:
     parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
     for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[world_up], strict=True):
         file.add_parameter("POINT", name, axis)
+    if made_by:
+        file.add_parameter("MANUFACTURER", "SOFTWARE", f"made by fgpose {made_by}")
     if poses is not None:
         file["data"]["rotations"] = _rotations(poses, world_up)
         file.add_parameter("ROTATION", "LABELS", [f"{segment.name}_4X4" for segment in poses.segments])

@@ -48,23 +48,23 @@ def save_trajectory(
 
     Args:
         world_up: which axis of the trajectory's world points up, for TRC (which has y up) and C3D.
-        origin: what it was made from; parquet keeps it.
+        origin: what it was made from; parquet keeps it, the others which command made it.
 
     Raises:
         ValueError: the extension is none of these, or the format cannot hold the trajectory.
         ImportError: C3D without ezc3d.
         OSError: the file cannot be written.
     """
-    path = Path(path)
+    path, made_by = Path(path), "" if origin is None else origin.step
     match _extension(path):
         case ".parquet":
             write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path, origin)
         case ".npz":
-            write_npz(trajectory, path)
+            write_npz(trajectory, path, made_by)
         case ".trc":
-            write_trc(trajectory, path, world_up)
+            write_trc(trajectory, path, world_up, made_by)
         case ".c3d":
-            write_c3d(trajectory, path, world_up)
+            write_c3d(trajectory, path, world_up, made_by=made_by)
 
 
 def _extension(path: Path) -> str:
@@ -116,7 +116,7 @@ def save_people(
         return paths
     check_output(path)
     for own_path, trajectory in zip(paths, trajectories.values(), strict=True):
-        save_trajectory(trajectory, own_path, world_up)
+        save_trajectory(trajectory, own_path, world_up, origin)
     return paths
 
 

@@ -23,7 +23,7 @@ _UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
 _N_HEADER_LINES = 5  # of the TRC format
 
 
-def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> None:
+def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z", made_by: str = "") -> None:
     """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is one
@@ -31,12 +31,14 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: UpAxis = "z") -> Non
 
     Args:
         world_up: which axis of the trajectory's world points up; z is mapped to OpenSim's y as Pose2Sim does.
+        made_by: command of fgpose, which is then said behind the name of the file in the first line.
 
     Raises:
         ValueError: the times do not increase.
         OSError: the file cannot be written.
     """
-    lines = [*_header_lines(trajectory, path.name), *_frame_lines(trajectory, world_up)]
+    file_name = f"{path.name} (made by fgpose {made_by})" if made_by else path.name
+    lines = [*_header_lines(trajectory, file_name), *_frame_lines(trajectory, world_up)]
     write_text(path, "\n".join(lines) + "\n")
 
 

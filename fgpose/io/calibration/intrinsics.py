@@ -17,8 +17,9 @@ from fgpose.geometry.intrinsics import is_of_another_size
 from fgpose.io.arrays import array_names, read_arrays
 from fgpose.io.calibration import lens_documents, live_format, npz_format, opencv_yaml, qualisys, toml_formats
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
-from fgpose.io.camera_names import named_cameras, natural_key
+from fgpose.io.camera_names import named_cameras
 from fgpose.io.content import read_content
+from fgpose.io.folders import visible
 
 Size = tuple[int, int]
 
@@ -94,7 +95,7 @@ def _lenses(path: Path) -> list[Lens]:
         return _of_file(path)
     if (path / "intri.yml").is_file():
         return _of_file(path / "intri.yml")
-    files = sorted((f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES), key=lambda f: natural_key(f.name))
+    files = [file for file in visible(path) if file.suffix.lower() in _SUFFIXES]
     if not files:
         raise ValueError(
             f"no intrinsics in this folder: it should have a file for each camera ({', '.join(_SUFFIXES)})"

@@ -137,9 +137,8 @@ def _read_people(
 ) -> PeopleObservations:
     """Everybody in the formats of others."""
     cameras, remarks = _read_cameras(path, skeleton)
-    by_place = freemocap_file(path) is not None and len(cameras) == rig.n_cameras
     try:
-        own = list(cameras.values()) if by_place else _in_order(cameras, rig, ignore_other_cameras)
+        own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
         people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
@@ -170,6 +169,16 @@ def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig, ignore_other
     """Of the cameras of the rig. Raises ValueError if names do not match."""
     matched = match_cameras(cameras, rig.names, ignore_others=ignore_others)
     return [cameras[matched[name]] for name in rig.names]
+
+
+def _by_place(cameras: dict[str, CameraDetections], rig: CameraRig) -> list[CameraDetections]:
+    """Of a file without names of cameras. Raises ValueError if it cannot be known which they are."""
+    if len(cameras) != rig.n_cameras:
+        raise ValueError(
+            f"it has {len(cameras)} cameras without names, the calibration {rig.n_cameras}: give the calibration of "
+            "exactly these, and leave --cameras out"
+        )
+    return list(cameras.values())
 
 
 def _needed(fps: float | None) -> float:
