@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from fgpose.io.content import first_bytes
 from fgpose.io.folders import shown, visible
 from fgpose.io.keypoints.deeplabcut import is_deeplabcut
-from fgpose.io.keypoints.detections import Source, read_json
 from fgpose.io.keypoints.freemocap import is_freemocap
-from fgpose.io.keypoints.image_files import image_format
 
 # How far below a folder without keypoints they are looked for.
 _LEVELS = 2
 _MAX_NAMED = 4
+# More than the keypoints of a person take.
+_BEGINNING_BYTES = 1 << 16
 _OTHERS = {
     ".h5": "HDF5, as of DeepLabCut or SLEAP: give the table instead (csv; in DeepLabCut "
     "analyze_videos_converth5_to_csv)",
@@ -74,18 +75,16 @@ def _in_folder(folder: Path) -> list[Path]:
     files = shown(folder.iterdir())
     documents = [file for file in files if file.suffix == ".json"]
     whole = [file for file in documents if file.stem.casefold() == "alphapose-results"]
-    whole = whole or (documents if len(documents) == 1 and not _is_of_one_image(documents[0], folder) else [])
+    whole = whole or (documents if len(documents) == 1 and _is_of_whole_camera(documents[0]) else [])
     if documents:
         return whole or [folder]
     return [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
 
 
-def _is_of_one_image(file: Path, folder: Path) -> bool:
-    """What cannot be read is said when it is."""
-    try:
-        return image_format(read_json(Source(file, folder.name))) is not None
-    except ValueError:
-        return True
+def _is_of_whole_camera(document: Path) -> bool:
+    """By its beginning: a single image has no number."""
+    beginning = first_bytes(document, _BEGINNING_BYTES)
+    return any(f'"{key}"'.encode() in beginning for key in ("instance_info", "frame_id", "image_id", "poses2d"))
 
 
 def _folder_of(source: Path, path: Path) -> Path:
