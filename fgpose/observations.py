@@ -43,6 +43,8 @@ class Observations:
     covariance3d_m2: np.ndarray | None = None
     """(T, C, J, 3, 3) covariance of points3d_m in the world frame; large along the ray, as one view is.
     Goes with them: None without."""
+    remarks: tuple[str, ...] = field(default=(), repr=False)
+    """What was changed or left out when they were read."""
 
     def __post_init__(self) -> None:
         points2d_px = np.array(self.points2d_px, dtype=float)
@@ -172,6 +174,7 @@ class Observations:
             skeleton=self.skeleton,
             camera_names=self.camera_names,
             time_s=self.time_s[frames],
+            remarks=self.remarks,
             **self.per_detection(lambda array: array[frames]),
         )
         return part

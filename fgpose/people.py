@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -175,6 +175,8 @@ class PeopleObservations:
     """In the order of time; of one time in the order of the cameras."""
     given_frames: MatchedFrames | None = field(default=None, repr=False)
     """Which images belong together, where their source says it; see frames."""
+    remarks: tuple[str, ...] = field(default=(), repr=False)
+    """What was changed or left out when they were read."""
 
     def __post_init__(self) -> None:
         number = {name: c for c, name in enumerate(self.camera_names)}
@@ -239,9 +241,10 @@ class PeopleObservations:
         """Of one person. A camera without an image, and one that shows nobody, are the same there: each has its image
         in every frame that it has a time for."""
         arrays = observations.per_detection(lambda array: array[:, :, None])
-        return PeopleObservations.of_frames(
+        people = PeopleObservations.of_frames(
             observations.skeleton, observations.camera_names, observations.time_s, **arrays
         )
+        return replace(people, remarks=observations.remarks)
 
     @property
     def n_most(self) -> int:
@@ -276,6 +279,7 @@ class PeopleObservations:
             skeleton=self.skeleton,
             time_s=self.frames.time_s[seen.frames],
             camera_names=self.camera_names,
+            remarks=self.remarks,
             **arrays,
         )
 
@@ -287,7 +291,7 @@ class PeopleObservations:
         images = tuple(image for image in self.images if image.camera in camera_names)
         kept = [self.camera_names.index(name) for name in camera_names]
         frames = None if self.given_frames is None else self.given_frames.subset(kept)
-        return PeopleObservations(self.skeleton, tuple(camera_names), images, frames)
+        return PeopleObservations(self.skeleton, tuple(camera_names), images, frames, self.remarks)
 
     def check_cameras(self, rig_names: tuple[str, ...]) -> None:
         """Raise ValueError unless the rig has exactly these cameras in this order."""
@@ -299,7 +303,7 @@ class PeopleObservations:
         n_images = dict(zip(self.camera_names, image.max(axis=0, initial=NO_IMAGE) + 1, strict=True))
         kept = [image for name, images in self.by_camera.items() for image in images[: n_images[name]]]
         frames = MatchedFrames(self.frames.time_s[:n_frames], image)
-        return PeopleObservations(self.skeleton, self.camera_names, tuple(kept), frames)
+        return PeopleObservations(self.skeleton, self.camera_names, tuple(kept), frames, self.remarks)
 
     @cached_property
     def by_camera(self) -> dict[str, list[Detections]]:

@@ -31,7 +31,7 @@ def on_common_clock(people: PeopleObservations, rig: CameraRig) -> tuple[PeopleO
     offset_s = dict(zip(rig.names, rig.time_offsets_s.tolist(), strict=True))
     images = tuple(replace(image, time_s=image.time_s + offset_s[image.camera]) for image in people.images)
     # Without given_frames: which images belong together is what was wrong.
-    shifted = PeopleObservations(people.skeleton, people.camera_names, images)
+    shifted = PeopleObservations(people.skeleton, people.camera_names, images, remarks=people.remarks)
     return shifted, rig.with_time_offsets(np.zeros(rig.n_cameras))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -44,11 +45,14 @@ class Angles:
 
     def run(self) -> None:
         from fgpose.io.kinematics import check_kinematics_output, save_kinematics
+        from fgpose.io.made_by import made_by
         from fgpose.io.trajectories import load_upright
         from fgpose.kinematics.angles import joint_angles
 
         for path in self.output:
             check_kinematics_output(path)
+            if os.path.realpath(path) == os.path.realpath(self.file) or (path.is_file() and made_by(path)):
+                raise ValueError(f"{path}: angles would replace a result; choose another file with -o")
         (people, _), console = load_upright(self.file, self.world_up), new_console()
         for person, trajectory in people.items():
             try:

@@ -103,6 +103,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         """Everything that can be checked before any work is done."""
         from fgpose.io.atomic import check_writable
         from fgpose.io.calibration import check_format
+        from fgpose.io.made_by import refuse_others
 
         self.check_options()
         if check_format(self.output, self.format) != "easymocap" and self.output.is_dir():
@@ -119,6 +120,8 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             parse_size(self.size)
         if not self.recording.exists():
             raise FileNotFoundError(2, "no such file or folder", str(self.recording))
+        others = [self._scene] if self._scene is not None else []
+        refuse_others([self.output, *others], "calibrate", remedy="choose another with --output, or remove it")
         check_writable(self.output.parent)
 
     def _from_nothing(self) -> int:

@@ -55,13 +55,13 @@ def _save_and_print(
     """Of cameras that began at different moments the rig of the origin has the starts; that of the calibration only
     what is left of them after the images were put together."""
     from fgpose.cli.tables import calibration_table
-    from fgpose.io.calibration import save_rig
+    from fgpose.io.calibration import CalibrationOrigin, save_rig
 
     path = outputs.folder / f"{outputs.name}_calibration.toml"
     if origin is None or origin.rig is None:
-        save_rig(calibration.rig, path)
+        save_rig(calibration.rig, path, origin=CalibrationOrigin(step=outputs.step))
     else:
-        save_rig(origin.rig, path, origin=origin.calibration)
+        save_rig(origin.rig, path, origin=replace(origin.calibration, step=outputs.step))
     console.print(calibration_table(calibration, frame_time_s))
     if calibration.reassigned:
         shares = ", then ".join(f"{100 * share:.1f} %" for share in calibration.reassigned)

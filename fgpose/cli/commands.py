@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import Positional, arg
 
@@ -48,6 +48,8 @@ class Smooth(EstimatorOptions):
     Example: fgpose smooth pose/ --rig Calib.toml --skeleton body_25b --fps 60 --motion.max-unseen-s 5
     """
 
+    step: ClassVar[str] = "smooth"
+
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
         from fgpose.cli.live import live_viewer, opener
@@ -70,11 +72,14 @@ class Smooth(EstimatorOptions):
 class Refine(EstimatorOptions):
     """Estimate every frame alone by the paper's method: reprojection error with limb symmetry, no smoothing.
 
-    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder. Of the parameters only --fusion.*,
-    --refinement.* and --solver.max-iterations matter here.
+    Writes NAME.parquet, NAME.trc and NAME.rrd into the output folder, where NAME ends with _refined unless it is given.
+    Of the parameters only --fusion.*, --refinement.* and --solver.max-iterations matter here.
 
     Example: fgpose refine pose/ --rig Calib.toml --skeleton body_25b --fps 60
     """
+
+    step: ClassVar[str] = "refine"
+    name_ends: ClassVar[str] = "_refined"
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
@@ -96,11 +101,14 @@ class Track(EstimatorOptions):
     """Replay a recording frame by frame through the online estimator, as if it were live, and time it.
 
     Writes NAME_online.* (the newest pose after each frame) and NAME_smoothed.* (each frame once it is --online.lag-s
-    old), and NAME.rrd. With --live, viewers see every frame as soon as it is estimated. Prints latencies in
+    old), and NAME_online.rrd. With --live, viewers see every frame as soon as it is estimated. Prints latencies in
     milliseconds.
 
     Example: fgpose track pose/ --rig Calib.toml --skeleton body_25b --fps 60 --online.lag-s 0.3
     """
+
+    step: ClassVar[str] = "track"
+    rrd_ends: ClassVar[str] = "online"
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver

@@ -91,13 +91,15 @@ class Demo:
         run_live_demo(recording, what, self.output, 2 if self.people else 1, self.duration_s)
         rrd, session = self.output / "demo_live.rrd", self.output / "demo_live.fgpose"
         fgpose = _program("fgpose")
+        # With a name of its own: the .rrd of the demonstration stays.
+        smooth = f"{session} --rig {session} --skeleton blazepose_33 -o {self.output} --name demo_live_smooth"
         _print_lines(
             new_console(),
             [
                 (str(rrd), f"all that could be seen: {_program('rerun')} {rrd}"),
                 ("", f"without a display: {fgpose} view {rrd} --web"),
                 (str(session), f"run it again: {fgpose} live --replay {session} --page 8099"),
-                ("", f"smooth it: {fgpose} smooth {session} --rig {session} --skeleton blazepose_33 -o {self.output}"),
+                ("", f"smooth it: {fgpose} smooth {smooth}"),
             ],
         )
 
@@ -173,7 +175,7 @@ class Demo:
         from fgpose.io.recordings import load_recording
         from fgpose.pipeline import Outputs, Source
 
-        outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"))
+        outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"), step="demo")
         outputs.check(("smoothed",), calibration=True)
         console = new_console()
         source = first_frames(Source(*load_recording(self.recording)), self.frames)
@@ -215,7 +217,7 @@ def _run(source: Source) -> tuple[Result, float]:
 
 
 def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> None:
-    rrd, parquet, trc = outputs.path("rrd"), outputs.path("parquet"), outputs.path("trc")
+    rrd, parquet, trc = outputs.rrd, outputs.path("parquet"), outputs.path("trc")
     trc = trc.with_name(trc_name) if trc_name else trc
     read = f"import pyarrow.parquet as pq; print(pq.read_table('{parquet}').slice(0, 5))"
     lines = [

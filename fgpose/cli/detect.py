@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -173,7 +173,7 @@ class Detect(VideoOptions, RigOption):
     """
 
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("detections")
-    """Folder for the results; it is made if it is absent."""
+    """Folder for the results; it is made if it is absent. What another command left there is not replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the videos)")] = None
     """Name of the result files, without extension."""
     formats: tuple[Literal["parquet", "npz"], ...] = ("parquet",)
@@ -190,7 +190,7 @@ class Detect(VideoOptions, RigOption):
         console = new_console()
         # dict: each format once.
         name = self.name or Path(os.path.realpath(self.videos)).stem
-        outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)))
+        outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)), step="detect")
         outputs.check(("detected",), (self.rig,))
         detected = self.detect(console)
         source = self.wanted(detected, console)
@@ -213,7 +213,8 @@ class Detect(VideoOptions, RigOption):
         from fgpose.io.calibration import load_calibration_origin, save_rig
 
         outputs.check((), (self.rig,), calibration=True)
-        save_rig(rig, outputs.calibration, origin=load_calibration_origin(self.rig).subset(rig.names))
+        known = load_calibration_origin(self.rig).subset(rig.names)
+        save_rig(rig, outputs.calibration, origin=replace(known, step=outputs.step))
 
 
 def print_detected(console: Console, detected: Detected, cache: Path | None) -> None:

@@ -66,7 +66,7 @@ def say_how_to_connect(viewer_url: str) -> None:
 
 def wait_for_viewers(outputs: Outputs) -> None:
     """Serve until Ctrl-C. That is how a live session ends, so it is not an error."""
-    written = f" (then {outputs.path('rrd')} is complete)" if "rrd" in outputs.formats else ""
+    written = f" (then {outputs.rrd} is complete)" if "rrd" in outputs.formats else ""
     new_console(stderr=True).print(f"Done; still serving viewers. Ctrl-C ends{written}.", soft_wrap=True)
     try:
         _sleep_forever()

@@ -54,6 +54,7 @@ class Live(LiveOutputs, LiveInputs):
     def run(self) -> None:
         from fgpose.cli.live_status import ConsoleLog, StatusLine
         from fgpose.config import Config, load_config
+        from fgpose.io.made_by import refuse_others
         from fgpose.live.camera_feed import CameraFeed
         from fgpose.live.clock import Clock
         from fgpose.live.observed import volume_points_m
@@ -63,6 +64,8 @@ class Live(LiveOutputs, LiveInputs):
 
         console = new_console(stderr=True)
         logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO, handlers=[ConsoleLog(console)])
+        if self.rrd is not None:
+            refuse_others([self.rrd], "live", remedy="choose another with --rrd, or remove it")
         if self.replay is not None:
             self._refuse_options_of_cameras()
             run_replay(self.replay, self, self.config, is_fast=self.fast)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from tyro.conf import Positional, arg
 
@@ -27,7 +27,7 @@ Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _KEYPOINTS = (
     "Detected joints: a folder that holds for each camera a folder of JSON files (OpenPose, MMPose) or one file "
-    "(MMPose, COCO, MeTRAbs); or one file of fgpose (npz, parquet)."
+    "(MMPose, COCO, AlphaPose, DeepLabCut, MeTRAbs); or one file of fgpose (npz, parquet), or of FreeMoCap (npy)."
 )
 _SKELETON = (
     "What the joints are: body_25, body_25b, coco_17, halpe_26, h36m_17, h36m_17_lt, blazepose_33, smpl_24, or your "
@@ -115,8 +115,16 @@ class RecordingOptions(KeypointOptions):
 class OutputOptions:
     """Where results go."""
 
+    step: ClassVar[str] = ""
+    """Name of the command; a result of another is not replaced."""
+    name_ends: ClassVar[str] = ""
+    """What is added to the name of the input to be that of the results."""
+    rrd_ends: ClassVar[str] = ""
+    """The same for the .rrd file."""
+
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out")
-    """Folder for the results; it is made if it is absent."""
+    """Folder for the results; it is made if it is absent. What another command or another recording left there is not
+    replaced."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: that of the input)")] = None
     """Name of the result files, without extension."""
     formats: tuple[Format, ...] = ("parquet", "trc", "rrd")
@@ -134,8 +142,9 @@ class OutputOptions:
         # dict: each format once.
         formats = tuple(dict.fromkeys(self.formats))
         port = self.port if self.live else None
-        name = self.name or Path(os.path.realpath(source)).stem
-        return Outputs(self.output, name, formats, self.world_up, port)
+        name = self.name or f"{Path(os.path.realpath(source)).stem}{self.name_ends}"
+        of_step = {"step": self.step, "source": source, "shown_as": self.rrd_ends}
+        return Outputs(self.output, name, formats, self.world_up, port, **of_step)
 
 
 @dataclass(frozen=True, kw_only=True)

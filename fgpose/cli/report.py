@@ -27,7 +27,12 @@ class Report:
     results: Annotated[Positional[Path], arg(metavar="OUT")]
     """Output folder of fgpose run, smooth, track or study; or one file of a trajectory."""
     output: Annotated[
-        Path | None, arg(metavar="FILE", aliases=("-o",), help_behavior_hint="(default: OUT/report.html)")
+        Path | None,
+        arg(
+            metavar="FILE",
+            aliases=("-o",),
+            help_behavior_hint="(default: OUT/report.html, with --name OUT/report_NAME.html)",
+        ),
     ] = None
     """The file to be written."""
     name: Annotated[str | None, arg(metavar="NAME", help_behavior_hint="(default: the only one)")] = None
@@ -73,10 +78,10 @@ class Report:
     def _recording(self) -> None:
         from fgpose.io.atomic import check_writable
         from fgpose.report import write_report
-        from fgpose.report.results import find_result, load_finished
+        from fgpose.report.results import find_result, load_finished, told_maker
 
         result = find_result(self.results, self.name)
-        path = self._path(result.parent)
+        path = self._path(result.parent, self.name)
         check_writable(path.parent)
         with new_console(stderr=True).status("judging the result"):
             recording = load_finished(
@@ -89,11 +94,14 @@ class Report:
             )
             judged = write_report(recording, path)
         console = new_console()
+        made = told_maker(result)
+        console.print(f"{result}{f', made by {made}' if made else ''}", soft_wrap=True)
         for number, finding in enumerate(judged.suspicions, 1):
             console.print(f"{number}. {finding.text}", soft_wrap=True)
         if not judged.suspicions:
             console.print("nothing is suspicious")
         console.print(f"wrote {path}", soft_wrap=True)
 
-    def _path(self, folder: Path) -> Path:
-        return self.output or folder / "report.html"
+    def _path(self, folder: Path, name: str | None = None) -> Path:
+        """Results of one folder that are told apart by names have reports of their own."""
+        return self.output or folder / (f"report_{name}.html" if name else "report.html")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import FlagCreatePairsOff, arg
 
@@ -58,6 +58,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
     Example: fgpose run videos/ --rig Calib.qca.txt -o out; or, without a calibration, fgpose run videos/ --calibrate
     --height 1.78 -o out
     """
+
+    step: ClassVar[str] = "run"
 
     images: bool = True
     """Show the images in the .rrd file and with --live."""
@@ -116,7 +118,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         result = self.calibrated(detected.people, detected.rig, outputs.calibration, console, starts)
         scene = outputs.calibration.with_suffix(".rrd") if "rrd" in outputs.formats else None
         display = partial(show_walk_images, detected) if self.images else None
-        print_calibrated(console, result, write_calibration(result, outputs.calibration, rrd=scene, display=display))
+        written = write_calibration(result, outputs.calibration, rrd=scene, display=display, step=self.step)
+        print_calibrated(console, result, written)
         if result.grade is Grade.FAILED:
             nothing_written(outputs.calibration)
             return None

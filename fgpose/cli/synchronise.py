@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -37,11 +37,13 @@ class Synchronise(KeypointOptions):
         from fgpose.io.atomic import check_writable
         from fgpose.io.calibration import check_format, load_calibration_origin, load_rig, save_rig
         from fgpose.io.keypoints import load_people
+        from fgpose.io.made_by import refuse_others
         from fgpose.pipeline.origin import synchronised
 
         check_format(self.output)
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in (self.keypoints, self.rig)):
             raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
+        refuse_others([self.output], "synchronise", remedy="choose another with --output, or remove it")
         check_writable(self.output.parent)
         console = new_console()
         rig = load_rig(self.rig, self.unit)
@@ -50,7 +52,8 @@ class Synchronise(KeypointOptions):
         people = load_people(self.keypoints, rig, self.skeleton, **reading)
         with new_console(stderr=True).status("comparing the motion that the cameras show"):
             found = synchronise(people, rig)
-        save_rig(found.rig, self.output, origin=synchronised(load_calibration_origin(self.rig), found))
+        known = synchronised(load_calibration_origin(self.rig), found)
+        save_rig(found.rig, self.output, origin=replace(known, step="synchronise"))
         console.print(_table(found))
         for finding in found.findings:
             remedy = finding.remedy[0].upper() + finding.remedy[1:]

@@ -70,7 +70,7 @@ class View:
             with outputs.open_people_viewer(rig, skeleton, len(time_s)) as recording:
                 for person, trajectory in people.items():
                     recording.log_person(person, trajectory, int(np.searchsorted(time_s, trajectory.time_s[0])))
-        return outputs.path("rrd")
+        return outputs.rrd
 
     def _open(self, path: Path) -> None:
         if not self.web and not has_display():

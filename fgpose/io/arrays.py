@@ -12,6 +12,7 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from fgpose.io.atomic import write_bytes
+from fgpose.io.content import read_content
 
 Kind = Literal["numbers", "whole numbers", "truth values", "texts"]
 
@@ -45,6 +46,15 @@ def unpack_arrays(stream: io.BufferedIOBase, only: Collection[str] | None = None
     # zipfile, zlib and NumPy raise a dozen kinds of exceptions on damage, depending on the byte that is wrong.
     except Exception as error:
         raise ValueError(f"a damaged npz: {str(error) or type(error).__name__}") from None
+
+
+def read_array(path: Path) -> np.ndarray:
+    """The array of an npy, without pickles, its size compared as by read_arrays. Raises as that does."""
+    content = io.BytesIO(read_content(path))
+    try:
+        return _read_array(path.stem, content, len(content.getvalue()))
+    except Exception as error:  # as below
+        raise ValueError(f"a damaged npy: {str(error) or type(error).__name__}") from None
 
 
 def array_names(path: Path) -> set[str]:
@@ -83,8 +93,8 @@ def _array_name(member: zipfile.ZipInfo) -> str:
     return member.filename.removesuffix(".npy")
 
 
-def _read_array(name: str, content: zipfile.ZipExtFile, n_bytes: int) -> np.ndarray:
-    """The array of a member whose size the archive gives. NumPy's own reader believes the shape in the header."""
+def _read_array(name: str, content: io.BufferedIOBase, n_bytes: int) -> np.ndarray:
+    """The array of a file, or a member of an archive, of this size. NumPy's own reader believes the header's shape."""
     version = np.lib.format.read_magic(content)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     if version not in readers:

@@ -34,7 +34,13 @@ def require_ezc3d() -> ModuleType:
     return ezc3d
 
 
-def write_c3d(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", poses: SegmentPoses | None = None) -> None:
+def write_c3d(
+    trajectory: Trajectory,
+    path: Path,
+    world_up: WorldUp = "z",
+    poses: SegmentPoses | None = None,
+    made_by: str = "",
+) -> None:
     """Write positions in millimetres (32 bit); gaps are NaN with residual -1. World axes are unchanged where z or y is
     up, and else turned so that z is: few programs heed an axis that points down.
 
@@ -49,6 +55,7 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", poses
         poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
             (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
             (in millimetres) to the world. NaN where a rotation is not determined.
+        made_by: command of fgpose, which is then said in MANUFACTURER:SOFTWARE.
 
     Raises:
         ImportError: ezc3d is not installed.
@@ -75,6 +82,8 @@ def write_c3d(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", poses
     parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
     for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[nearest_axis(file_up)], strict=True):
         file.add_parameter("POINT", name, axis)
+    if made_by:
+        file.add_parameter("MANUFACTURER", "SOFTWARE", f"made by fgpose {made_by}")
     if poses is not None:
         file["data"]["rotations"] = _rotations(poses, file_up)
         file.add_parameter("ROTATION", "LABELS", [f"{segment.name}_4X4" for segment in poses.segments])

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 
 
 def natural_key(name: str) -> list[tuple[int, str]]:
@@ -11,11 +12,31 @@ def natural_key(name: str) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", name) if part]
 
 
+def camera_name(stem: str) -> str:
+    """The name of a camera in that of its file or folder, without what detectors put around it: cam01_json,
+    results_cam01 (MMPose), AlphaPose_cam01 and cam01DLC_resnet50_walkNov25shuffle1_100000 are cam01."""
+    name = re.sub(r"DLC_.*$", "", stem) if "DLC_" in stem else stem
+    for around in _AROUND:
+        name = around.sub("", name)
+    return name or stem
+
+
+_AROUND = tuple(
+    re.compile(pattern, flags=re.IGNORECASE)
+    for pattern in (
+        r"^(?:results|predictions|alphapose(?:-results)?)[_\-.\s]+",
+        r"[_\-.\s]+(?:json|keypoints|predictions|results|alphapose(?:-results)?)$",
+    )
+)
+
+
 def match_cameras(found: Iterable[str], rig_names: Iterable[str], *, ignore_others: bool = False) -> dict[str, str]:
     """For each camera of the rig, the name by which the keypoints call it.
 
-    Case, underscores, hyphens, dots, blanks and a final ``_json`` do not count: cam01_json is cam_01. Neither does what
-    Pose2Sim puts around the name in its intrinsics: int_cam01_img is cam_01 too.
+    Case, underscores, hyphens, dots, blanks, zeros before a number and what detectors put around a name (camera_name)
+    do not count: cam1_json is cam_01. Neither does what Pose2Sim puts around the name in its intrinsics: int_cam01_img
+    is cam_01 too. If the two have no name in common, words that all names of the keypoints begin or end with do not
+    count either: S01_walk_cam01 is cam_01 where the others are S01_walk_cam02, ...
 
     Args:
         ignore_others: whether keypoints may be of cameras that the rig lacks.
@@ -23,30 +44,99 @@ def match_cameras(found: Iterable[str], rig_names: Iterable[str], *, ignore_othe
     Raises:
         ValueError: a camera is in one of the two only, or two names of one side are the same; the message names them.
     """
-    keypoints, rig = _by_plain_name(found, "keypoints"), _by_plain_name(rig_names, "calibration")
+    rig = _by_plain_name(rig_names, "calibration")
+    keypoints = _as_in(rig, _by_plain_name(found, "keypoints"))
     lacking = [name for plain, name in keypoints.items() if plain not in rig]
     unused = [name for plain, name in rig.items() if plain not in keypoints]
-    kept = [name for name in rig.values() if name not in unused]
-    problems = []
-    if lacking and not (ignore_others and kept):
-        problems.append(
-            f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig.values())}"
-            + ("" if kept else ". They have no camera in common: is it the calibration of this recording?")
-        )
-    if unused and (kept or not lacking):
-        problems.append(
-            f"camera {', '.join(unused)} of the calibration has no keypoints"
-            + (f"; leave it out with --cameras {' '.join(kept)}, in Python with rig.subset({kept})" if kept else "")
-        )
-    if problems:
-        raise ValueError("; ".join(problems))
+    if lacking and not (ignore_others and len(unused) < len(rig)):
+        raise ValueError(_lacking(lacking, unused, keypoints.values(), rig.values()))
+    if unused:
+        raise ValueError(_unused(unused, keypoints.values(), rig.values()))
     return {name: keypoints[plain] for plain, name in rig.items()}
+
+
+def _lacking(lacking: list[str], unused: list[str], found: Collection[str], rig: Collection[str]) -> str:
+    """What to say of cameras that the calibration lacks."""
+    if pairs := counted_otherwise(found, rig):
+        return f"{pairs}. Leaving cameras out would take each for its neighbour"
+    said = f"the calibration lacks camera {', '.join(lacking)} of the keypoints; it has {', '.join(rig)}"
+    if len(unused) == len(rig):
+        return f"{said}. They have no camera in common: is it the calibration of this recording?"
+    if not unused:
+        return f"{said}. Use only those with --cameras {' '.join(rig)}, in Python with ignore_other_cameras=True"
+    return (
+        f"{said}; camera {', '.join(unused)} of the calibration has no keypoints. Is one of them the other? Then give "
+        "them the same name"
+    )
+
+
+def _unused(unused: list[str], found: Collection[str], rig: Collection[str]) -> str:
+    """What to say of cameras without keypoints."""
+    kept = [name for name in rig if name not in unused]
+    said = f"camera {', '.join(unused)} of the calibration has no keypoints"
+    theirs, ours = _by_number(found), _by_number(rig)
+    if theirs and ours and min(ours) == 0 < min(theirs):
+        said += f". If {theirs[min(theirs)]} is {ours[0]}, and so on, rename the folders or files; otherwise"
+    else:
+        said += ";"
+    return f"{said} leave it out with --cameras {' '.join(kept)}, in Python with rig.subset({kept})"
+
+
+def counted_otherwise(found: Iterable[str], rig_names: Iterable[str]) -> str:
+    """What to say where equally many cameras have the same numbers but for a constant, as where one side counts from 0
+    and the other from 1; else empty. Names that both sides have are then likely to be different cameras."""
+    theirs, ours = _by_number(found), _by_number(rig_names)
+    if theirs is None or ours is None or len(theirs) != len(ours) or len(ours) < 2:
+        return ""
+    steps = {a - b for a, b in zip(sorted(theirs), sorted(ours), strict=True)}
+    if len(steps) != 1 or steps == {0}:
+        return ""
+    pairs = [(theirs[a], ours[b]) for a, b in zip(sorted(theirs), sorted(ours), strict=True)]
+    return (
+        f"the keypoints have cameras {', '.join(a for a, _ in pairs)}, the calibration has "
+        f"{', '.join(b for _, b in pairs)}: one seems to count from {min(theirs)}, the other from {min(ours)}. If so, "
+        f"give them the same names: {', '.join(f'{a} is {b}' for a, b in pairs)}; fgpose info then says whether they "
+        "agree"
+    )
+
+
+def _by_number(names: Iterable[str]) -> dict[int, str] | None:
+    """Names that differ only in the number at their end, by it."""
+    numbered: dict[int, str] = {}
+    heads = set()
+    for name in names:
+        found = re.fullmatch(r"(.*?)(\d{1,9})", _plain(name))
+        if found is None or int(found[2]) in numbered:
+            return None
+        heads.add(found[1])
+        numbered[int(found[2])] = name
+    return numbered if len(heads) == 1 else None
+
+
+def _as_in(rig: Collection[str], found: dict[str, str]) -> dict[str, str]:
+    """Names of keypoints by what they are compared by. If the rig has none of them, they are compared without the words
+    that all begin or end with, provided that it has some of those."""
+    names = {name: re.split(r"[_\-.\s]+", camera_name(name)) for name in found.values()}
+    if found.keys() & set(rig) or len(names) < 2:
+        return found
+    words = list(names.values())
+    head = _n_shared(words)
+    tail = _n_shared([each[head:][::-1] for each in words])
+    own = {_plain("_".join(each[head : len(each) - tail])): name for name, each in names.items()}
+    return own if own.keys() & set(rig) else found
+
+
+def _n_shared(lists: Sequence[Sequence[str]]) -> int:
+    """How many words all begin with."""
+    same = itertools.takewhile(lambda words: len(set(words)) == 1, zip(*lists, strict=False))
+    return sum(1 for _ in same)
 
 
 def seen_cameras(found: Iterable[str], rig_names: Iterable[str]) -> tuple[str, ...]:
     """Those cameras of the rig that the keypoints have, in its order; compared as match_cameras does."""
-    known = {_plain(name) for name in found}
-    return tuple(name for name in rig_names if _plain(name) in known)
+    rig = {_plain(name): name for name in rig_names}
+    known = _as_in(rig, {_plain(name): name for name in found})
+    return tuple(name for plain, name in rig.items() if plain in known)
 
 
 def named_cameras(wanted: Iterable[str], known: Iterable[str]) -> dict[str, str]:
@@ -65,7 +155,9 @@ def named_cameras(wanted: Iterable[str], known: Iterable[str]) -> dict[str, str]
 
 def _plain(name: str) -> str:
     name = re.sub(r"^(?:int|ext)_(.+)_img$", r"\1", name, flags=re.IGNORECASE)
-    return re.sub(r"[_\-.\s]", "", re.sub(r"_json$", "", name, flags=re.IGNORECASE).casefold())
+    # cam01 is cam1. Before the separators go: in cam_1_0 the zero is a number.
+    name = re.sub(r"(?<!\d)0+(?=\d)", "", camera_name(name).casefold())
+    return re.sub(r"[_\-.\s]", "", name)
 
 
 def _by_plain_name(names: Iterable[str], where: str) -> dict[str, str]:

@@ -16,12 +16,13 @@ _ARRAYS = ("covariance_m2", "residual_px", "visibility")
 _TEXTS = ("skeleton", "camera_names", "bone_lengths_m", "convergence", "config")
 
 
-def write_npz(trajectory: Trajectory, path: Path) -> None:
+def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:
     """Write a NumPy archive that needs no pickle.
 
     Arrays time_s (T,), positions_m (T, J, 3), status (T, J), and where they are known covariance_m2 (T, J, 3, 3),
     residual_px and visibility (T, C, J); status_names: what the numbers in status mean; joints: their names. The rest
-    as texts of the same names as the fields of Trajectory, in JSON, the config in TOML.
+    as texts of the same names as the fields of Trajectory, in JSON, the config in TOML. made_by, where it is known: the
+    command of fgpose.
 
     Raises:
         OSError: the file cannot be written.
@@ -38,6 +39,8 @@ def write_npz(trajectory: Trajectory, path: Path) -> None:
         array = getattr(trajectory, name)
         if array is not None:
             arrays[name] = array
+    if made_by:
+        arrays["made_by"] = np.array(made_by)
     write_arrays(path, arrays)
 
 

@@ -64,6 +64,10 @@ class Origin:
     fps: float | None = None
     """That the keypoints or images were read with, where that was given."""
     command: str = ""
+    step: str = ""
+    """The command that made the result, without what it was called with."""
+    remarks: tuple[str, ...] = ()
+    """What was changed or left out when the inputs were read."""
     fgpose: str = ""
     """Version."""
 

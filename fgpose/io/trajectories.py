@@ -51,7 +51,7 @@ def save_trajectory(
     Args:
         world_up: what is up in the trajectory's world, for TRC (which has y up) and C3D: an axis, or a direction.
             auto: as the body and the cameras of the origin stand, see find_up; z where nothing speaks against it.
-        origin: what it was made from; parquet keeps it.
+        origin: what it was made from; parquet keeps it, the others which command made it.
 
     Warns:
         UserWarning: auto found another axis up than z, or is in doubt; it says why.
@@ -61,16 +61,17 @@ def save_trajectory(
         ImportError: C3D without ezc3d.
         OSError: the file cannot be written.
     """
-    path = Path(path)
+    path, made_by = Path(path), "" if origin is None else origin.step
     match _extension(path):
         case ".parquet":
             write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path, origin)
         case ".npz":
-            write_npz(trajectory, path)
+            write_npz(trajectory, path, made_by)
         case ".trc":
-            write_trc(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig))
+            write_trc(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig), made_by)
         case ".c3d":
-            write_c3d(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig))
+            up = resolved_up([trajectory], world_up, path, origin and origin.rig)
+            write_c3d(trajectory, path, up, made_by=made_by)
 
 
 def _extension(path: Path) -> str:
@@ -124,7 +125,7 @@ def save_people(
     if path.suffix.lower() in (".trc", ".c3d"):
         world_up = resolved_up(trajectories.values(), world_up, path, origin and origin.rig)
     for own_path, trajectory in zip(paths, trajectories.values(), strict=True):
-        save_trajectory(trajectory, own_path, world_up)
+        save_trajectory(trajectory, own_path, world_up, origin)
     return paths
 
 

@@ -28,7 +28,7 @@ _SEPARATORS = ("\t", ";", ",")
 _N_HEADER_LINES = 5  # of the TRC format
 
 
-def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z") -> None:
+def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_by: str = "") -> None:
     """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
 
     Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is one
@@ -36,12 +36,14 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z") -> No
 
     Args:
         world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
+        made_by: command of fgpose, which is then said behind the name of the file in the first line.
 
     Raises:
         ValueError: the times do not increase.
         OSError: the file cannot be written.
     """
-    lines = [*_header_lines(trajectory, path.name), *_frame_lines(trajectory, world_up)]
+    file_name = f"{path.name} (made by fgpose {made_by})" if made_by else path.name
+    lines = [*_header_lines(trajectory, file_name), *_frame_lines(trajectory, world_up)]
     write_text(path, "\n".join(lines) + "\n")
 
 

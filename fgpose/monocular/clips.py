@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.camera_names import natural_key
+from fgpose.io.folders import visible
+from fgpose.io.keypoints.frame_names import frame_numbers
 from fgpose.monocular.network import Image
 
 if TYPE_CHECKING:
@@ -252,14 +252,14 @@ def _open_file(name: str, path: Path, fps: float | None) -> Clip:
 
 def image_files(folder: Path) -> tuple[Path, ...]:
     """The image files of a folder in natural order. Raises OSError if it cannot be listed."""
-    files = (file for file in folder.iterdir() if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file())
-    return tuple(sorted((file for file in files if not file.name.startswith(".")), key=lambda f: natural_key(f.name)))
+    return tuple(file for file in visible(folder) if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file())
 
 
 def _frame_numbers(files: tuple[Path, ...]) -> np.ndarray:
-    """The last number in each name, or the place in the order where these numbers do not increase."""
-    found = [re.findall(r"\d+", file.stem) for file in files]
-    numbers = np.array([float(each[-1]) if each else np.nan for each in found])
+    """The number in each name that counts, or the place in the order where these numbers do not increase."""
+    names = [file.stem for file in files]
+    found = frame_numbers(names, files[0].parent.name)
+    numbers = np.array([np.nan if found[name] is None else float(found[name] or 0) for name in names])
     return numbers if (np.diff(numbers) > 0).all() and np.isfinite(numbers).all() else np.arange(len(files)) * 1.0
 
 

@@ -11,7 +11,8 @@ import numpy as np
 from fgpose.association.common_clock import is_far_off
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
-from fgpose.io.camera_names import match_cameras, named_cameras, natural_key
+from fgpose.io.camera_names import match_cameras, named_cameras
+from fgpose.io.folders import visible
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 
 # Cameras that are stopped one after the other end within a few frames.
@@ -48,7 +49,7 @@ def has_videos(path: str | Path) -> bool:
     """Whether there are videos or folders of images of cameras; a single file by its extension. Raises OSError."""
     path = Path(path)
     if path.is_dir():
-        return any(_clip_in(entry) is not None for entry in path.iterdir())
+        return any(_clip_in(entry) is not None for entry in visible(path))
     return path.suffix.lower() in VIDEO_SUFFIXES
 
 
@@ -115,7 +116,7 @@ def _find(path: Path) -> dict[str, Path]:
     if path.is_file():
         return {path.stem: path}
     found: dict[str, Path] = {}
-    for entry in sorted(path.iterdir(), key=lambda entry: natural_key(entry.name)):
+    for entry in visible(path):
         clip = _clip_in(entry)
         name = entry.name if entry.is_dir() else entry.stem
         if clip is not None and name in found:
@@ -131,11 +132,9 @@ def _find(path: Path) -> dict[str, Path]:
 
 def _clip_in(entry: Path) -> Path | None:
     """The video or the folder of images that an entry of the folder stands for."""
-    if entry.name.startswith("."):
-        return None
     if not entry.is_dir():
         return entry if entry.suffix.lower() in VIDEO_SUFFIXES else None
-    videos = [file for file in entry.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
+    videos = [file for file in visible(entry) if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
     if len(videos) == 1:
         return videos[0]
     return entry if image_files(entry) else None

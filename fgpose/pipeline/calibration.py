@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +26,7 @@ def write_calibration(
     file_format: RigFormat = "auto",
     rrd: Path | None = None,
     display: Display | None = None,
+    step: str = "calibrate",
 ) -> tuple[Path, ...]:
     """Write the rig, unless the calibration failed, and the scene for the viewer, which shows why too.
 
@@ -34,6 +36,7 @@ def write_calibration(
         file_format: of the rig.
         rrd: of the scene; None: there is none.
         display: how it is shown, show_walk by default.
+        step: the command that writes it, which its file says.
 
     Returns:
         The files.
@@ -42,7 +45,7 @@ def write_calibration(
         OutputError: one could not be written; the others were.
     """
     rig = None if result.grade is Grade.FAILED else result.rig
-    known = calibration_from_people(result)
+    known = replace(calibration_from_people(result), step=step)
     return _write(rig, known, path, file_format, rrd, lambda: of_calibrated(result), display)
 
 
@@ -70,7 +73,7 @@ def write_bumped(
         OutputError: one could not be written; the others were.
     """
     rig = None if bumped.grade is Grade.FAILED else bumped.rig.with_time_offsets(given.time_offsets_s)
-    origin = after_bumps(known or CalibrationOrigin(), bumped)
+    origin = replace(after_bumps(known or CalibrationOrigin(), bumped), step="calibrate")
     return _write(rig, origin, path, file_format, rrd, lambda: of_bumped(bumped, given), display)
 
 

@@ -44,7 +44,7 @@ def write_people(
     names = {path: name for path, name in paths if name in result.trajectories}
     time_s = result.association.frames.frame_time_s
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(_save, result.trajectories[name], path, outputs.world_up, time_s, result.origin)
+        path: partial(_save, result.trajectories[name], path, outputs.world_up, time_s, outputs.origin(result.origin))
         for path, name in names.items()
     }
     people = result.source.people

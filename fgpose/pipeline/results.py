@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import glob
 import importlib.util
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -20,6 +21,7 @@ from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import check_writable
+from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
 from fgpose.io.upright import resolved_up
@@ -88,6 +90,12 @@ class Outputs:
     """Where viewers can connect; 0 takes any free port. None: they cannot."""
     image_width_px: int | None = 640
     """To how much at most the images in the viewer are shrunk; see open_recording."""
+    step: str = ""
+    """The command that writes them, which does not replace what another has written; empty: anything is replaced."""
+    source: Path | None = None
+    """The recording that they are made from: results of another are not replaced either."""
+    shown_as: str = ""
+    """End of the name of the .rrd file, as that of a trajectory."""
 
     def path(self, file_format: Format, trajectory: str = "") -> Path:
         return self.folder / f"{self.name}{'_' if trajectory else ''}{trajectory}.{file_format}"
@@ -96,6 +104,11 @@ class Outputs:
     def calibration(self) -> Path:
         """Where a calibration that results goes."""
         return self.folder / f"{self.name}_calibration.toml"
+
+    @property
+    def rrd(self) -> Path:
+        """The file for the viewer."""
+        return self.path("rrd", self.shown_as)
 
     @property
     def shown(self) -> bool:
@@ -111,7 +124,8 @@ class Outputs:
             calibration: whether a calibration will result.
 
         Raises:
-            ValueError: a result would replace an input.
+            ValueError: a result would replace an input, or what another command made, or the same from another
+                recording.
             OSError: the folder cannot be written into, or a folder has the name of a result.
             ImportError: the package that a format needs is not installed.
         """
@@ -121,12 +135,20 @@ class Outputs:
         trajectories = self.trajectory_paths(saved)
         for path in trajectories:
             check_output(path)
-        others = [self.path("rrd")] if "rrd" in self.formats else []
-        for path in (*trajectories, *others, *([self.calibration] if calibration else [])):
+        others = [*([self.rrd] if "rrd" in self.formats else []), *([self.calibration] if calibration else [])]
+        for path in (*trajectories, *others):
             if path.is_dir():
                 raise OSError(f"cannot write {path}: it is a folder")
             if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
                 raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
+        if self.step:
+            of_people = (each for path in trajectories for each in _of_single_people(path))
+            remedy = f"give another name or folder, as --name {self.name}_{self.step} or -o FOLDER, or remove it"
+            refuse_others((*trajectories, *others, *of_people), self.step, self.source, remedy)
+
+    def origin(self, known: Origin | None) -> Origin | None:
+        """What is known of the origin of a result, with the command that writes it."""
+        return replace(known or Origin(), step=self.step) if self.step else known
 
     def trajectory_paths(self, saved: tuple[str, ...]) -> dict[Path, str]:
         """The files of the trajectories to be saved, and which one each is of."""
@@ -160,7 +182,7 @@ class Outputs:
 
     @property
     def _rrd(self) -> Path | None:
-        return self.path("rrd") if "rrd" in self.formats else None
+        return self.rrd if "rrd" in self.formats else None
 
     def standing(self, people: Iterable[Trajectory], rig: CameraRig) -> Outputs:
         """The same, with what is up as these people and cameras stand, if that is to be found.
@@ -178,7 +200,13 @@ class Outputs:
             "port": self.live_port or 0,
             "up": nearest_axis(world_up),
             "image_width_px": self.image_width_px,
+            "made_by": self.step,
         }
+
+
+def _of_single_people(path: Path) -> Iterator[Path]:
+    """The files beside it that an earlier run wrote for each of several people."""
+    return path.parent.glob(f"{glob.escape(path.stem)}_person*{path.suffix}")
 
 
 def _require_rerun() -> None:
@@ -228,8 +256,9 @@ def write_outputs(
         OutputError: a file could not be written, whatever the reason. All others were.
     """
     outputs = outputs.standing([result.main], result.source.rig)
+    origin = outputs.origin(result.origin)
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, result.origin)
+        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, origin)
         for path, name in outputs.trajectory_paths(result.saved).items()
         if name in result.trajectories
     }
@@ -284,7 +313,7 @@ def viewer_writers(
         _show_or_discard(result, recording, display)
         recording.close()
 
-    return {outputs.path("rrd"): write} if "rrd" in outputs.formats else {}
+    return {outputs.rrd: write} if "rrd" in outputs.formats else {}
 
 
 def _show_or_discard(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,7 +21,7 @@ from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import Unit, load_rig
-from fgpose.io.camera_names import seen_cameras
+from fgpose.io.camera_names import counted_otherwise, seen_cameras
 from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people, person_of
 from fgpose.observations import Observations
 from fgpose.pipeline.detected_orientation import as_detected
@@ -62,6 +64,9 @@ def load_source(
     Raises:
         ValueError: something is wrong with a file, or a camera is unknown; the message names it.
         OSError: a file cannot be read.
+
+    Warns:
+        UserWarning: the cameras that are wanted seem to have other numbers in the keypoints; and as load_observations.
     """
     rig = _rig(keypoints, calibration, unit, cameras)
     reading: dict[str, Any] = {
@@ -78,9 +83,10 @@ def load_source(
         people = load_people(keypoints, rig, skeleton, **reading)
         together, on_clock = on_common_clock(people, rig)
         if together is not people:
-            return Source(on_clock, person_of(keypoints, together, on_clock, person), origin).subset(cameras)
+            seen = person_of(keypoints, together, on_clock, person)
+            return Source(on_clock, seen, replace(origin, remarks=seen.remarks)).subset(cameras)
     seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
-    return Source(rig, seen, origin).subset(cameras)
+    return Source(rig, seen, replace(origin, remarks=seen.remarks)).subset(cameras)
 
 
 def load_people_source(
@@ -107,6 +113,7 @@ def load_people_source(
     )
     people = load_people(keypoints, rig, skeleton, **reading)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
+    origin = replace(origin, remarks=people.remarks)
     people, rig = on_common_clock(people, rig)
     return PeopleSource(rig, people, origin).subset(cameras)
 
@@ -117,7 +124,10 @@ def _rig(keypoints: Path, calibration: Path, unit: Unit, cameras: tuple[str, ...
     if not cameras:
         return rig
     rig.subset(cameras)
-    seen = seen_cameras(keypoint_cameras(keypoints), rig.names)
+    theirs = keypoint_cameras(keypoints)
+    if said := counted_otherwise(theirs, rig.names):
+        warnings.warn(f"{keypoints}: {said}", stacklevel=3)
+    seen = seen_cameras(theirs, rig.names)
     return rig.subset(name for name in rig.names if name in seen or name in cameras)
 
 

@@ -13,6 +13,8 @@ def facts_of(origin: Origin) -> dict[str, str]:
         facts["Calibration from people"] = origin.calibration.grade
     for each in origin.calibration.moved:
         facts[f"Camera {each.camera} moved by"] = f"{each.rotation_deg:.2f}°, {1000 * each.translation_m:.0f} mm"
+    if origin.remarks:
+        facts["Read with changes"] = "; ".join(origin.remarks)
     if origin.command:
         facts["Command"] = origin.command
     if origin.fgpose:

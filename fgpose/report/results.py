@@ -14,6 +14,8 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.calibration import load_calibration_origin, load_rig
+from fgpose.io.folders import shown
+from fgpose.io.made_by import made_by
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import load_origin, load_upright
 from fgpose.observations import Observations
@@ -23,8 +25,6 @@ from fgpose.trajectory import Trajectory
 
 _EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
 """Of trajectories, those that keep most first."""
-_KINDS = ("_smoothed", "", "_online")
-"""Ends of the names of a run's trajectories, the most important first."""
 _RIGS = ("calibration.toml", "cameras.toml", "rig.toml")
 
 
@@ -32,39 +32,64 @@ def find_result(path: Path, name: str | None = None) -> Path:
     """The file of the trajectories: path itself, or in a folder the one of the run of that name.
 
     Raises:
-        ValueError: there is none, or there are several runs and no name; the message names the folder.
+        ValueError: there is none, or there are several and no name; the message names the folder and what made each.
         OSError: the folder cannot be read.
     """
     if not path.is_dir():
         return path
-    found: dict[str, Path] = {}
-    for extension in _EXTENSIONS:
-        for file in sorted(path.glob(f"*{extension}")):
-            found.setdefault(_run_of(file.stem), file)
-    # Of the trajectories of one run, the most important.
-    for run, file in found.items():
-        ends = (file.with_name(f"{run}{kind}{file.suffix}") for kind in _KINDS)
-        found[run] = next((end for end in ends if end.exists()), file)
-    found = {run: file for run, file in found.items() if run not in _NO_RESULTS}
+    found = {run: file for run, file in _results(path).items() if run not in _NO_RESULTS}
     if name is not None:
         if name not in found:
             raise ValueError(f"{path}: there is no result {name}, only {', '.join(found) or 'none'}")
         return found[name]
     if len(found) != 1:
-        what = f"results of {', '.join(found)}: say which (--name NAME)" if found else "no result of fgpose"
+        named = (f"{run} ({told})" if (told := told_maker(file)) else run for run, file in found.items())
+        what = f"results of {', '.join(named)}: say which (--name NAME)" if found else "no result of fgpose"
         raise ValueError(f"{path}: {what}")
     return next(iter(found.values()))
+
+
+def told_maker(file: Path) -> str:
+    """Which command made a result, to be read; empty where its file does not say it."""
+    maker = made_by(file)
+    return f"fgpose {maker}" if maker else ""
+
+
+def _results(folder: Path) -> dict[str, Path]:
+    """The most important trajectories of each run, by its name. Where fgpose track has left its own beside those of
+    another command, both have names of their own."""
+    files: dict[str, Path] = {}
+    for extension in _EXTENSIONS:
+        for file in shown(folder.glob(f"*{extension}")):
+            files.setdefault(_without_person(file.stem), file)
+    of_runs: dict[str, dict[str, Path]] = {}
+    for stem, file in files.items():
+        run = _run_of(stem)
+        of_runs.setdefault(run, {})[stem.removeprefix(run)] = file
+    found = {}
+    for run, kinds in of_runs.items():
+        tracked = next((kind for kind in ("_smoothed", "_online") if kind in kinds), None)
+        if "" in kinds:
+            found[run] = kinds[""]
+        if tracked is not None:
+            found[f"{run}{tracked}" if "" in kinds else run] = kinds[tracked]
+    return found
 
 
 _NO_RESULTS = {"angles", "seen", "detected", "quality", "events"}
 """Files that stand beside the motion in the folder of a recording of a study."""
 
 
-def _run_of(stem: str) -> str:
-    for kind in ("_smoothed", "_online"):
-        stem = stem.removesuffix(kind)
+def _without_person(stem: str) -> str:
     head, _, person = stem.rpartition("_person")
     return head if head and person.isdigit() else stem
+
+
+def _run_of(stem: str) -> str:
+    stem = _without_person(stem)
+    for kind in ("_smoothed", "_online"):
+        stem = stem.removesuffix(kind)
+    return stem
 
 
 def load_finished(

@@ -8,6 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from fgpose.io.camera_names import natural_key
+from fgpose.io.folders import visible
 from fgpose.study.pattern import PLACEHOLDERS, Pattern
 from fgpose.study.recording import Kind, Recording
 from fgpose.study.study import Study
@@ -99,10 +100,8 @@ def _trial(study: Study, folder: Path, session: Path | None, source: Path, kind:
 
 @lru_cache(maxsize=16)
 def _calibration_files(session: Path) -> tuple[Path, ...]:
-    folders = [path for path in session.iterdir() if path.is_dir() and "calib" in path.name.lower()]
-    return tuple(
-        file for path in folders for file in sorted(path.iterdir()) if file.name.lower().endswith(_CALIBRATIONS)
-    )
+    folders = [path for path in visible(session) if path.is_dir() and "calib" in path.name.lower()]
+    return tuple(file for path in folders for file in visible(path) if file.name.lower().endswith(_CALIBRATIONS))
 
 
 def _pose2sim_calibration(session: Path | None, trial: Path) -> tuple[Path | None, str]:

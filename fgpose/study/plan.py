@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 
+from fgpose.io.folders import visible
 from fgpose.study.job import CALIBRATION, CAMERAS
 from fgpose.study.layouts import in_folders, in_pose2sim
 from fgpose.study.recording import Recording
@@ -101,7 +102,7 @@ class Plan:
             return f"no recording matches {self.only!r}; keys are subject/session/trial, as in S01/morning/walk_*"
         if not root.is_dir():
             return f"data.root: there is no folder {root}"
-        there = ", ".join(sorted(path.name for path in root.iterdir())[:8]) or "nothing"
+        there = ", ".join([path.name for path in visible(root)][:8]) or "nothing"
         if data.exclude and any(
             each.trial for each in replace(self, study=replace(self.study, data=replace(data, exclude=())))
         ):

@@ -31,6 +31,7 @@ def open_recording(
     jpeg_quality: int = 80,
     image_limit_mb: float | None = 1000.0,
     n_frames: int | None = None,
+    made_by: str = "",
 ) -> Recording:
     """Open a recording with its cameras, skeleton and layout; close it, or use it in a ``with`` block.
 
@@ -50,6 +51,7 @@ def open_recording(
             connect late; None: no limit, and live the oldest frames are dropped, results and pictures alike.
         n_frames: how many frames the recording will have. When their pictures exceed the limit they are thinned out
             evenly. None: not known; the pictures end at the limit.
+        made_by: command of fgpose, which the file then says.
 
     Returns:
         A recording; one that shows nothing when there is neither a path nor live.
@@ -67,7 +69,7 @@ def open_recording(
     with _rerun_needed():
         from fgpose.viewer.rerun_recording import RerunRecording
         from fgpose.viewer.rerun_session import Target
-    target = Target(None if path is None else Path(path), port if live else None, endless)
+    target = Target(None if path is None else Path(path), port if live else None, endless, made_by)
     return RerunRecording(target, (rig, skeleton, tuple(trajectories)), up, pictures)
 
 
@@ -84,6 +86,7 @@ def open_people_recording(
     jpeg_quality: int = 80,
     image_limit_mb: float | None = 1000.0,
     n_frames: int | None = None,
+    made_by: str = "",
 ) -> PeopleRecording:
     """Open a recording of several people, who need not be known yet; close it, or use it in a ``with`` block.
 
@@ -104,7 +107,7 @@ def open_people_recording(
     with _rerun_needed():
         from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
         from fgpose.viewer.rerun_session import Target
-    target = Target(None if path is None else Path(path), port if live else None, endless)
+    target = Target(None if path is None else Path(path), port if live else None, endless, made_by)
     return RerunPeopleRecording(target, rig, skeleton, up, pictures)
 
 
@@ -169,7 +172,7 @@ def open_system_recording(
     with _rerun_needed():
         from fgpose.viewer.rerun_session import Target
         from fgpose.viewer.rerun_system_recording import RerunSystemRecording
-    target = Target(None if path is None else Path(path), port if live else None, endless=True)
+    target = Target(None if path is None else Path(path), port if live else None, endless=True, made_by="live")
     # The oldest are dropped for viewers; a limit would end the pictures after some hours.
     pictures = PictureOptions(None, 80, None, None)
     return RerunSystemRecording(target, rig, skeleton, up, pictures)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import uuid
 from collections.abc import Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -46,6 +47,8 @@ class Target:
     port: int | None
     """Where viewers connect; None: not live."""
     endless: bool
+    made_by: str = ""
+    """Command of fgpose, which the recording then says."""
 
 
 class RerunSession(Session):
@@ -75,7 +78,9 @@ class RerunSession(Session):
         self._shown: set[str] = set()
         self._unflushed_bytes = 0
         self._file = ExitStack()
-        self._stream: rr.RecordingStream | None = rr.RecordingStream("fgpose")
+        self._stream: rr.RecordingStream | None = rr.RecordingStream(
+            "fgpose", recording_id=f"made by fgpose {target.made_by} {uuid.uuid4()}" if target.made_by else None
+        )
         # Exactly two timelines: frame and time.
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)

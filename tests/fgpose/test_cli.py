@@ -217,7 +217,7 @@ def test_track_writes_newest_and_lagged(source: list[str], tmp_path: Path, capsy
     assert main(["track", *source, *options]) == 0
     printed = capsys.readouterr().out
     assert all(word in printed for word in ("median", "90 %", "99 %", "max"))
-    assert {path.name for path in tmp_path.iterdir()} == {"walk_online.npz", "walk_smoothed.npz", "walk.rrd"}
+    assert {path.name for path in tmp_path.iterdir()} == {"walk_online.npz", "walk_smoothed.npz", "walk_online.rrd"}
     assert load_trajectory(tmp_path / "walk_online.npz").n_frames == 10
 
 
@@ -236,13 +236,14 @@ def test_live_serves_until_ctrl_c(
     options = ["--output", str(tmp_path), "--live", "--port", "0", "--formats", "npz", "rrd", "--online.lag-s", "0.05"]
     assert main([command, *source, *options]) == 0
     assert "rerun rerun+http://127.0.0.1:" in capsys.readouterr().err
-    assert (tmp_path / "walk.rrd").stat().st_size > 1000
+    rrd = "walk_online.rrd" if command == "track" else "walk.rrd"
+    assert (tmp_path / rrd).stat().st_size > 1000
 
 
 def test_refine_with_some_cameras(source: list[str], tmp_path: Path) -> None:
     options = ["--output", str(tmp_path), "--cameras", "cam_04", "cam_02", "--formats", "parquet", "trc", "c3d"]
     assert main(["refine", *source, *options]) == 0
-    assert load_trajectory(tmp_path / "walk.parquet").camera_names == ("cam_04", "cam_02")
+    assert load_trajectory(tmp_path / "walk_refined.parquet").camera_names == ("cam_04", "cam_02")
     assert {path.suffix for path in tmp_path.iterdir()} == {".parquet", ".trc", ".c3d"}
 
 
@@ -457,10 +458,10 @@ def test_ctrl_c_leaves_what_was_there(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("fgpose.pipeline.run_smooth", interrupted)
-    (tmp_path / "walk.rrd").write_bytes(b"of the run before")
+    (tmp_path / "walk.rrd").write_bytes(b"made by fgpose smooth before")
     options = ["--live", "--port", "0"] if live else []
     assert main(["smooth", *source, "--output", str(tmp_path), *options]) == 130
-    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"of the run before"]
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"made by fgpose smooth before"]
 
 
 def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path) -> None:
@@ -469,7 +470,7 @@ def test_results_do_not_depend_on_the_terminal(source: list[str], tmp_path: Path
     command = [sys.executable, "-m", "fgpose", "refine", *source, "--output", str(tmp_path), "--formats", "npz"]
     run = subprocess.run(command, env=environment, capture_output=True, check=False)
     assert run.returncode == 0, run.stderr
-    assert np.isfinite(load_trajectory(tmp_path / "walk.npz").positions_m).any()
+    assert np.isfinite(load_trajectory(tmp_path / "walk_refined.npz").positions_m).any()
 
 
 @pytest.mark.parametrize(
@@ -489,7 +490,7 @@ def test_a_format_that_fails_does_not_take_the_others_along(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def full(*arguments: object) -> None:
+    def full(*arguments: object, **options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr("fgpose.io.trajectories.write_c3d", full)

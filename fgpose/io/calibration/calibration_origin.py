@@ -50,6 +50,8 @@ class CalibrationOrigin:
     """Of a calibration from people, with all its cameras."""
     findings: tuple[Reason, ...] = ()
     """Of a calibration from people."""
+    step: str = ""
+    """The command that wrote the file."""
 
     def subset(self, cameras: Collection[str]) -> CalibrationOrigin:
         """What holds of some of the cameras; what is said of the whole rig stays."""

@@ -25,8 +25,9 @@ from fgpose.io.calibration import (
     xml_formats,
 )
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
-from fgpose.io.camera_names import named_cameras, natural_key
+from fgpose.io.camera_names import named_cameras
 from fgpose.io.content import read_content
+from fgpose.io.folders import visible
 
 Size = tuple[int, int]
 
@@ -105,7 +106,7 @@ def _lenses(path: Path) -> list[Lens]:
     for format_of_folder in (opencap, biocv):
         if format_of_folder.files_in(path):
             return _without_poses(format_of_folder.read(path))
-    files = sorted((f for f in path.iterdir() if f.suffix.lower() in _SUFFIXES), key=lambda f: natural_key(f.name))
+    files = [file for file in visible(path) if file.suffix.lower() in _SUFFIXES]
     if not files:
         raise ValueError(
             f"no intrinsics in this folder: it should have a file for each camera ({', '.join(_SUFFIXES)})"

@@ -1,4 +1,4 @@
-"""One file per camera: MMPose, COCO results, MeTRAbs."""
+"""One file per camera: MMPose, COCO results, AlphaPose, MeTRAbs, DeepLabCut."""
 
 from __future__ import annotations
 
@@ -9,27 +9,30 @@ from typing import Any
 import numpy as np
 
 from fgpose.io.arrays import read_arrays
+from fgpose.io.camera_names import camera_name
+from fgpose.io.keypoints import deeplabcut
 from fgpose.io.keypoints.detections import (
-    MAX_FRAME,
     CameraDetections,
     ImageDetections,
     Source,
     checked_detections,
     detections_from_triples,
-    frame_number,
     nobody,
     numbers,
     read_json,
 )
+from fgpose.io.keypoints.frame_names import MAX_FRAME, frame_numbers
 from fgpose.io.keypoints.image_files import image_format, mmpose_instances
+from fgpose.io.keypoints.joint_names import check_joints
 from fgpose.skeleton import Skeleton
 
 
 def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections, str]:
     """The images of one camera by frame number, and the name of their format, recognised by the content.
 
-    - MMPose: ``instance_info``, a list of ``frame_id`` and ``instances``.
-    - COCO results: a list of ``image_id``, ``keypoints`` (x, y, score per joint); the image_id is the frame.
+    - MMPose: a list of ``frame_id`` and ``instances``, alone or as ``instance_info`` beside a ``meta_info`` that may
+      say what the joints are.
+    - COCO results, AlphaPose: a list of ``image_id``, ``keypoints`` (x, y, score per joint); the image_id is the frame.
     - MeTRAbs (npz, or JSON): ``poses2d`` (T, n, J, 2), ``poses3d`` (T, n, J, 3) and ``boxes`` (T, n, 5), whose last
       number is the confidence of all joints (1 without it); in JSON also a list with one such object per frame. An
       optional ``frame`` gives the numbers of the frames.
@@ -39,6 +42,8 @@ def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections,
             camera, frame and joint.
     """
     source = Source(path, camera)
+    if path.suffix == ".csv":
+        return deeplabcut.read(source, skeleton), "DeepLabCut"
     document = _read_npz(source) if path.suffix == ".npz" else read_json(source)
     format_name, reader = _reader(document, source)
     return reader(document, source, skeleton), format_name
@@ -60,20 +65,50 @@ def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, 
             return "MeTRAbs", _read_metrabs
         if "instance_info" in first and isinstance(document, Mapping):
             return "MMPose", _read_mmpose
+        if "frame_id" in first and "instances" in first and isinstance(document, list):
+            return "MMPose", _read_mmpose_frames
         if "image_id" in first and "keypoints" in first and isinstance(document, list):
             return "COCO results", _read_coco
     one_image = image_format(document)
     if one_image:
         raise ValueError(
-            f"{source}: {one_image} of a single image; put the files of each camera into a folder of their own and "
-            "give the folder above"
+            f"{source}: {one_image} of a single image, where files of a whole camera are expected. Each camera needs a "
+            f"folder of its own; if {source.path.parent} is that of one camera, give the folder above it, "
+            f"{source.path.absolute().parent.parent}"
         )
-    raise ValueError(f"{source}: not keypoints of MMPose, COCO results or MeTRAbs")
+    if isinstance(document, Mapping) and {"images", "annotations"} <= set(document):
+        raise ValueError(
+            f"{source}: annotations of COCO, not what a detector found; give results: a list of image_id and keypoints"
+        )
+    raise ValueError(f"{source}: not keypoints of MMPose, COCO results, AlphaPose or MeTRAbs")
 
 
 def _read_mmpose(document: dict[str, Any], source: Source, skeleton: Skeleton) -> CameraDetections:
+    try:
+        _check_meta(document.get("meta_info"), skeleton)
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
+    return _read_mmpose_frames(document["instance_info"], source, skeleton)
+
+
+def _check_meta(meta: Any, skeleton: Skeleton) -> None:
+    """Raise ValueError if MMPose says of the joints that they are others."""
+    if not isinstance(meta, Mapping):
+        return
+    named, data_set = meta.get("keypoint_id2name"), meta.get("dataset_name")
+    named = named if isinstance(named, Mapping) else {}
+    names = [named.get(str(joint)) for joint in range(len(named))]
+    known = all(isinstance(name, str) for name in names)
+    check_joints(
+        skeleton,
+        [str(name) for name in names] if known else [],
+        data_set if isinstance(data_set, str) else "",
+    )
+
+
+def _read_mmpose_frames(document: Any, source: Source, skeleton: Skeleton) -> CameraDetections:
     frames: CameraDetections = {}
-    for position, image in enumerate(_rows(document["instance_info"], source)):
+    for position, image in enumerate(_rows(document, source)):
         if "frame_id" not in image or not isinstance(image.get("instances"), list):
             raise ValueError(f"{source}: entry {position} of instance_info lacks frame_id or instances")
         here = Source(source.path, source.camera, _frame_number(source, image["frame_id"]))
@@ -82,11 +117,16 @@ def _read_mmpose(document: dict[str, Any], source: Source, skeleton: Skeleton) -
 
 
 def _read_coco(document: list[Any], source: Source, skeleton: Skeleton) -> CameraDetections:
-    people: dict[int, list[Any]] = {}
-    for position, row in enumerate(_rows(document, source)):
+    rows = _rows(document, source)
+    for position, row in enumerate(rows):
         if not {"image_id", "keypoints"} <= set(row):
             raise ValueError(f"{source}: entry {position} lacks image_id or keypoints")
-        frame = _frame_number(source, row["image_id"])
+    stems = {row["image_id"]: Path(row["image_id"]).stem for row in rows if isinstance(row["image_id"], str)}
+    number = frame_numbers(list(dict.fromkeys(stems.values())), camera_name(source.camera))
+    people: dict[int, list[Any]] = {}
+    for row in rows:
+        image = row["image_id"]
+        frame = _frame_of(source, stems[image], number) if isinstance(image, str) else _frame_number(source, image)
         people.setdefault(frame, []).append(row["keypoints"])
     return {
         frame: detections_from_triples(Source(source.path, source.camera, frame), skeleton, found)
@@ -121,7 +161,7 @@ def _metrabs_image(row: Mapping[str, Any], source: Source, skeleton: Skeleton) -
     if poses2d is None:
         raise ValueError(f"{source}: poses2d is missing")
     if poses2d.size == 0:
-        return nobody(skeleton)
+        return nobody(source, skeleton)
     if poses2d.ndim < 2:
         raise ValueError(f"{source}: poses2d must be (people, joints, 2), got {poses2d.shape}")
     if poses2d.ndim == 2:
@@ -142,13 +182,18 @@ def _rows(rows: Any, source: Source) -> list[dict[str, Any]]:
 
 
 def _frame_number(source: Source, value: Any) -> int:
-    """A number, or the last number in the name of an image file."""
-    if isinstance(value, str):
-        return frame_number(source, Path(value).stem)
     number = isinstance(value, int | float | np.integer | np.floating)
     if not number or not 0 <= value < MAX_FRAME or value != int(value):
         raise ValueError(f"{source}: {value!r} is not the number of a frame")
     return int(value)
+
+
+def _frame_of(source: Source, name: str, numbers: Mapping[str, int | None]) -> int:
+    """Of the name of an image file."""
+    number = numbers[name]
+    if number is None:
+        raise ValueError(f"{source}: no frame number in the name {name!r}")
+    return number
 
 
 def _new_frame(source: Source, frames: CameraDetections) -> int:

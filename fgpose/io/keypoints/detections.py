@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,27 +11,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.content import read_content
+from fgpose.io.keypoints.joint_names import chosen_joints, no_such_joints
 from fgpose.skeleton import Skeleton
-
-# Scores that are peaks of a heat map exceed 1 a little; more than this is a percentage or another mistake.
-_MAX_SCORE = 1.1
 
 # Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.
 MAX_FRAME = 10**15
-
-
-@dataclass(frozen=True)
-class ImageDetections:
-    """The people found in one image; NaN = missing, then with confidence 0."""
-
-    points2d_px: Float[np.ndarray, "person joint 2"]
-    confidence: Float[np.ndarray, "person joint"]
-    points3d: Float[np.ndarray, "person joint 3"] | None = None
-    """As in the file: its own unit and frame."""
-
-
-CameraDetections = dict[int, ImageDetections]
-"""The images of one camera by frame number."""
 
 
 @dataclass(frozen=True)
@@ -48,26 +31,39 @@ class Source:
         return f"{self.path}, camera {self.camera}{frame}"
 
 
-def nobody(skeleton: Skeleton) -> ImageDetections:
+@dataclass(frozen=True)
+class ImageDetections:
+    """The people found in one image; NaN = missing, then with confidence 0."""
+
+    source: Source
+    points2d_px: Float[np.ndarray, "person joint 2"]
+    confidence: Float[np.ndarray, "person joint"]
+    """As in the file: its own scale, from 0."""
+    points3d: Float[np.ndarray, "person joint 3"] | None = None
+    """As in the file: its own unit and frame."""
+    n_given: int = 0
+    """Joints of each person in the file, which may be more than are used; 0: nobody is there."""
+
+
+CameraDetections = dict[int, ImageDetections]
+"""The images of one camera by frame number."""
+
+
+def nobody(source: Source, skeleton: Skeleton) -> ImageDetections:
     """An image without people."""
-    return ImageDetections(np.empty((0, skeleton.n_joints, 2)), np.empty((0, skeleton.n_joints)))
+    return ImageDetections(source, np.empty((0, skeleton.n_joints, 2)), np.empty((0, skeleton.n_joints)))
 
 
 def read_json(source: Source) -> Any:
     """The document in a JSON file. Raises ValueError, naming file, camera and frame, if it is damaged."""
     try:
-        return json.loads(read_content(source.path))
+        content = read_content(source.path)
+        if not content.strip():
+            raise ValueError("the file is empty. Let the detector write it again, or remove it")
+        return json.loads(content)
     # ValueError: also of text that is not UTF-8, and of numbers with thousands of digits.
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{source}: not JSON, or a truncated file: {error}") from None
-
-
-def frame_number(source: Source, name: str) -> int:
-    """The last number in a name: cam01_000000000012_keypoints is frame 12. Raises ValueError if there is none."""
-    digits = re.findall(r"[0-9]+", name)
-    if not digits or len(digits[-1].lstrip("0")) >= len(str(MAX_FRAME)):
-        raise ValueError(f"{source}: no frame number in the name {name!r}")
-    return int(digits[-1])
 
 
 def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any]) -> ImageDetections:
@@ -76,47 +72,68 @@ def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any
     Raises:
         ValueError: a list does not fit the skeleton, or a number is impossible.
     """
-    triples = np.full((len(people), skeleton.n_joints, 3), np.nan)
-    for person, flat in enumerate(people):
-        values = numbers(source, f"the keypoints of person {person}", flat).ravel()
-        if values.size not in (0, 3 * skeleton.n_joints):
-            raise ValueError(
-                f"{source}: person {person} has {values.size / 3:g} keypoints of x, y, confidence; "
-                f"skeleton {skeleton.name} has {skeleton.n_joints} joints"
-            )
-        if values.size:
-            triples[person] = values.reshape(-1, 3)
+    rows = [numbers(source, f"the keypoints of person {p}", flat).ravel() for p, flat in enumerate(people)]
+    # Somebody without a body keeps the numbers of those behind them; at the end it is nobody.
+    while rows and not rows[-1].size:
+        rows.pop()
+    if not rows:
+        return nobody(source, skeleton)
+    size = max(row.size for row in rows)
+    for person, row in enumerate(rows):
+        if row.size not in (0, size) or size % 3:
+            raise ValueError(_other_number(source, skeleton, person, row.size))
+    triples = np.stack([row.reshape(-1, 3) if row.size else np.full((size // 3, 3), np.nan) for row in rows])
+    if len(triples[0]) != skeleton.n_joints and chosen_joints(skeleton, len(triples[0])) is None:
+        raise ValueError(_other_number(source, skeleton, next(p for p, row in enumerate(rows) if row.size), size))
     return checked_detections(source, skeleton, triples[..., :2], triples[..., 2])
+
+
+def _other_number(source: Source, skeleton: Skeleton, person: int, n_values: int) -> str:
+    return (
+        f"{source}: person {person} has {n_values / 3:g} keypoints of x, y, confidence; "
+        f"{no_such_joints(skeleton, n_values // 3)}"
+    )
 
 
 def checked_detections(
     source: Source, skeleton: Skeleton, points2d_px: Any, confidence: Any, points3d: Any = None
 ) -> ImageDetections:
-    """Detections whose missing joints are NaN with confidence 0.
+    """Detections whose missing joints are NaN with confidence 0; of a larger set of joints that is known, those of the
+    skeleton.
 
     Raises:
-        ValueError: the number of joints is not the skeleton's, a number is infinite, a confidence outside [0, 1]; the
-            message names file, camera, frame and joint.
+        ValueError: the number of joints is not the skeleton's, a number is infinite, a confidence negative; the message
+            names file, camera, frame and joint.
     """
-    points2d_px = numbers(source, "the 2D points", points2d_px)
-    confidence = numbers(source, "the confidence", confidence)
-    n_people = len(points2d_px)
-    for what, array, size in (("2D points", points2d_px, (2,)), ("scores", confidence, ())):
-        _check_shape(source, skeleton, what, array, (n_people, skeleton.n_joints, *size))
-    _refuse_joint(source, skeleton, np.isinf(points2d_px).any(axis=-1), "a pixel that is infinite")
-    known = np.isfinite(points2d_px).all(axis=-1) & ~np.isnan(confidence)
-    outside = known & ~((confidence >= 0) & (confidence <= _MAX_SCORE))
-    first = confidence[outside][:1]
-    _refuse_joint(
-        source, skeleton, outside, f"a confidence outside [0, 1]: {', '.join(f'{value:g}' for value in first)}"
-    )
-    confidence = np.where(known, np.minimum(confidence, 1.0), 0.0)
-    points2d_px = np.where(confidence[..., None] > 0, points2d_px, np.nan)
+    given: dict[str, tuple[np.ndarray, tuple[int, ...]]] = {}
+    given["2D points"] = numbers(source, "the 2D points", points2d_px), (2,)
+    given["scores"] = numbers(source, "the confidence", confidence), ()
     if points3d is not None:
-        points3d = numbers(source, "the 3D points", points3d)
-        _check_shape(source, skeleton, "3D points", points3d, (n_people, skeleton.n_joints, 3))
-        _refuse_joint(source, skeleton, np.isinf(points3d).any(axis=-1), "a 3D coordinate that is infinite")
-    return ImageDetections(points2d_px, confidence, points3d)
+        given["3D points"] = numbers(source, "the 3D points", points3d), (3,)
+    n_people, n_given = len(given["2D points"][0]), np.shape(given["2D points"][0])[1:2]
+    chosen = chosen_joints(skeleton, *n_given) if n_given else None
+    n_joints = skeleton.n_joints if chosen is None else n_given[0]
+    for what, (array, size) in given.items():
+        _check_shape(source, skeleton, what, array, (n_people, n_joints, *size))
+    used = [array if chosen is None else array[:, list(chosen)] for array, _ in given.values()]
+    points2d_px, confidence, *rest = used
+    _refuse_joint(source, skeleton, np.asarray(np.isinf(points2d_px).any(axis=-1)), "a pixel that is infinite")
+    known = np.isfinite(points2d_px).all(axis=-1) & ~np.isnan(confidence)
+    bad = np.asarray(known & ~((confidence >= 0) & np.isfinite(confidence)))
+    refuse_confidence(source, skeleton, confidence, bad)
+    confidence = np.where(known, confidence, 0.0)
+    points2d_px = np.where(confidence[..., None] > 0, points2d_px, np.nan)
+    if rest:
+        _refuse_joint(source, skeleton, np.asarray(np.isinf(rest[0]).any(axis=-1)), "a 3D coordinate that is infinite")
+    return ImageDetections(source, points2d_px, confidence, rest[0] if rest else None, n_joints)
+
+
+def refuse_confidence(
+    source: Source, skeleton: Skeleton, confidence: np.ndarray, bad: np.ndarray, remedy: str = ""
+) -> None:
+    """Raise ValueError, which names the first joint of the first person, if any confidence is bad."""
+    first = ", ".join(f"{value:g}" for value in confidence[bad][:1])
+    _refuse_joint(source, skeleton, bad, f"a confidence outside [0, 1]: {first}{remedy}")
 
 
 def numbers(source: Source, what: str, value: Any) -> np.ndarray:
@@ -134,7 +151,7 @@ def _check_shape(source: Source, skeleton: Skeleton, what: str, array: np.ndarra
     if array.shape != shape:
         raise ValueError(
             f"{source}: the {what} of {shape[0]} people must be {shape} for the {skeleton.n_joints} joints of skeleton "
-            f"{skeleton.name}, got {array.shape}"
+            f"{skeleton.name}, got {array.shape}; {no_such_joints(skeleton, *array.shape[1:2])}"
         )
 
 

@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from fgpose.io.camera_names import camera_name
+from fgpose.io.folders import shown
 from fgpose.io.keypoints.detections import (
     CameraDetections,
     ImageDetections,
     Source,
     checked_detections,
     detections_from_triples,
-    frame_number,
     nobody,
     read_json,
 )
+from fgpose.io.keypoints.frame_names import frame_numbers
 from fgpose.skeleton import Skeleton
 
 
@@ -22,7 +24,8 @@ def read(folder: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetection
     """The images of one camera by the frame number in their file names, and the name of their format.
 
     OpenPose: an object with ``people``, each with ``pose_keypoints_2d`` = x, y, confidence per joint, 0, 0, 0 =
-    missing. MMPose: a list of instances with ``keypoints`` and ``keypoint_scores``.
+    missing; an empty object, as Pose2Sim writes it, is somebody who is not in this image. MMPose: a list of instances
+    with ``keypoints`` and ``keypoint_scores``.
 
     Raises:
         ValueError: a file is damaged, of another format than the others, or does not fit the skeleton; two have the
@@ -30,16 +33,21 @@ def read(folder: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetection
     """
     frames: CameraDetections = {}
     format_of_folder = None
-    for path in sorted(folder.glob("*.json")):
-        frame = frame_number(Source(path, camera), path.stem)
+    paths = shown(folder.glob("*.json"))
+    number = frame_numbers([path.stem for path in paths], camera_name(folder.name))
+    for path in paths:
+        frame = number[path.stem]
         source = Source(path, camera, frame)
+        if frame is None:
+            raise ValueError(f"{source}: no frame number in the name {path.stem!r}")
         if frame in frames:
             raise ValueError(f"{source}: another file has the same frame number")
         document = read_json(source)
         kind = image_format(document)
         if kind is None or (format_of_folder and kind and kind != format_of_folder):
             wanted = format_of_folder or "an image of OpenPose or MMPose"
-            raise ValueError(f"{source}: this is {kind or 'something else'}, not {wanted}")
+            hint = "" if kind else f". If each file in {folder} is of a whole camera, give that folder itself"
+            raise ValueError(f"{source}: this is {kind or 'something else'}, not {wanted}{hint}")
         format_of_folder = format_of_folder or kind or None
         frames[frame] = _detections(document, source, skeleton)
     return frames, format_of_folder
@@ -58,9 +66,11 @@ def _detections(document: Any, source: Source, skeleton: Skeleton) -> ImageDetec
     if isinstance(document, list):
         return mmpose_instances(document, source, skeleton)
     people = document["people"]
-    if not isinstance(people, list) or not all(isinstance(row, dict) and "pose_keypoints_2d" in row for row in people):
+    if not isinstance(people, list) or not all(isinstance(row, dict) for row in people):
+        raise ValueError(f"{source}: people are not a list of objects")
+    if any(row and "pose_keypoints_2d" not in row for row in people):
         raise ValueError(f"{source}: a person without pose_keypoints_2d")
-    return detections_from_triples(source, skeleton, [row["pose_keypoints_2d"] for row in people])
+    return detections_from_triples(source, skeleton, [row.get("pose_keypoints_2d", []) for row in people])
 
 
 def mmpose_instances(instances: list[Any], source: Source, skeleton: Skeleton) -> ImageDetections:
@@ -68,6 +78,6 @@ def mmpose_instances(instances: list[Any], source: Source, skeleton: Skeleton) -
     if not all(isinstance(row, dict) and {"keypoints", "keypoint_scores"} <= set(row) for row in instances):
         raise ValueError(f"{source}: an instance without keypoints or keypoint_scores")
     if not instances:
-        return nobody(skeleton)
+        return nobody(source, skeleton)
     points2d_px = [row["keypoints"] for row in instances]
     return checked_detections(source, skeleton, points2d_px, [row["keypoint_scores"] for row in instances])

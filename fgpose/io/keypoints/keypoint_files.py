@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import os
+import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -11,9 +12,11 @@ import numpy as np
 from fgpose.association.chosen_person import PersonRegion, chosen_person, main_person
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.camera_names import match_cameras, natural_key
-from fgpose.io.keypoints import camera_files, image_files, live_files, people_files, recording_files
+from fgpose.io.camera_names import match_cameras
+from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
+from fgpose.io.keypoints.scores import as_confidences
+from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
@@ -44,13 +47,17 @@ def load_observations(
     """The keypoints of a recording; the format is recognised by its content.
 
     - A folder with one sub-folder per camera (``cam01_json`` or ``cam01``) and in it one JSON file per image, of
-      OpenPose or MMPose; the frame number is the last number in the file name.
-    - A folder with one file per camera (``cam01.json``), of MMPose, COCO results or MeTRAbs (JSON or npz).
+      OpenPose or MMPose; the frame number is that in the file name which counts.
+    - A folder with one file per camera (``cam01.json``, or a folder that holds it), of MMPose, COCO results, AlphaPose,
+      DeepLabCut (csv) or MeTRAbs (JSON or npz). DeepLabCut's joints are found by their names.
+    - FreeMoCap's 2D points (npy), of whose cameras the order is that of the calibration.
     - A recording written by save_observations or save_people_observations, npz or parquet.
     - The recording of a live system; its times count from its beginning.
 
     A frame that one camera lacks was not seen by it; where the numbers leave out a frame in all cameras, nobody saw it.
-    Camera names are compared without case, underscores, hyphens and ``_json``.
+    Camera names are compared as match_cameras does. Of whole bodies with face and hands (COCO-WholeBody, Halpe-136) the
+    joints of the skeleton are taken. Scores above 1 become confidences: about 1 they are clipped, those of scales up to
+    10 and 100 are divided.
 
     Args:
         path: the folder or file.
@@ -65,9 +72,12 @@ def load_observations(
 
     Raises:
         ValueError: a file is damaged or of no known format, formats are mixed, the keypoints do not fit the skeleton,
-            cameras of rig and keypoints differ, a confidence is outside [0, 1], fps is missing. The message names
-            file, camera, joint and frame.
+            cameras of rig and keypoints differ, a file says that its joints are others, a confidence is impossible, fps
+            is missing. The message names file, camera, joint and frame.
         OSError: a file cannot be read.
+
+    Warns:
+        UserWarning: something was changed or left out to read the files; the result has it as remarks.
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, person, points3d_frame, points3d_unit)
@@ -126,12 +136,15 @@ def _read_people(
     ignore_other_cameras: bool,
 ) -> PeopleObservations:
     """Everybody in the formats of others."""
-    cameras = _read_cameras(path, skeleton)
+    cameras, remarks = _read_cameras(path, skeleton)
     try:
-        own, fps = _in_order(cameras, rig, ignore_other_cameras), _needed(fps)
-        return _people(own, rig, skeleton, fps, points3d_frame, points3d_unit)
+        own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
+        people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
+    for remark in remarks:
+        warnings.warn(remark, stacklevel=3)
+    return replace(people, remarks=remarks)
 
 
 def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
@@ -158,6 +171,16 @@ def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig, ignore_other
     return [cameras[matched[name]] for name in rig.names]
 
 
+def _by_place(cameras: dict[str, CameraDetections], rig: CameraRig) -> list[CameraDetections]:
+    """Of a file without names of cameras. Raises ValueError if it cannot be known which they are."""
+    if len(cameras) != rig.n_cameras:
+        raise ValueError(
+            f"it has {len(cameras)} cameras without names, the calibration {rig.n_cameras}: give the calibration of "
+            "exactly these, and leave --cameras out"
+        )
+    return list(cameras.values())
+
+
 def _needed(fps: float | None) -> float:
     if fps is None:
         raise ValueError("these keypoints have no times; give the frames per second (fps, or --fps)")
@@ -174,7 +197,9 @@ def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
     path = Path(path)
     if path.is_file() and live_files.is_live(path):
         return live_files.camera_names(path)
-    return recording_files.camera_names(path) if recording_files.is_recording(path) else tuple(_sources(path))
+    if array := freemocap_file(path):
+        return freemocap.camera_names(array)
+    return recording_files.camera_names(path) if recording_files.is_recording(path) else tuple(keypoint_sources(path))
 
 
 def _check_options(path: Path, fps: float | None, person: Person, frame: str, unit: str) -> None:
@@ -188,48 +213,35 @@ def _check_options(path: Path, fps: float | None, person: Person, frame: str, un
         )
 
 
-def _read_cameras(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
-    """Everything detected by each camera, by the names of the keypoints, in natural order."""
+def _read_cameras(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetections], tuple[str, ...]]:
+    """Everything detected by each camera, by the names of the keypoints, in natural order; and what is to be said."""
+    array = freemocap_file(path)
+    if array is not None:
+        cameras, formats = freemocap.read(array, skeleton), {}
+    else:
+        cameras, formats = _read_each(path, skeleton)
+    if len(set(formats.values())) > 1:
+        mixture = ", ".join(f"{name}: {format_name}" for name, format_name in formats.items())
+        raise ValueError(f"{path}: a mixture of formats ({mixture})")
+    cameras, remarks = as_confidences(cameras, skeleton)
+    if array is not None:
+        remarks += ("the cameras have no names in this file: they are taken in the order of the calibration",)
+    given = {image.n_given for images in cameras.values() for image in images.values()} - {0, skeleton.n_joints}
+    if given:
+        remarks += (f"of the {max(given)} joints in the files only those of skeleton {skeleton.name} are used",)
+    return cameras, tuple(f"{path}: {remark}" for remark in remarks)
+
+
+def _read_each(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetections], dict[str, str]]:
+    """The images of each camera, and the formats of those that have any."""
     cameras: dict[str, CameraDetections] = {}
     formats: dict[str, str] = {}
-    for name, source in _sources(path).items():
+    for name, source in keypoint_sources(path).items():
         reader = image_files if source.is_dir() else camera_files
         cameras[name], format_name = reader.read(source, name, skeleton)
         if format_name:
             formats[name] = format_name
-    if len(set(formats.values())) > 1:
-        mixture = ", ".join(f"{name}: {format_name}" for name, format_name in formats.items())
-        raise ValueError(f"{path}: a mixture of formats ({mixture})")
-    return cameras
-
-
-def _sources(path: Path) -> dict[str, Path]:
-    """By camera, in natural order: folders of image files, or files of a whole camera."""
-    if not path.is_dir():
-        return {path.stem: path}
-    # os.listdir says so if a folder must not be read; glob finds nothing there.
-    folders = [
-        folder
-        for folder in path.iterdir()
-        if folder.is_dir() and any(name.endswith(".json") for name in os.listdir(folder))
-    ]
-    files = [file for file in path.iterdir() if file.is_file() and file.suffix in (".json", ".npz")]
-    if folders and files:
-        raise ValueError(
-            f"{path}: a mixture of files of a whole camera ({min(files).name}) and folders with one file per image "
-            f"({min(folders).name})"
-        )
-    if not folders and not files:
-        raise ValueError(
-            f"{path}: no keypoints; expected one folder of JSON files per camera, or one JSON or npz file per camera"
-        )
-    sources: dict[str, Path] = {}
-    for source in sorted(folders + files, key=lambda source: natural_key(source.name)):
-        name = source.name if source in folders else source.stem
-        if name in sources:
-            raise ValueError(f"{source}: camera {name} has a second file beside it")
-        sources[name] = source
-    return sources
+    return cameras, formats
 
 
 def _frame_numbers(cameras: list[CameraDetections], rig: CameraRig) -> np.ndarray:

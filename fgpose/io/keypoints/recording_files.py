@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -117,7 +118,9 @@ def _read_npz(path: Path, skeleton: Skeleton) -> Observations:
         "points3d_m": (*per_detection, 3),
         "covariance3d_m2": (*per_detection, 3, 3),
     }
-    found = {name: checked(arrays, name, "numbers", *shape) for name, shape in shapes.items() if name in arrays}
+    found: dict[str, Any] = {
+        name: checked(arrays, name, "numbers", *shape) for name, shape in shapes.items() if name in arrays
+    }
     return Observations(skeleton=skeleton, camera_names=cameras, **found)
 
 
@@ -165,12 +168,9 @@ def _read_parquet(path: Path, skeleton: Skeleton) -> Observations:
         array[frame, camera, joint] = column
         return array
 
-    return Observations(
-        skeleton=skeleton,
-        time_s=_times(numbers(table, "time_s"), frame, camera, shape[:2]),
-        camera_names=cameras,
-        **detections_of(table, spread),
-    )
+    found: dict[str, Any] = detections_of(table, spread)
+    time_s = _times(numbers(table, "time_s"), frame, camera, shape[:2])
+    return Observations(skeleton=skeleton, time_s=time_s, camera_names=cameras, **found)
 
 
 def _refuse_repeated(

@@ -129,7 +129,8 @@ def test_numbers_in_steps_keep_their_step(tmp_path: Path, rig: CameraRig):
 def test_a_confidence_a_little_above_one_is_one(tmp_path: Path, rig: CameraRig):
     for camera in ("cam1", "cam2"):
         write_openpose(tmp_path, camera, 0, flat(stick_px(0, 0), 1.04, 1, 1))
-    observations = load_observations(tmp_path, rig, STICK, fps=50.0)
+    with pytest.warns(UserWarning, match=r"up to 1.04, as RTMPose's do; 33 % were above 1 and count as 1"):
+        observations = load_observations(tmp_path, rig, STICK, fps=50.0)
     assert observations.confidence.max() == 1
 
 
@@ -137,11 +138,12 @@ def test_a_confidence_a_little_above_one_is_one(tmp_path: Path, rig: CameraRig):
     ("damage", "expected"),
     [
         (lambda text: text[:300], ["not JSON, or a truncated file"]),
-        (lambda text: "", ["not JSON, or a truncated file"]),
+        (lambda text: "", ["the file is empty", "remove it"]),
         (lambda text: "\x00\x01\x02", ["not JSON"]),
         (lambda text: "[1, 2]", ["something else", "OpenPose"]),
         (lambda text: '{"persons": []}', ["something else", "OpenPose"]),
-        (lambda text: '{"people": [{}]}', ["pose_keypoints_2d"]),
+        (lambda text: '{"people": [{"person_id": 1}]}', ["pose_keypoints_2d"]),
+        (lambda text: '{"people": [[]]}', ["not a list of objects"]),
         (lambda text: json.dumps(openpose_image([1.0] * 51)), ["17 keypoints", "body_25b has 25 joints"]),
         (lambda text: json.dumps(openpose_image([1.0] * 72 + [5.0, 6.0, 80.0])), ["joint right_heel", "[0, 1]: 80"]),
         (lambda text: json.dumps(openpose_image([1.0] * 72 + [5.0, 6.0, -0.1])), ["joint right_heel", "[0, 1]: -0.1"]),

@@ -1,0 +1,19 @@
+"""What is in a folder, without what systems hide there."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from fgpose.io.camera_names import natural_key
+
+
+def visible(folder: Path) -> list[Path]:
+    """The entries of a folder in natural order, without those whose names begin with a dot: macOS puts ``._name``
+    beside each file on a disk that is not its own. Raises OSError if it cannot be listed."""
+    return shown(folder.iterdir())
+
+
+def shown(paths: Iterable[Path]) -> list[Path]:
+    """Those that are not hidden, in natural order."""
+    return sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: natural_key(path.name))

@@ -1,0 +1,112 @@
+"""DeepLabCut: a table (csv) for each camera, with a header of scorer, bodyparts and coords."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.camera_names import camera_name
+from fgpose.io.content import first_bytes, read_content
+from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
+from fgpose.io.keypoints.frame_names import frame_numbers
+from fgpose.io.keypoints.joint_names import plain_joint
+from fgpose.skeleton import Skeleton
+
+_HEADER = ("scorer", "individuals", "bodyparts", "coords")
+_COORDINATES = ("x", "y", "likelihood")
+_NO_COLUMN = -1
+
+
+def is_deeplabcut(path: Path) -> bool:
+    """Whether a csv begins as DeepLabCut's. Raises OSError if it cannot be read."""
+    return first_bytes(path, 7) == b"scorer,"
+
+
+def read(source: Source, skeleton: Skeleton) -> CameraDetections:
+    """The images of one camera. Joints are found by their names (without case and separators); body parts that the
+    skeleton lacks are left out. Without a likelihood (labels) all that is there has confidence 1.
+
+    Raises:
+        ValueError: the table is damaged, or has no body part for a joint of the skeleton; the message names file,
+            camera, frame and joint.
+    """
+    header, body = _table(source)
+    first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
+    people = _columns(source, skeleton, header, first)
+    values = _numbers(source, [row[first:] for row in body], len(header["coords"]) - first)
+    # One more, for what there is no column of.
+    values = np.concatenate([values, np.full((len(values), 1), np.nan)], axis=1)
+    n_given = len(set(header["bodyparts"][first:]))
+    found: CameraDetections = {}
+    for frame, row in zip(_frames(source, [row[:first] for row in body]), values, strict=True):
+        joints = np.stack([row[columns] for columns in people])
+        joints[..., 2] = np.where(people[:, :, 2] == _NO_COLUMN, 1.0, joints[..., 2])
+        joints = joints[np.isfinite(joints[..., :2]).all(axis=-1).any(axis=-1)]
+        here = Source(source.path, source.camera, frame)
+        image = checked_detections(here, skeleton, joints[..., :2], joints[..., 2])
+        if frame in found:
+            raise ValueError(f"{here}: this frame comes twice")
+        found[frame] = replace(image, n_given=n_given)
+    return found
+
+
+def _table(source: Source) -> tuple[dict[str, list[str]], list[list[str]]]:
+    """The rows of the header by their names, and the others."""
+    try:
+        rows = [row for row in csv.reader(io.StringIO(read_content(source.path).decode("utf-8-sig"))) if row]
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{source}: not a table of DeepLabCut: {error}") from None
+    header = {row[0]: row for row in rows[: len(_HEADER)] if row[0] in _HEADER}
+    if not {"bodyparts", "coords"} <= set(header) or not set(header["coords"]) & set(_COORDINATES):
+        raise ValueError(f"{source}: not a table of DeepLabCut: it lacks the rows bodyparts and coords")
+    for number, row in enumerate(rows, 1):
+        if len(row) != len(header["coords"]):
+            raise ValueError(f"{source}: row {number} has {len(row)} cells, coords has {len(header['coords'])}")
+    return header, rows[len(header) :]
+
+
+def _columns(source: Source, skeleton: Skeleton, header: dict[str, list[str]], first: int) -> np.ndarray:
+    """(person, joint, 3) where x, y and likelihood of each joint are, counted from the first; at least one person has
+    it."""
+    whose = header.get("individuals", [""] * len(header["coords"]))
+    where: dict[str, dict[tuple[str, str], int]] = {}
+    for column in range(first, len(whose)):
+        part, kind = plain_joint(header["bodyparts"][column]), header["coords"][column]
+        where.setdefault(whose[column], {})[part, kind] = column - first
+    parts = {part for of_person in where.values() for part, _ in of_person}
+    missing = [joint for joint in skeleton.joints if plain_joint(joint) not in parts]
+    if missing:
+        given = ", ".join(dict.fromkeys(header["bodyparts"][first:]))
+        raise ValueError(
+            f"{source}: it has no body part {', '.join(missing)} of skeleton {skeleton.name}, only {given}. Write a "
+            "skeleton file (TOML) whose joints have these names"
+        )
+    keys = [[(plain_joint(joint), kind) for kind in _COORDINATES] for joint in skeleton.joints]
+    return np.array([[[own.get(key, _NO_COLUMN) for key in joint] for joint in keys] for own in where.values()])
+
+
+def _numbers(source: Source, rows: Sequence[Sequence[str]], n_columns: int) -> Float[np.ndarray, "row column"]:
+    try:
+        cells = [[float(cell) if cell.strip() else np.nan for cell in row] for row in rows]
+    except ValueError as error:
+        raise ValueError(f"{source}: {error}") from None
+    return np.array(cells).reshape(len(rows), n_columns)
+
+
+def _frames(source: Source, indices: Sequence[Sequence[str]]) -> list[int]:
+    """Of each row: its number, or that in the name of its image."""
+    names = [Path(index[-1]).stem if index else str(row) for row, index in enumerate(indices)]
+    number = frame_numbers(list(dict.fromkeys(names)), camera_name(source.camera))
+    found = []
+    for name in names:
+        frame = number[name]
+        if frame is None:
+            raise ValueError(f"{source}: {name!r} is not the number of a frame")
+        found.append(frame)
+    return found

@@ -1,0 +1,70 @@
+"""FreeMoCap: one array (npy) of all cameras, without their names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from fgpose.io.arrays import read_array
+from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
+from fgpose.io.keypoints.joint_names import no_such_joints
+from fgpose.skeleton import Skeleton
+
+# Of MediaPipe with hands and face: 33 of the body come first.
+_MEDIAPIPE_BODY = 33
+_MEDIAPIPE_WHOLE = (75, 543, 553)
+
+
+def is_freemocap(path: Path) -> bool:
+    """By its name, mediapipe2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy: an array says nothing of itself."""
+    name = path.name.casefold()
+    return name.endswith(".npy") and ("2ddata" in name.replace("_", "") or "pixelxy" in name)
+
+
+def camera_names(path: Path) -> tuple[str, ...]:
+    """cam_0, cam_1, ... as in FreeMoCap's calibrations. Raises ValueError, which names the file, and OSError."""
+    return tuple(f"cam_{camera}" for camera in range(len(_array(path))))
+
+
+def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
+    """The images of all cameras by the names of camera_names. All that is there has confidence 1; a third coordinate,
+    which is no confidence, is not used.
+
+    Raises:
+        ValueError: the file is damaged, or has other joints; the message names file and camera.
+        OSError: it cannot be read.
+    """
+    array = _array(path)
+    n_given = array.shape[2]
+    has_body = n_given in _MEDIAPIPE_WHOLE and skeleton.n_joints == _MEDIAPIPE_BODY
+    if n_given != skeleton.n_joints and not has_body:
+        raise ValueError(
+            f"{path}: it has {n_given} points in each image, {no_such_joints(skeleton, n_given)}. Those of MediaPipe "
+            "are --skeleton blazepose_33"
+        )
+    points2d_px = array[:, :, : skeleton.n_joints, :2].astype(float)
+    known = np.asarray(np.isfinite(points2d_px).all(axis=-1))
+    points2d_px[~known] = np.nan
+    cameras: dict[str, CameraDetections] = {}
+    for c, name in enumerate(camera_names(path)):
+        cameras[name] = {}
+        for frame in range(array.shape[1]):
+            there = slice(None, 1 if known[c, frame].any() else 0)
+            source = Source(path, name, frame)
+            of_image = points2d_px[c, frame][None][there], known[c, frame].astype(float)[None][there]
+            cameras[name][frame] = checked_detections(source, skeleton, *of_image)
+    return cameras
+
+
+def _array(path: Path) -> np.ndarray:
+    try:
+        array = read_array(path)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    if array.dtype.kind not in "fiu" or array.ndim != 4 or array.shape[3] not in (2, 3):
+        raise ValueError(
+            f"{path}: not 2D points of FreeMoCap: an array (cameras, frames, points, 2 or 3) of numbers is needed, got "
+            f"{array.shape}"
+        )
+    return array

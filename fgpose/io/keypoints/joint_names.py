@@ -1,0 +1,122 @@
+"""Which joints files have: by their number, or by names that they say themselves."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from functools import cache
+
+from fgpose.io.skeletons import builtin_skeletons, load_skeleton
+from fgpose.skeleton import Skeleton
+
+_FEET = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("big_toe", "small_toe", "heel"))
+# MMPose's names of data sets, without separators.
+_SKELETON_OF_DATA_SET = {
+    "coco": "coco_17",
+    "cocowholebody": "coco_17",
+    "halpe26": "halpe_26",
+    "body26": "halpe_26",
+    "halpe": "halpe_26",
+    "h36m": "h36m_17",
+}
+# What our skeletons call otherwise.
+_SYNONYMS = {"root": "pelvis", "hip": "pelvis", "midhip": "pelvis"}
+
+
+@cache
+def _larger_sets() -> dict[int, tuple[str, tuple[str, ...]]]:
+    """Sets of joints with face and hands, by their number: the name, and the joints of the body, which come first."""
+    return {
+        133: ("COCO-WholeBody", (*load_skeleton("coco_17").joints, *_FEET)),
+        135: ("BODY_135", load_skeleton("body_25b").joints),
+        136: ("Halpe with face and hands", load_skeleton("halpe_26").joints),
+    }
+
+
+def set_name(n_joints: int) -> str:
+    """What a larger set of joints is called."""
+    return _larger_sets()[n_joints][0]
+
+
+def chosen_joints(skeleton: Skeleton, n_given: int) -> tuple[int, ...] | None:
+    """Where the joints of the skeleton are among so many; None where these are not a larger set that has them all."""
+    if n_given == skeleton.n_joints or n_given not in _larger_sets():
+        return None
+    _, names = _larger_sets()[n_given]
+    if not set(skeleton.joints) <= set(names):
+        return None
+    return tuple(names.index(joint) for joint in skeleton.joints)
+
+
+def no_such_joints(skeleton: Skeleton, n_given: int = -1) -> str:
+    """What to say where so many joints are not those of the skeleton."""
+    said = f"skeleton {skeleton.name} has {skeleton.n_joints} joints"
+    if n_given in _larger_sets() and n_given != skeleton.n_joints:
+        name, joints = _larger_sets()[n_given]
+        lacking = ", ".join(joint for joint in skeleton.joints if joint not in joints)
+        fitting = [each for each in builtin_skeletons() if chosen_joints(load_skeleton(each), n_given) is not None]
+        return f"{said}. The {n_given} are {name}, without {lacking}: use --skeleton {fitting[0]}"
+    others = [name for name in builtin_skeletons() if load_skeleton(name).n_joints == n_given]
+    return f"{said}. So many has {' or '.join(others)}" if others and n_given != skeleton.n_joints else said
+
+
+def check_joints(skeleton: Skeleton, names: Sequence[str], data_set: str = "") -> None:
+    """Compare the joints that a file says it has with those of the skeleton. Names are compared without case and
+    separators; where the two have no name in common nothing can be said.
+
+    Args:
+        skeleton: what the joints are read as.
+        names: of all joints of the file, in its order; none where only the data set is known.
+        data_set: that the network was trained on, as MMPose calls it.
+
+    Raises:
+        ValueError: a joint is at another place, or there is another number of them; the message names the skeleton that
+            fits.
+    """
+    known = _SKELETON_OF_DATA_SET.get(_plain(data_set))
+    names = list(names) or list(load_skeleton(known).joints if known else ())
+    chosen = chosen_joints(skeleton, len(names))
+    if not names or _fits(skeleton, names if chosen is None else [names[i] for i in chosen]):
+        return
+    fitting = [each for each in builtin_skeletons() if each != skeleton.name and _is_of(each, names)]
+    said = f", of {data_set}" if data_set else ""
+    remedy = f"give --skeleton {fitting[0]}" if fitting else "give a skeleton file with these joints in this order"
+    raise ValueError(
+        f"it says that its joints are {_listed(names)}{said}, not those of skeleton {skeleton.name} "
+        f"({_listed(skeleton.joints)}); {remedy}"
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    shown = ", ".join(names[:8])
+    return f"{shown}, ... ({len(names)})" if len(names) > 8 else shown
+
+
+def _is_of(builtin: str, names: Sequence[str]) -> bool:
+    skeleton = load_skeleton(builtin)
+    chosen = chosen_joints(skeleton, len(names))
+    used = list(names) if chosen is None else [names[i] for i in chosen]
+    return bool(_common(skeleton, used)) and _fits(skeleton, used)
+
+
+def _fits(skeleton: Skeleton, names: Sequence[str]) -> bool:
+    """Whether there are as many, and those that both have are at the same places."""
+    common = _common(skeleton, names)
+    ours, theirs = [_plain(joint) for joint in skeleton.joints], [_plain(name) for name in names]
+    if not common:
+        return True
+    return len(ours) == len(theirs) and all(ours.index(name) == theirs.index(name) for name in common)
+
+
+def _common(skeleton: Skeleton, names: Sequence[str]) -> set[str]:
+    return {_plain(joint) for joint in skeleton.joints} & {_plain(name) for name in names}
+
+
+def _plain(name: str) -> str:
+    plain = re.sub(r"[_\-.\s]", "", name.casefold())
+    return _SYNONYMS.get(plain, plain)
+
+
+def plain_joint(name: str) -> str:
+    """What names of joints are compared by."""
+    return _plain(name)

@@ -1,0 +1,162 @@
+"""What one command has left is not replaced by another, nor by the same from another recording."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.cli import main
+from fgpose.io.calibration import CalibrationOrigin, save_rig
+from fgpose.io.keypoints import save_observations
+from fgpose.io.made_by import made_by
+from fgpose.io.origin import InputFile, Origin
+from fgpose.io.trajectories import save_people, save_trajectory
+from fgpose.observations import Observations
+from fgpose.pipeline import Outputs
+from fgpose.skeleton import Skeleton
+from fgpose.synthetic import ring_rig
+from fgpose.trajectory import Status, Trajectory
+from fgpose.viewer import open_recording
+
+STICK = Skeleton("stick", ("hip", "knee"), bones=((0, 1),), root=(0,))
+FORMATS = ("parquet", "npz", "trc", "c3d", "rrd")
+SMOOTHED = Origin(step="smooth")
+
+
+def trajectory() -> Trajectory:
+    return Trajectory(STICK, np.arange(3) / 50, np.zeros((3, 2, 3)), np.full((3, 2), Status.OBSERVED))
+
+
+def outputs(folder: Path, step: str, formats: tuple[str, ...] = FORMATS, **options: object) -> Outputs:
+    return Outputs(folder, "walk", formats, step=step, **options)  # pyright: ignore[reportArgumentType]
+
+
+def write_result(path: Path, origin: Origin = SMOOTHED) -> None:
+    if path.suffix == ".rrd":
+        open_recording(path, ring_rig(), STICK, made_by=origin.step).close()
+    else:
+        save_trajectory(trajectory(), path, origin=origin)
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_every_format_says_which_command_made_it(tmp_path: Path, extension: str):
+    path = tmp_path / f"walk.{extension}"
+    write_result(path)
+    assert made_by(path) == "smooth"
+    outputs(tmp_path, "smooth").check(("smoothed",))
+    with pytest.raises(ValueError, match=re.escape(f"{path} is there already, and fgpose smooth made it")) as error:
+        outputs(tmp_path, "refine").check(("refined",))
+    assert "give another name or folder, as --name walk_refine or -o FOLDER" in str(error.value)
+
+
+def test_a_file_that_says_nothing_counts_as_those_beside_it(tmp_path: Path):
+    (tmp_path / "walk.trc").write_text("somebody's own")
+    with pytest.raises(ValueError, match=r"walk\.trc is there already, and it does not say what made it"):
+        outputs(tmp_path, "smooth").check(("smoothed",))
+    write_result(tmp_path / "walk.parquet")
+    outputs(tmp_path, "smooth").check(("smoothed",))
+
+
+def test_results_of_several_people_count_too(tmp_path: Path):
+    save_people({0: trajectory(), 1: trajectory()}, tmp_path / "walk.trc", origin=SMOOTHED)
+    with pytest.raises(ValueError, match=r"walk_person0\.trc is there already, and fgpose smooth made it"):
+        outputs(tmp_path, "run", ("trc",)).check(("smoothed",))
+
+
+def test_files_of_earlier_versions_say_the_command(tmp_path: Path):
+    write_result(tmp_path / "walk.parquet", Origin(command="fgpose track seen.npz"))
+    assert made_by(tmp_path / "walk.parquet") == "track"
+
+
+def test_a_result_of_another_recording_stays(tmp_path: Path):
+    seen, others = tmp_path / "a" / "pose", tmp_path / "b" / "pose"
+    origin = Origin((InputFile("Keypoints", str(seen), 0),), step="smooth")
+    write_result(tmp_path / "walk.parquet", origin)
+    outputs(tmp_path, "smooth", source=seen).check(("smoothed",))
+    with pytest.raises(ValueError, match=rf"made from another recording, {seen}"):
+        outputs(tmp_path, "smooth", source=others).check(("smoothed",))
+
+
+@pytest.mark.parametrize("extension", [".toml", ".npz"])
+def test_calibrations_say_it_too(tmp_path: Path, extension: str):
+    path = tmp_path / f"rig{extension}"
+    save_rig(ring_rig(), path)
+    assert made_by(path) == ""
+    save_rig(ring_rig(), path, origin=CalibrationOrigin(step="calibrate"))
+    assert made_by(path) == "calibrate"
+    assert fgpose.load_rig(path).names == ring_rig().names
+
+
+@pytest.mark.parametrize("extension", [".npz", ".parquet"])
+def test_keypoints_are_of_detect(tmp_path: Path, extension: str):
+    path = tmp_path / f"walk{extension}"
+    save_observations(Observations(STICK, np.arange(2.0), np.ones((2, 2, 2, 2))), path)
+    assert made_by(path) == "detect"
+
+
+def test_damaged_files_say_nothing(tmp_path: Path):
+    for extension in (*FORMATS, "toml"):
+        path = tmp_path / f"walk.{extension}"
+        path.write_bytes(b"PK\3\4 PAR1 \xff")
+        assert made_by(path) == ""
+
+
+def _smoothed(folder: Path) -> list[str]:
+    """The arguments of a command for a recording of which there is a smoothed result."""
+    rig, observations = fgpose.load_recording("balance_openpose")
+    fgpose.save_observations(observations.frames(slice(0, 5)), folder / "walk.npz")
+    fgpose.save_rig(rig, folder / "Calib.toml")
+    source = [str(folder / "walk.npz"), "--rig", str(folder / "Calib.toml"), "--skeleton", "body_25b"]
+    to = ["--output", str(folder / "out")]
+    for _ in range(2):
+        assert main(["smooth", *source, *to, "--formats", "parquet", "npz"]) == 0
+    return [*source, *to]
+
+
+def test_commands_do_not_replace_results_of_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    arguments = _smoothed(tmp_path)
+    before = {path: path.read_bytes() for path in (tmp_path / "out").iterdir()}
+    monkeypatch.setattr("fgpose.pipeline.run_refine", _never)
+    assert main(["refine", *arguments, "--name", "walk", "--formats", "npz"]) == 2
+    assert "walk.npz is there already, and fgpose smooth made it: fgpose refine does not" in capsys.readouterr().err
+    result = str(tmp_path / "out" / "walk.parquet")
+    assert main(["angles", result, "-o", result]) == 2
+    assert "walk.parquet: angles would replace a result" in capsys.readouterr().err
+    monkeypatch.undo()
+    assert main(["refine", *arguments, "--formats", "npz"]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"walk.parquet", "walk.npz", "walk_refined.npz"}
+    assert {path: path.read_bytes() for path in before} == before
+
+
+def _never(*arguments: object, **options: object) -> None:
+    raise AssertionError("work was done before the outputs were checked")
+
+
+@pytest.mark.parametrize("arguments", [["calibrate", "pose"], ["synchronise", "pose", "--rig", "Calib.toml"]])
+def test_calibrations_of_others_stay(
+    arguments: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pose").mkdir()
+    save_rig(ring_rig(), tmp_path / "Calib.toml")
+    save_rig(ring_rig(), tmp_path / "mine.toml")
+    assert main([*arguments, "--skeleton", "body_25b", "--output", "mine.toml"]) == 2
+    assert "mine.toml is there already, and it does not say what made it" in capsys.readouterr().err
+
+
+def test_what_the_live_demonstration_advises_replaces_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("fgpose.cli.demo_live.run_live_demo", lambda *arguments: None)
+    assert main(["demo", "--live", "--output", str(tmp_path)]) == 0
+    advised = next(line for line in capsys.readouterr().out.splitlines() if "smooth it: " in line)
+    assert advised.endswith(f"-o {tmp_path} --name demo_live_smooth")
+    write_result(tmp_path / "demo_live.rrd", Origin(step="live"))
+    with pytest.raises(ValueError, match="fgpose live made it"):
+        Outputs(tmp_path, "demo_live", ("rrd",), step="smooth").check(("smoothed",))
