@@ -55,7 +55,6 @@ def diagnose(
     rig: CameraRig,
     result: Trajectory | Mapping[int, Trajectory] | None = None,
     config: Config | None = None,
-    remarks: tuple[str, ...] = (),
 ) -> Diagnosis:
     """Look at the whole of a recording, at its rig and, if there is one, at its result.
 
@@ -64,7 +63,6 @@ def diagnose(
         rig: its cameras.
         result: what came out, of one person or by the number of the person.
         config: the parameters that it is or was estimated with.
-        remarks: what readers of files had to repair or to leave out.
 
     Raises:
         ValueError: the cameras of the recording and of the rig, or the people of the result, differ.
@@ -75,7 +73,7 @@ def diagnose(
         recording = told_apart if told_apart.people else main_person(recording, rig)
     people = {0: result} if isinstance(result, Trajectory) else result
     finished = _standing(people, rig) if people else None
-    return _diagnosed(Examined.of(recording, rig, config, finished, remarks))
+    return _diagnosed(Examined.of(recording, rig, config, finished))
 
 
 def _standing(people: Mapping[int, Trajectory], rig: CameraRig) -> FinishedRecording:

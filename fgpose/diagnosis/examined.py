@@ -45,7 +45,6 @@ class Examined:
         rig: CameraRig,
         config: Config | None = None,
         result: FinishedRecording | None = None,
-        remarks: tuple[str, ...] = (),
     ) -> Examined:
         """Of one person, or of everybody who was told apart.
 
@@ -55,8 +54,9 @@ class Examined:
         config = config or Config()
         if isinstance(recording, Observations):
             recording.check_cameras(rig.names)
-            return Examined(rig, {0: recording}, config, None, result, remarks)
+            return Examined(rig, {0: recording}, config, None, result, recording.remarks)
         recording.observations.check_cameras(rig.names)
+        remarks = recording.observations.remarks
         everybody = each_person(recording.observations, recording)
         return Examined(rig, dict(zip(recording.people, everybody, strict=True)), config, recording, result, remarks)
 
