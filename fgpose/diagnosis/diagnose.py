@@ -7,11 +7,19 @@ from dataclasses import dataclass
 
 from fgpose.association.recording import Association
 from fgpose.config import Config
+from fgpose.diagnosis.body.posture import wrong_up
+from fgpose.diagnosis.body.sides import mirrored_body
+from fgpose.diagnosis.body.skeletons import wrong_skeleton
+from fgpose.diagnosis.body.units import wrong_unit
 from fgpose.diagnosis.camera_faults_checks import moved_and_late_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.input_checks import blind, exchanged_sides, implausible, never_seen, repaired, wrong_camera
+from fgpose.diagnosis.hypotheses.findings import disagreements
+from fgpose.diagnosis.input_checks import blind, exchanged_sides, never_seen, repaired
 from fgpose.diagnosis.result_checks import RESULT_CHECKS
+from fgpose.diagnosis.seen.confidence import low_confidence
+from fgpose.diagnosis.seen.frozen import frozen_cameras
+from fgpose.diagnosis.seen.presence import nobody
 from fgpose.finding import Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -21,9 +29,12 @@ InputCheck = Callable[[Examined], list[Finding]]
 
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
-    "calibration": (wrong_camera, implausible, moved_and_late_cameras),
-    "sides": (exchanged_sides,),
-    "what is seen": (blind, never_seen),
+    "calibration": (disagreements, moved_and_late_cameras),
+    "skeleton": (wrong_skeleton,),
+    "unit": (wrong_unit,),
+    "which way is up": (wrong_up,),
+    "sides": (mirrored_body, exchanged_sides),
+    "what is seen": (frozen_cameras, nobody, low_confidence, blind, never_seen),
 }
 """By what they judge, as it is printed."""
 
@@ -52,6 +63,7 @@ def diagnose(
     *,
     result: FinishedRecording | None = None,
     remarks: tuple[str, ...] = (),
+    world_up: str = "+z",
 ) -> Diagnosis:
     """Look at the whole of a recording, at its rig and, if there is one, at its result.
 
@@ -61,11 +73,12 @@ def diagnose(
         config: the parameters that it is or was estimated with.
         result: what came out.
         remarks: what readers of files had to repair or to leave out.
+        world_up: which axis of the world points up, "+x" to "-z"; "z" is as good as "+z".
 
     Raises:
         ValueError: the cameras of the recording and of the rig differ.
     """
-    examined = Examined.of(recording, rig, config, result, remarks)
+    examined = Examined.of(recording, rig, config, result, remarks, world_up)
     found: list[Finding] = []
     not_judged: dict[str, str] = {}
     for what, checks in INPUT_CHECKS.items():

@@ -92,7 +92,9 @@ class Examined:
     def scene(self) -> Scene:
         """What was seen of the main person: all frames and joints, without what its camera is unsure of."""
         seen = self.main
-        usual = np.array([np.median(own[own > 0]) if (own > 0).any() else 0.0 for own in seen.confidence.swapaxes(0, 1)])
+        usual = np.array(
+            [np.median(own[own > 0]) if (own > 0).any() else 0.0 for own in seen.confidence.swapaxes(0, 1)]
+        )
         sure = seen.confidence >= _SURE * usual[:, None]
         points_px = np.where(sure[..., None], seen.points2d_px, np.nan)
         return Scene.of(self.rig, points_px, seen.skeleton, seen.frame_time_s)

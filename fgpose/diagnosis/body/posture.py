@@ -19,7 +19,8 @@ _ALIKE_DEG, _OTHERWISE_DEG = 50.0, 45.0
 # Of a body that stands straight: leaning cancels where people turn, and is 10 degrees where they do not.
 _TILTED_DEG, _STRAIGHT_DEG = 20.0, 15.0
 _OFF_AXIS_DEG = 10.0
-_AXES = {sign + name: value * axis for name, axis in zip("xyz", np.eye(3), strict=True) for sign, value in (("+", 1), ("-", -1))}  # fmt: skip
+_NAMES, _DIRECTIONS = ("+x", "+y", "+z", "-x", "-y", "-z"), np.concatenate([np.eye(3), -np.eye(3)])
+_AXES = dict(zip(_NAMES, _DIRECTIONS, strict=True))
 
 
 def wrong_up(examined: Examined) -> list[Finding]:
@@ -108,8 +109,8 @@ def _tilted(given: str, away_deg: float) -> Finding:
     return Finding(
         Code.WORLD_UP,
         Severity.DOUBTFUL,
-        f"The world is tilted: a person who stands straight leans by {away_deg:.0f} degrees from {given} throughout, and "
-        "the images lean alike",
+        f"The world is tilted: a person who stands straight leans by {away_deg:.0f} degrees from {given} throughout, "
+        "and the images lean alike",
         "Give --world-up auto, which levels the world by the people in it.",
         0.6,
         numbers={"angle_deg": away_deg},

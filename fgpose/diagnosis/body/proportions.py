@@ -44,7 +44,7 @@ def lengths_m(
     (median), both in the unit of the positions, and what share of the stature it is of other people."""
     found = []
     for part in parts:
-        if not set((*part.start, *part.end)) <= set(skeleton.joints):
+        if not {*part.start, *part.end} <= set(skeleton.joints):
             continue
         ends = [positions_m[:, [skeleton.index(joint) for joint in end]].mean(axis=1) for end in (part.start, part.end)]
         length = np.linalg.norm(ends[0] - ends[1], axis=-1)

@@ -25,8 +25,8 @@ def mirrored_body(examined: Examined) -> list[Finding]:
             Code.EXCHANGED_SIDES,
             Severity.WRONG,
             "The body is mirrored in all views: knees and feet point backwards if its left joints are on the left",
-            "Left and right are exchanged in the keypoints (another order of joints, mirrored images in all cameras), or "
-            "the world of the calibration is left-handed. Exchange the joints, or convert the calibration.",
+            "Left and right are exchanged in the keypoints (another order of joints, mirrored images in all cameras), "
+            "or the world of the calibration is left-handed. Exchange the joints, or convert the calibration.",
             1.0,
             numbers={"handedness": side},
         )

@@ -32,12 +32,16 @@ def wrong_skeleton(examined: Examined) -> list[Finding]:
             f"The joints are not those of skeleton {given.name}, but probably of {better.name}, which has as many: "
             f"{_strangest(positions_m, given)}; as {better.name} all bones are those of a body"
         )
-        return [Finding(Code.WRONG_SKELETON, Severity.WRONG, reason, f"Give --skeleton {better.name}.", 1.0, numbers=numbers)]
+        return [
+            Finding(
+                Code.WRONG_SKELETON, Severity.WRONG, reason, f"Give --skeleton {better.name}.", 1.0, numbers=numbers
+            )
+        ]
     if strange < _VERY_STRANGE:
         return []
     reason = (
-        f"The joints are not those of skeleton {given.name}: {_strangest(positions_m, given)}. No built-in skeleton with "
-        f"{given.n_joints} joints fits either: their order is probably another one"
+        f"The joints are not those of skeleton {given.name}: {_strangest(positions_m, given)}. No built-in skeleton "
+        f"with {given.n_joints} joints fits either: their order is probably another one"
     )
     remedy = "Write a skeleton file with the joints in the order of the keypoints (--skeleton my.toml)."
     return [Finding(Code.WRONG_SKELETON, Severity.WRONG, reason, remedy, 1.0, numbers=numbers)]

@@ -38,6 +38,7 @@ _MISTAKES = (
     Mistake(304.8, "feet", "millimetres"),
     Mistake(1000.0, "metres", "millimetres"),
 )
+_SHORT = {"millimetres": "mm", "centimetres": "cm", "inches": "inch", "metres": "m"}
 # Squares of the boards that people print, metres.
 _SQUARE_M = (0.012, 0.13)
 
@@ -57,15 +58,17 @@ def wrong_unit(examined: Examined) -> list[Finding]:
     guesses = [f"{each.true} read as {each.read_as}" for each in likely]
     if _SQUARE_M[0] < metres_per_unit < _SQUARE_M[1]:
         guesses.append(f"squares of a board of about {1000 * factor * (0.001 if factor > 1 else 1):.0f} mm")
-    cause = f"they are probably {' or '.join(guesses)}" if guesses else f"they are not the {read_as} that they were read as"
+    cause = (
+        f"they are probably {' or '.join(guesses)}" if guesses else f"they are not the {read_as} that they were read as"
+    )
     return [
         Finding(
             Code.UNIT,
             Severity.WRONG,
             f"The person is {_tall(tall_m)} tall, so lengths of the calibration have to be multiplied by about "
             f"{factor:.3g}: {cause}",
-            f"Give the length of one unit with --unit: {_option(likely)}a number of metres, here about "
-            f"{metres_per_unit:.2g}. Measure one length to know it better than the stature of people does.",
+            f"Give the true unit: {_option(likely, metres_per_unit)}. One length that is measured in the room tells it "
+            "better than the stature of people.",
             1.0,
             numbers={"stature_m": tall_m, "factor": factor},
         )
@@ -77,10 +80,10 @@ def _as_read(factor: float) -> tuple[float, str]:
     return (factor / 1000, "millimetres") if factor > 3 else (factor, "metres")
 
 
-def _option(likely: list[Mistake]) -> str:
-    short = {"millimetres": "mm", "centimetres": "cm", "inches": "inch", "metres": "m"}
-    names = [short[each.true] for each in likely if each.true in short]
-    return f"{', '.join(names)}, or " if names else ""
+def _option(likely: list[Mistake], metres_per_unit: float) -> str:
+    names = [_SHORT[each.true] for each in likely if each.true in _SHORT]
+    number = f"--unit {metres_per_unit:.2g} (metres)"
+    return f"--unit {names[0]}, or {number}" if names else number
 
 
 def _tall(length_m: float) -> str:

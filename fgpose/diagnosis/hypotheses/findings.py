@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fgpose.diagnosis.body.skeletons import better_skeleton
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.geometry import Geometry
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -28,10 +29,12 @@ def disagreements(examined: Examined) -> list[Finding]:
         return [_nothing_in_common(examined)]
     if geometry.explanation is not None:
         return list(_explained(geometry.explanation, examined.rig.names))
+    if geometry.odd:
+        return [_of_odd(examined, geometry, camera, why) for camera, why in geometry.odd]
     if not geometry.wrong:
         return []
-    if geometry.agreeing:
-        return [_of_odd(examined, geometry, camera, why) for camera, why in geometry.odd]
+    if geometry.usable and better_skeleton(examined.body_m, examined.main.skeleton) is not None:
+        return []  # it is the names of the joints
     return [_no_agreement(geometry)]
 
 
@@ -124,7 +127,9 @@ def _of_odd(examined: Examined, geometry: Geometry, camera: int, odd: OddCamera)
         reason = f"{misses}; its network says to be unsure: confidence {confidence:.2f}, of the others {usual:.2f}"
         remedy = "Look at its images: is anybody in them? Leave the camera out with --cameras."
         return Finding(Code.HALLUCINATING_CAMERA, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
-    reason = f"{misses}. No place of the camera, no clock and no size of its images makes its keypoints those of this body"
+    reason = (
+        f"{misses}. No place of the camera, no clock and no size of its images makes its keypoints those of this body"
+    )
     remedy = "Are they of another person or of another recording? Give the right ones, or leave it out with --cameras."
     return Finding(Code.OTHER_PERSON, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
 
@@ -176,10 +181,10 @@ def _no_agreement(geometry: Geometry) -> Finding:
     return Finding(
         Code.NO_AGREEMENT,
         Severity.WRONG,
-        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that makes them "
-        "agree: not the size, turning or mirroring of images, the order of cameras, or a convention of poses",
-        "Is the calibration that of this recording, and are all keypoints of one person? Calibrate anew, or with fgpose "
-        "calibrate from the people in it.",
+        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that makes "
+        "them agree: not the size, turning or mirroring of images, the order of cameras, or a convention of poses",
+        "Is the calibration that of this recording, and are all keypoints of one person? Calibrate anew, or with "
+        "fgpose calibrate from the people in it.",
         1.0,
         numbers=numbers,
     )
