@@ -49,8 +49,8 @@ def refuse_large_moves(
         moved.append(f"would make the body {100 * abs(growth):.0f} % {'larger' if growth > 0 else 'smaller'}")
     raise ValueError(
         f"the calibration is not refined: this {' and '.join(moved)}, and a bump moves a camera by {100 * MOST_M:.0f} "
-        f"cm and {MOST_DEG:.0f} degrees at most. Something else is wrong: keypoints of images of another size, exchanged "
-        "cameras, another calibration? fgpose info tries such causes"
+        f"cm and {MOST_DEG:.0f} degrees at most. Something else is wrong: keypoints of images of another size, "
+        "exchanged cameras, another calibration? fgpose info tries such causes"
     )
 
 

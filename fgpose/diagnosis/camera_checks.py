@@ -180,14 +180,15 @@ def _misplaced(
     names = recording.people[person].skeleton.joints
     worst = max(joints, key=lambda joint: float(shares[joint]))
     who = f"{recording.called(person)}: " if recording.called(person) else ""
+    what, name = in_words(names[joint] for joint in joints), recording.camera_names[camera]
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{who}camera {recording.camera_names[camera]} shows {in_words(names[joint] for joint in joints)} elsewhere than "
-        f"the others do in {100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
+        f"{who}camera {name} shows {what} elsewhere than the others do in {100 * shares[worst]:.0f} % of its "
+        f"detections{_displacement(recording, person, camera, worst)}",
         "Look at its images: what does the network take for this? A coat, a chair, the other side?",
         0.3 * float(shares[worst]),
-        camera=recording.camera_names[camera],
+        camera=name,
         joint=names[worst],
         person=recording.number(person),
     )

@@ -82,14 +82,14 @@ def examine(scene: Scene) -> Geometry:
     """Of a recording of one person: all frames, limbs at least."""
     sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
     first = Geometry(State(sample))
-    if first.normal or scene.n_cameras < 2:
+    if first.state.is_clean or scene.n_cameras < 2:
         return first
     explanation = explain(sample)
     if explanation is not None or not (first.wrong or first.stands_out):
         return Geometry(first.state, explanation)
     kept, dense = agreeing(sample), _dense(scene)
-    if not kept and first.wrong:
-        return Geometry(first.state, clocks_differ=clocks_differ(dense))
+    if not kept:
+        return Geometry(first.state, clocks_differ=first.wrong and clocks_differ(dense))
     others = [c for c in range(scene.n_cameras) if c not in kept]
     return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
 

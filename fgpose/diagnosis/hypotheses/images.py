@@ -20,7 +20,7 @@ _SIZES_PX = (
 )  # fmt: skip
 # Neighbours on this grid differ by 4 %: at the border of an image 2 % of half its width, 20 of 1920 px, which is near
 # enough for the right one to stand out.
-_FACTORS = np.exp(np.arange(np.log(1 / 6), np.log(6), 0.04))
+_FACTORS = np.exp(np.arange(np.log(1 / 4), np.log(4), 0.04))
 _UNCHANGED = 0.02  # a factor this near to 1 is the calibration's own size
 _SAME_SIZE = 0.015
 _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
@@ -103,11 +103,12 @@ def _turned_too(sizes: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ..
 
 
 def _common_sizes(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
-    """Sizes with another ratio of width to height; the others are on the grid."""
+    """Also those with another ratio of width to height, and those too small for the grid."""
     width_px, height_px = size_px(scene.views[cameras[0]])
     for given in _turned_too(_SIZES_PX):
         factor = width_px / given[0], height_px / given[1]
-        if abs(factor[0] / factor[1] - 1) > _SAME_SIZE and factor[0] < _FACTORS[-1]:
+        same = abs(factor[0] / factor[1] - 1) < _SAME_SIZE
+        if not same or not _FACTORS[0] < factor[0] < _FACTORS[-1]:
             yield resized(scene, cameras, factor)
 
 
@@ -131,7 +132,9 @@ def _normalised(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
 
 def _is_normalised(view: View, low: float) -> bool:
     points = view.points_px[np.isfinite(view.points_px)]
-    return bool(points.size) and bool(np.quantile(np.abs(points), 0.99) < 3.0) and (np.min(points) < 0) == (low < 0)
+    if not points.size or np.quantile(np.abs(points), 0.99) > 3.0:
+        return False
+    return bool((points.min() < 0) == (low < 0))
 
 
 def _turned(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:

@@ -6,6 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Int
@@ -29,9 +30,15 @@ NORMAL_M = 0.06
 _EXPLAINED, _CLEARLY = 0.5, 1.5
 _STEP = 0.85  # share of the cost that a first of several causes may leave, where each is of one camera
 _STEADY_OF_MORE = 0.4
+# What occluders or a bumped camera do is looked at more closely.
+_CLEAN_SHARE, _CLEAN_M = 0.85, 0.045
 _ENOUGH = 3  # cameras that agree are not all wrong alike
 _COARSE_FRAMES, _FINE_FRAMES, _COARSE_JOINTS = 14, 40, 8
 _FINALISTS = 10
+
+
+Whom = Literal["odd", "everybody", "each", "any"]
+"""Whose input is wrong: see _candidates; any: of all alike or of each by itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +75,13 @@ class State:
         steady = not self.unsteadiness > (STEADY if self.scene.n_cameras == 2 else _STEADY_OF_MORE)
         return bool(medians_m.size) and bool((medians_m < NORMAL_M).all()) and steady
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether no cause need be looked for: nothing is hidden, and nothing wrong."""
+        clean = (self.agreement.shares > _CLEAN_SHARE) | ~self.agreement.judged.any(axis=(0, 1))
+        small = (self.medians_m < _CLEAN_M) | np.isnan(self.medians_m)
+        return self.is_normal and bool(clean.all()) and bool(small.all()) and not self.unsteadiness > STEADY
+
 
 def _of_cameras(found: Agreement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     for c in range(found.distance_m.shape[-1]):
@@ -98,7 +112,11 @@ def explain(scene: Scene) -> Explanation | None:
         coarse = coarse.joints(_coarse_joints(scene))
         fine = scene.frames(looked_at[spread_evenly(len(looked_at), _FINE_FRAMES)])
         judge = scene.frames(held_out[spread_evenly(len(held_out), _FINE_FRAMES)])
-        return _found(coarse, fine, judge, odd_only=True) or _found(coarse, fine, judge, odd_only=False)
+        for whom in ("odd", "everybody", "each") if scene.n_cameras > 2 else ("any",):
+            explanation = _found(coarse, fine, judge, whom)
+            if explanation is not None:
+                return explanation
+        return None
 
 
 def _halves(n_frames: int) -> tuple[Int[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:
@@ -113,10 +131,10 @@ def _coarse_joints(scene: Scene) -> Int[np.ndarray, " joint"]:
     return np.unique(np.concatenate([some, scene.mirror[some]]))
 
 
-def _found(coarse: Scene, fine: Scene, judge: Scene, odd_only: bool) -> Explanation | None:
+def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation | None:
     before, causes = State(judge), ()
     while len(causes) < coarse.n_cameras:
-        ranked = _ranked(fine, list(_candidates(coarse, causes, odd_only)), coarse)
+        ranked = _ranked(fine, list(_candidates(coarse, causes, whom)), coarse)
         if not ranked:
             return None
         (best, after), *rivals = ranked
@@ -156,23 +174,24 @@ def _ranked(fine: Scene, candidates: Iterable[Hypothesis], coarse: Scene) -> lis
     return sorted(states, key=lambda pair: pair[1].cost + 0.003 * (pair[0].preference + len(pair[0].cameras)))
 
 
-def _candidates(scene: Scene, causes: tuple[Hypothesis, ...], odd_only: bool) -> Iterator[Hypothesis]:
-    """Of the cameras that do not agree with three others that do; or of all."""
+def _candidates(scene: Scene, causes: tuple[Hypothesis, ...], whom: Whom) -> Iterator[Hypothesis]:
+    """Of the cameras that do not agree with three others that do, of all alike, or of each by itself."""
     everybody = tuple(range(scene.n_cameras))
     changed = {c for cause in causes for c in cause.cameras}
-    if odd_only:
+    if whom == "odd":
         odd = tuple(np.flatnonzero(~(State(scene).medians_m < NORMAL_M)).tolist())
         if scene.n_cameras - len(odd) >= _ENOUGH:
             yield from exchange_hypotheses(scene, odd)
             yield from _of_group_each([(c,) for c in odd if c not in changed], scene)
         return
-    groups = [(c,) for c in everybody if c not in changed]
-    if not causes:
-        yield from pose_hypotheses(scene)
-        groups = [everybody, *groups]
-    if not causes or causes[0].code is Code.EXCHANGED_CAMERAS:
-        yield from exchange_hypotheses(scene, everybody)
-    yield from _of_group_each(groups, scene)
+    if whom != "each":
+        if not causes:
+            yield from pose_hypotheses(scene)
+            yield from _of_group_each([everybody], scene)
+        if not causes or causes[0].code is Code.EXCHANGED_CAMERAS:
+            yield from exchange_hypotheses(scene, everybody)
+    if whom != "everybody":
+        yield from _of_group_each([(c,) for c in everybody if c not in changed], scene)
 
 
 def _of_group_each(groups: Iterable[tuple[int, ...]], scene: Scene) -> Iterator[Hypothesis]:
