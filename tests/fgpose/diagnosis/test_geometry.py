@@ -77,12 +77,14 @@ def test_images_of_another_size(seen: Observations, rig: CameraRig) -> None:
     assert finding.numbers["factor_x"] == pytest.approx(1.5, rel=0.01)  # 1 % of an image is 0.1 body heights
 
 
+@pytest.mark.slow
 def test_one_camera_with_images_of_another_size(seen: Observations, rig: CameraRig) -> None:
     finding = only(changed(seen, lambda points: 2.37 * points, (2,)), rig)
     assert (finding.code, finding.camera) == (Code.IMAGE_SIZE, "cam3")
     assert finding.numbers["factor_x"] == pytest.approx(1 / 2.37, rel=0.01)
 
 
+@pytest.mark.slow
 def test_coordinates_from_0_to_1(seen: Observations, rig: CameraRig) -> None:
     finding = only(changed(seen, lambda points: points / np.array(SIZE_PX), (0, 1, 2, 3)), rig)
     assert finding.code is Code.NORMALISED
@@ -94,11 +96,13 @@ def test_an_image_that_was_turned(seen: Observations, rig: CameraRig) -> None:
     assert (finding.code, finding.camera, finding.numbers["degrees"]) == (Code.TURNED_IMAGE, "cam2", 90.0)
 
 
+@pytest.mark.slow
 def test_a_view_that_is_mirrored(seen: Observations, rig: CameraRig) -> None:
     finding = only(changed(seen, mirrored, (1,)), rig)
     assert (finding.code, finding.camera) == (Code.MIRRORED_IMAGE, "cam2")
 
 
+@pytest.mark.slow
 def test_two_cameras_that_are_exchanged(seen: Observations, rig: CameraRig) -> None:
     order = [0, 3, 2, 1]
     finding = only(with_points(seen, seen.points2d_px[:, order], order), rig)
@@ -174,6 +178,7 @@ def moved(rig: CameraRig, camera: int, degrees: float, metres: float) -> CameraR
     return CameraRig(tuple(cameras))
 
 
+@pytest.mark.slow
 def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> None:
     finding = only(seen, moved(rig, 1, 40.0, 0.6))
     assert (finding.code, finding.camera) == (Code.WRONG_CAMERA, "cam2")
@@ -188,6 +193,7 @@ def test_a_bump_is_not_called_a_wrong_calibration(seen: Observations, rig: Camer
     assert (finding.code, finding.camera) == (Code.MOVED_CAMERA, "cam2")
 
 
+@pytest.mark.slow
 def test_keypoints_of_another_person(seen: Observations, rig: CameraRig) -> None:
     walker_m = walking(seen.n_frames, 30.0)  # on a circle of 1 m
     other = recorded(rig, walker_m, seed=4)
@@ -196,6 +202,7 @@ def test_keypoints_of_another_person(seen: Observations, rig: CameraRig) -> None
     assert (finding.code, finding.camera) == (Code.OTHER_PERSON, "cam1")
 
 
+@pytest.mark.slow
 def test_a_late_camera_is_not_called_a_wrong_one(rig: CameraRig) -> None:
     walker = recorded(rig, walking(240, 30.0), seed=4)
     late = walker.points2d_px.copy()
@@ -205,7 +212,7 @@ def test_a_late_camera_is_not_called_a_wrong_one(rig: CameraRig) -> None:
     assert "another time" in finding.reason
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize("n_cameras", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_nothing_is_invented_where_nothing_agrees(n_cameras: int) -> None:
     rig = room(n_cameras, seed=6)
     seen = recorded(rig, seed=6)
