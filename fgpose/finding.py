@@ -192,9 +192,9 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Without what others explain and without repetitions; the severest first, of equal ones the weightiest, then what
     may cause the others."""
-    different: dict[tuple[Code, str, float | None], Finding] = {}
+    different: dict[tuple[Code, str, str, int | None, float | None], Finding] = {}
     for each in findings:
-        different.setdefault((each.code, each.subject, each.from_s), each)
+        different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s), each)
     explained = {code for each in different.values() for code in EXPLAINS.get(each.code, ())}
     causes = [each for each in different.values() if each.code not in explained]
     order = list(Severity)

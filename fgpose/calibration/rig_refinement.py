@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig
 from fgpose.calibration.everybody import on_everybody
+from fgpose.calibration.large_moves import refuse_large_moves
 from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.sightings import (
@@ -67,7 +68,8 @@ def refine_rig(observations: Recording, rig: CameraRig, config: Config | None = 
     which may be refined once more then (reassigned). The frames are shared out among them, so that everybody is used.
 
     Raises:
-        ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
+        ValueError: the cameras of observations and rig differ, no joint is seen by two cameras that agree, or cameras
+            would have to be moved by more than a bump does, or the body would have another size then.
     """
     config = config or Config()
     refined, reassigned = on_everybody(observations, rig, config, _refined)
@@ -77,8 +79,9 @@ def refine_rig(observations: Recording, rig: CameraRig, config: Config | None = 
 def refinement(
     observations: Recording, before: CameraRig, found: Adjusted, config: Config, reassigned: tuple[float, ...]
 ) -> RigRefinement[Recording]:
-    """How a rig was changed, judged by the detections that were used."""
+    """How a rig was changed, judged by the detections that were used. Raises ValueError if by more than a bump does."""
     after, (rotation_deg, translation_m) = found.rig, moves(before, found.rig)
+    refuse_large_moves(before, found, rotation_deg, translation_m, observations.skeleton, config)
     return RigRefinement(
         rig=after,
         observations=moved_with_cameras(observations, before, after),

@@ -61,7 +61,7 @@ def self_calibrate(observations: Recording, rig: CameraRig, config: Config | Non
     the rig, see refine_rig, and share out that duration.
 
     Raises:
-        ValueError: the cameras of observations and rig differ, or no joint is seen by two cameras that agree.
+        ValueError: see refine_rig.
     """
     config = config or Config()
     found, reassigned = on_everybody(observations, rig, config, _both)

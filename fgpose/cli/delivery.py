@@ -38,7 +38,7 @@ def deliver(
         OutputError: a file could not be written; the others were, and the result has been summed up.
     """
     summary = summary or (lambda result, written: print_result(new_console(), result, written))
-    result = _looked_at(result)
+    result = _looked_at(result, outputs)
     _deliver(lambda: write_outputs(result, outputs, viewer, display), lambda written: summary(result, written))
     code = conclude(new_console(), result.diagnosis, strict=strict)
     if viewer is not None:
@@ -55,7 +55,7 @@ def deliver_people(
     strict: bool = False,
 ) -> int:
     """The same for several people. Returns and raises as deliver."""
-    result = _looked_at(result)
+    result = _looked_at(result, outputs)
     _deliver(
         lambda: write_people(result, outputs, viewer, display),
         lambda written: print_people(new_console(), result, written),
@@ -66,9 +66,9 @@ def deliver_people(
     return code
 
 
-def _looked_at(result: AnyResult) -> AnyResult:
+def _looked_at(result: AnyResult, outputs: Outputs) -> AnyResult:
     with new_console(stderr=True).status("looking for what may be wrong"):
-        return diagnosed(result)
+        return diagnosed(result, outputs.world_up)
 
 
 def _deliver(write: Callable[[], tuple[Path, ...]], summary: Callable[[tuple[Path, ...]], None]) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Grade
+from fgpose.diagnosis.body.joint_names import in_words, part_of
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile
 from fgpose.finding import Code, Finding, Severity
@@ -164,25 +165,33 @@ def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
         duration_s = known.sum(axis=0) * usual_step_s(trajectory.time_s)
         shares = ((trajectory.visibility < 0.5) & known).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
         alone = np.median(shares, axis=1, keepdims=True) < _MISPLACED_USUAL_SHARE
-        for c, j in np.argwhere((shares > _MISPLACED_SHARE) & alone & (duration_s > _MISPLACED_LEAST_S)).tolist():
-            name, joint = recording.camera_names[c], trajectory.skeleton.joints[j]
-            reason = (
-                f"camera {name} shows {joint} elsewhere than the others do in {100 * shares[c, j]:.0f} % of its "
-                f"detections{_displacement(recording, person, c, j)}"
-            )
-            remedy = "Look at its images: what does the network take for this joint? A coat, a chair, the other side?"
-            found.append(
-                Finding(
-                    Code.MISPLACED_JOINT,
-                    Severity.DOUBTFUL,
-                    reason,
-                    remedy,
-                    0.3 * float(shares[c, j]),
-                    camera=name,
-                    joint=joint,
-                )
-            )
+        wrong = (shares > _MISPLACED_SHARE) & alone & (duration_s > _MISPLACED_LEAST_S)
+        groups: dict[tuple[int, str], list[int]] = {}
+        for c, j in np.argwhere(wrong).tolist():
+            groups.setdefault((c, part_of(trajectory.skeleton.joints[j])), []).append(j)
+        found += [_misplaced(recording, person, c, joints, shares[c]) for (c, _), joints in groups.items()]
     return found
+
+
+def _misplaced(
+    recording: FinishedRecording, person: int, camera: int, joints: list[int], shares: Float[np.ndarray, " joint"]
+) -> Finding:
+    """Of joints of one hand, foot or head in one view."""
+    names = recording.people[person].skeleton.joints
+    worst = max(joints, key=lambda joint: float(shares[joint]))
+    who = f"{recording.called(person)}: " if recording.called(person) else ""
+    what, name = in_words(names[joint] for joint in joints), recording.camera_names[camera]
+    return Finding(
+        Code.MISPLACED_JOINT,
+        Severity.DOUBTFUL,
+        f"{who}camera {name} shows {what} elsewhere than the others do in {100 * shares[worst]:.0f} % of its "
+        f"detections{_displacement(recording, person, camera, worst)}",
+        "Look at its images: what does the network take for this? A coat, a chair, the other side?",
+        0.3 * float(shares[worst]),
+        camera=name,
+        joint=names[worst],
+        person=recording.number(person),
+    )
 
 
 def _displacement(recording: FinishedRecording, person: int, camera: int, joint: int) -> str:
@@ -194,8 +203,8 @@ def _displacement(recording: FinishedRecording, person: int, camera: int, joint:
     pinhole = recording.rig.cameras[camera]
     error_px = pinhole.undistort(seen.points2d_px[:, camera, [joint]]) - pinhole.project(joint_m)
     error_m = error_px[:, 0] / recording.rig.px_per_m(joint_m)[:, camera]
-    distance_m = np.linalg.norm([known_quantile(axis_m, 0.5) for axis_m in error_m.T])
-    return f", by {100 * distance_m:.0f} cm (median)"
+    distance_m = float(np.linalg.norm([known_quantile(axis_m, 0.5) for axis_m in error_m.T]))
+    return f", by {100 * distance_m:.0f} cm (median)" if np.isfinite(distance_m) else ""
 
 
 def swapping_cameras(recording: FinishedRecording) -> list[Finding]:

@@ -8,14 +8,22 @@ from dataclasses import dataclass
 from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, associate
 from fgpose.config import Config
+from fgpose.diagnosis.body.posture import wrong_up
+from fgpose.diagnosis.body.sides import mirrored_body
+from fgpose.diagnosis.body.skeletons import wrong_skeleton
+from fgpose.diagnosis.body.units import wrong_unit
 from fgpose.diagnosis.camera_faults_checks import moved_and_late_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.input_checks import blind, exchanged_sides, implausible, never_seen, repaired, wrong_camera
+from fgpose.diagnosis.hypotheses.findings import disagreements
+from fgpose.diagnosis.input_checks import blind, exchanged_sides, never_seen, repaired
 from fgpose.diagnosis.result_checks import RESULT_CHECKS
+from fgpose.diagnosis.seen.confidence import low_confidence
+from fgpose.diagnosis.seen.frozen import frozen_cameras
+from fgpose.diagnosis.seen.presence import nobody
 from fgpose.finding import Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.up_axis import z_up_R_world
+from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
@@ -26,9 +34,12 @@ InputCheck = Callable[[Examined], list[Finding]]
 
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
-    "calibration": (wrong_camera, implausible, moved_and_late_cameras),
-    "sides": (exchanged_sides,),
-    "what is seen": (blind, never_seen),
+    "calibration": (disagreements, moved_and_late_cameras),
+    "skeleton": (wrong_skeleton,),
+    "unit": (wrong_unit,),
+    "which way is up": (wrong_up,),
+    "sides": (mirrored_body, exchanged_sides),
+    "what is seen": (frozen_cameras, nobody, low_confidence, blind, never_seen),
 }
 """By what they judge, as it is printed."""
 
@@ -55,6 +66,7 @@ def diagnose(
     rig: CameraRig,
     result: Trajectory | Mapping[int, Trajectory] | None = None,
     config: Config | None = None,
+    world_up: UpChoice | WorldUp = "auto",
 ) -> Diagnosis:
     """Look at the whole of a recording, at its rig and, if there is one, at its result.
 
@@ -63,6 +75,7 @@ def diagnose(
         rig: its cameras.
         result: what came out, of one person or by the number of the person.
         config: the parameters that it is or was estimated with.
+        world_up: which axis of the world is said to point up; auto: as body and cameras stand.
 
     Raises:
         ValueError: the cameras of the recording and of the rig, or the people of the result, differ.
@@ -72,13 +85,13 @@ def diagnose(
         told_apart = associate(recording, rig, config.tracking)
         recording = told_apart if told_apart.people else main_person(recording, rig)
     people = {0: result} if isinstance(result, Trajectory) else result
-    finished = _standing(people, rig) if people else None
-    return _diagnosed(Examined.of(recording, rig, config, finished))
+    finished = _standing(people, rig, world_up) if people else None
+    return _diagnosed(Examined.of(recording, rig, config, finished, world_up))
 
 
-def _standing(people: Mapping[int, Trajectory], rig: CameraRig) -> FinishedRecording:
+def _standing(people: Mapping[int, Trajectory], rig: CameraRig, world_up: UpChoice | WorldUp) -> FinishedRecording:
     """The result in a world with z up."""
-    up_R_world = z_up_R_world(find_up(people.values(), rig).world_up)
+    up_R_world = z_up_R_world(find_up(people.values(), rig).world_up if world_up == "auto" else world_up)
     turned = {person: each.turned(up_R_world) for person, each in people.items()}
     return FinishedRecording("", turned, rig.turned(up_R_world))
 

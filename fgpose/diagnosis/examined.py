@@ -13,12 +13,19 @@ from fgpose.association.recording import Association
 from fgpose.calibration.everybody import each_person
 from fgpose.config import Config
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.geometry import Geometry, examine
+from fgpose.diagnosis.hypotheses.scene import Scene, limb_joints
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import Triangulation, triangulate_robust
+from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.observations import Observations
 from fgpose.sampling import fair_limits, spread_evenly
 
+_BODY_FRAMES = 120  # lengths and directions of a body are medians
 _MAX_FRAMES = 2000  # of everybody, spread over the whole recording: bounds the time; medians need no more
+# Of a camera's median confidence. Below, joints are hallucinated rather than seen: legs under a table.
+_SURE = 0.25
 
 
 class NotJudgedError(Exception):
@@ -38,6 +45,8 @@ class Examined:
     result: FinishedRecording | None = None
     remarks: tuple[str, ...] = ()
     """What readers of files had to repair or to leave out."""
+    world_up: UpChoice | WorldUp = "auto"
+    """Which axis of the world is said to point up; auto: as body and cameras stand."""
 
     @staticmethod
     def of(
@@ -45,6 +54,7 @@ class Examined:
         rig: CameraRig,
         config: Config | None = None,
         result: FinishedRecording | None = None,
+        world_up: UpChoice | WorldUp = "auto",
     ) -> Examined:
         """Of one person, or of everybody who was told apart.
 
@@ -54,11 +64,12 @@ class Examined:
         config = config or Config()
         if isinstance(recording, Observations):
             recording.check_cameras(rig.names)
-            return Examined(rig, {0: recording}, config, None, result, recording.remarks)
+            return Examined(rig, {0: recording}, config, None, result, recording.remarks, world_up)
         recording.observations.check_cameras(rig.names)
         remarks = recording.observations.remarks
         everybody = each_person(recording.observations, recording)
-        return Examined(rig, dict(zip(recording.people, everybody, strict=True)), config, recording, result, remarks)
+        people = dict(zip(recording.people, everybody, strict=True))
+        return Examined(rig, people, config, recording, result, remarks, world_up)
 
     def number(self, person: int) -> int | None:
         """Of a person, where there are several: Finding.person."""
@@ -77,6 +88,31 @@ class Examined:
             person: seen.frames(spread_evenly(seen.n_frames, max(int(limit), 1)))
             for (person, seen), limit in zip(self.people.items(), limits, strict=True)
         }
+
+    @cached_property
+    def scene(self) -> Scene:
+        """What was seen of the main person: all frames and joints, without what its camera is unsure of."""
+        seen = self.main
+        usual = np.array(
+            [np.median(own[own > 0]) if (own > 0).any() else 0.0 for own in seen.confidence.swapaxes(0, 1)]
+        )
+        sure = seen.confidence >= _SURE * usual[:, None]
+        points_px = np.where(sure[..., None], seen.points2d_px, np.nan)
+        return Scene.of(self.rig, points_px, seen.skeleton, seen.frame_time_s)
+
+    @cached_property
+    def geometry(self) -> Geometry:
+        """Whether the cameras agree on it; and if not, why."""
+        return examine(self.scene.joints(limb_joints(self.main.skeleton)))
+
+    @cached_property
+    def body_m(self) -> Float[np.ndarray, "frame joint 3"]:
+        """Joints of the main person in some frames, as the cameras agree; raises NotJudgedError if they do not."""
+        if self.rig.n_cameras < 2:
+            raise NotJudgedError("one camera")
+        if not self.geometry.usable:
+            raise NotJudgedError("the cameras do not agree where the body is")
+        return agreement(self.scene.frames(spread_evenly(self.main.n_frames, _BODY_FRAMES))).positions_m
 
     @cached_property
     def undistorted_px(self) -> Float[np.ndarray, "frame camera joint 2"]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fgpose.assessment.recording_info import RecordingInfo, recording_info
-from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
@@ -20,32 +20,6 @@ def repaired(examined: Examined) -> list[Finding]:
 
 def _info(examined: Examined) -> RecordingInfo:
     return recording_info(examined.main, examined.rig)
-
-
-def wrong_camera(examined: Examined) -> list[Finding]:
-    """A camera that disagrees with the others, which agree without it."""
-    if examined.rig.n_cameras < 3:
-        raise NotJudgedError("fewer than three cameras")
-    name = _info(examined).suspected_calibration
-    if name is None:
-        return []
-    return [
-        Finding(
-            Code.WRONG_CAMERA,
-            Severity.WRONG,
-            f"The calibration of {name} is probably wrong: the other cameras agree without it and miss it by far",
-            "Has it been moved, or are two cameras exchanged? Calibrate it again, or leave it out with --cameras.",
-            camera=name,
-        )
-    ]
-
-
-def implausible(examined: Examined) -> list[Finding]:
-    """Lengths that are implausible as metres."""
-    return [
-        Finding(Code.UNIT, Severity.WRONG, f"Implausible: {remark}", "See --unit and --points3d-unit.")
-        for remark in _info(examined).implausible
-    ]
 
 
 def exchanged_sides(examined: Examined) -> list[Finding]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from fgpose.association.chosen_person import main_person
 from fgpose.diagnosis.diagnose import diagnose
+from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.pipeline.people import PeopleResult, PeopleSource
 from fgpose.pipeline.results import Result
 from fgpose.pipeline.source import Source
@@ -16,8 +17,12 @@ from fgpose.pipeline.source import Source
 AnyResult = TypeVar("AnyResult", Result, PeopleResult)
 
 
-def diagnosed(result: AnyResult) -> AnyResult:
+def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyResult:
     """The result with what is probably wrong with it, which goes into its files.
+
+    Args:
+        result: of a run.
+        world_up: which axis of its world is said to point up; see diagnose.
 
     Raises:
         ValueError: nothing is determined; the message says why, as far as it is known.
@@ -29,7 +34,7 @@ def diagnosed(result: AnyResult) -> AnyResult:
         recording, rig = result.association, result.association.rig
     else:
         recording, rig = result.source.observations, result.source.rig
-    return replace(result, diagnosis=diagnose(recording, rig, people, result.config))
+    return replace(result, diagnosis=diagnose(recording, rig, people, result.config, world_up))
 
 
 def nothing_determined(source: Source | PeopleSource) -> str:

@@ -46,10 +46,10 @@ def estimate(job: Job) -> None:
     source = replace(source, origin=source.origin and _whole_origin(job, source.origin))
     try:
         if isinstance(source, PeopleSource):
-            everybody = diagnosed(run_smooth_people(source, config))
+            everybody = diagnosed(run_smooth_people(source, config), job.study.steps.world_up)
             _save(everybody.main, job, everybody.association.frames.frame_time_s, everybody.origin)
         else:
-            one = diagnosed(run_smooth(_corrected(job, source), config, compare=False))
+            one = diagnosed(run_smooth(_corrected(job, source), config, compare=False), job.study.steps.world_up)
             save_trajectory(one.main, job.path(MOTION), origin=one.origin)
     except ValueError as error:
         raise ValueError(f"{job.recording.source}: {error}") from None

@@ -1,0 +1,1 @@
+"""What the body itself says of units, axes and skeletons."""

@@ -1,0 +1,34 @@
+"""Joints in words, and which of them belong together."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+_SIDE = re.compile(r"^(left|right)_")
+# What a network takes for something else, it takes as a whole.
+_PARTS: Mapping[str, tuple[str, ...]] = {
+    "hand": ("wrist", "hand", "thumb", "pinky", "index"),
+    "foot": ("ankle", "heel", "big_toe", "small_toe", "foot_index", "foot"),
+    "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top"),
+}
+
+
+def part_of(joint: str) -> str:
+    """The hand, foot or head that a joint belongs to, with its side; other joints are parts of their own."""
+    side, name = (_SIDE.match(joint) or [""])[0], _SIDE.sub("", joint)
+    part = next((part for part, names in _PARTS.items() if name in names), name)
+    return part if part == "head" else f"{side}{part}"
+
+
+def in_words(joints: Iterable[str]) -> str:
+    """Joints with those of both sides as one: "knees, ankles and left wrist"."""
+    names, words = list(dict.fromkeys(joints)), []
+    for name in names:
+        other = _SIDE.sub(lambda found: "right_" if found.group(1) == "left" else "left_", name)
+        if other != name and other in names:
+            plural = f"{_SIDE.sub('', name)}s".replace("_", " ")
+            words += [plural] if plural not in words else []
+        else:
+            words.append(name.replace("_", " "))
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

@@ -1,0 +1,74 @@
+"""Lengths of the parts of a body, as shares of its stature."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.skeleton import Skeleton
+
+Point = tuple[str, ...]  # the mean of these joints
+
+
+class Part(NamedTuple):
+    """A distance on the body that hardly changes."""
+
+    start: Point
+    end: Point
+    share: float
+    """Of the stature."""
+
+
+_SHOULDERS, _HIPS = ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")
+# Drillis and Contini 1966, in Winter, Biomechanics and Motor Control of Human Movement, fig. 4.1. Networks place hips
+# and shoulders nearer to each other than the widths of the figure.
+_OF_A_SIDE = (("shoulder", "elbow", 0.186), ("elbow", "wrist", 0.146), ("hip", "knee", 0.245), ("knee", "ankle", 0.246))
+_ACROSS = (Part(_SHOULDERS, _HIPS, 0.288), Part(_SHOULDERS[:1], _SHOULDERS[1:], 0.21), Part(_HIPS[:1], _HIPS[1:], 0.13))
+_LIMBS = tuple(
+    Part((f"{side}_{start}",), (f"{side}_{end}",), share)
+    for start, end, share in _OF_A_SIDE
+    for side in ("left", "right")
+)
+_PARTS = (*_LIMBS, *_ACROSS)
+# Of parts that are long: errors of joints are small shares of them.
+_LONG = (*_LIMBS, _ACROSS[0])
+_LEAST_FRAMES = 5
+
+
+def lengths_m(
+    positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton, parts: tuple[Part, ...] = _PARTS
+) -> tuple[Float[np.ndarray, " part"], Float[np.ndarray, " part"], Float[np.ndarray, " part"]]:
+    """Median length of the parts that the skeleton has and that are known in some frames, by how much each changes
+    (median), both in the unit of the positions, and what share of the stature it is of other people."""
+    found = []
+    for part in parts:
+        if not {*part.start, *part.end} <= set(skeleton.joints):
+            continue
+        ends = [positions_m[:, [skeleton.index(joint) for joint in end]].mean(axis=1) for end in (part.start, part.end)]
+        length = np.linalg.norm(ends[0] - ends[1], axis=-1)
+        length = length[np.isfinite(length)]
+        if len(length) >= _LEAST_FRAMES:
+            usual = float(np.median(length))
+            found.append((usual, float(np.median(np.abs(length - usual))), part.share))
+    usual, change, share = np.array(found).reshape(-1, 3).T
+    return usual, change, share
+
+
+def stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
+    """Median over the long parts of what each says; NaN with fewer than three."""
+    usual, _, share = lengths_m(positions_m, skeleton, _LONG)
+    return float(np.median(usual / share)) if len(usual) >= 3 else np.nan
+
+
+def strangeness(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
+    """How little joints are like those of a body: the mean over the parts of the deviation of their lengths from those
+    of other people with the same stature, as a logarithm, and of by how much they change; 0.1 to 0.3 of a body, NaN
+    with fewer than five parts."""
+    usual, change, share = lengths_m(positions_m, skeleton)
+    if len(usual) < 5:
+        return np.nan
+    statures = np.log(np.maximum(usual, 1e-9) / share)
+    deviation = np.minimum(np.abs(statures - np.median(statures)), 2.0)
+    return float(np.mean(deviation) + np.mean(np.minimum(change / np.maximum(usual, 1e-9), 1.0)))

@@ -1,0 +1,94 @@
+"""Lengths in another unit than metres, by the size of the body."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fgpose.diagnosis.body.proportions import stature_m
+from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.finding import Code, Finding, Severity
+
+# A child of one year is 0.75 m tall, the tallest people 2.3 m (WHO Child Growth Standards; NCD-RisC 2020); the stature
+# is known to about 10 % from the lengths of limbs.
+_SMALLEST_M, _TALLEST_M = 0.65, 2.4
+_USUAL_M = 1.7
+_LIKE = 0.15  # of a known factor: statures of adults, and the error of the measured one
+
+
+class Mistake(NamedTuple):
+    """Units that were mistaken for each other."""
+
+    factor: float
+    """What lengths have to be multiplied by."""
+    true: str
+    read_as: str
+
+
+_MISTAKES = (
+    Mistake(0.001, "millimetres", "metres"),
+    Mistake(0.01, "centimetres", "metres"),
+    Mistake(0.0254, "inches", "metres"),
+    Mistake(0.1, "decimetres", "metres"),
+    Mistake(0.3048, "feet", "metres"),
+    Mistake(10.0, "centimetres", "millimetres"),
+    Mistake(25.4, "inches", "millimetres"),
+    Mistake(100.0, "decimetres", "millimetres"),
+    Mistake(304.8, "feet", "millimetres"),
+    Mistake(1000.0, "metres", "millimetres"),
+)
+_SHORT = {"millimetres": "mm", "centimetres": "cm", "inches": "inch", "metres": "m"}
+# Squares of the boards that people print, metres.
+_SQUARE_M = (0.012, 0.13)
+
+
+def wrong_unit(examined: Examined) -> list[Finding]:
+    """A body that is smaller or larger than any."""
+    tall_m = stature_m(examined.body_m, examined.main.skeleton)
+    if np.isnan(tall_m):
+        raise NotJudgedError("too few limbs are seen to tell how large the person is")
+    if _SMALLEST_M < tall_m < _TALLEST_M:
+        return []
+    factor = _USUAL_M / tall_m
+    likely = [mistake for mistake in _MISTAKES if abs(np.log(factor / mistake.factor)) < _LIKE]
+    metres_per_unit, read_as = _as_read(factor)
+    if likely:
+        metres_per_unit = likely[0].factor / (1000 if likely[0].read_as == "millimetres" else 1)
+    guesses = [f"{each.true} read as {each.read_as}" for each in likely]
+    if _SQUARE_M[0] < metres_per_unit < _SQUARE_M[1]:
+        guesses.append(f"squares of a board of about {1000 * factor * (0.001 if factor > 1 else 1):.0f} mm")
+    cause = (
+        f"they are probably {' or '.join(guesses)}" if guesses else f"they are not the {read_as} that they were read as"
+    )
+    return [
+        Finding(
+            Code.UNIT,
+            Severity.WRONG,
+            f"The person is {_tall(tall_m)} tall, so lengths of the calibration have to be multiplied by about "
+            f"{factor:.3g}: {cause}",
+            f"Give the true unit: {_option(likely, metres_per_unit)}. One length that is measured in the room tells it "
+            "better than the stature of people.",
+            1.0,
+            numbers={"stature_m": tall_m, "factor": factor},
+        )
+    ]
+
+
+def _as_read(factor: float) -> tuple[float, str]:
+    """Metres in a unit, and as what it was read: nothing is measured in units longer than a few metres."""
+    return (factor / 1000, "millimetres") if factor > 3 else (factor, "metres")
+
+
+def _option(likely: list[Mistake], metres_per_unit: float) -> str:
+    names = [_SHORT[each.true] for each in likely if each.true in _SHORT]
+    number = f"--unit {metres_per_unit:.2g} (metres)"
+    return f"--unit {names[0]}, or {number}" if names else number
+
+
+def _tall(length_m: float) -> str:
+    if length_m < 0.01:
+        return f"{1000 * length_m:.2g} mm"
+    if length_m < 1:
+        return f"{100 * length_m:.2g} cm"
+    return f"{length_m:.3g} m"

@@ -1,0 +1,190 @@
+"""What disagreeing cameras are told to be, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fgpose.diagnosis.body.skeletons import better_skeleton
+from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.diagnosis.hypotheses.geometry import Geometry
+from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
+from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
+from fgpose.diagnosis.hypotheses.search import Explanation
+from fgpose.finding import Code, Finding, Severity
+
+_USUAL = "2 to 6 cm are usual"
+# What a bump does: more is another place. calibration.rig_refinement refuses to move a camera further.
+BUMP_DEG, BUMP_M = 10.0, 0.15
+_UNSURE = 0.6  # of the confidence of the other cameras: below, a camera hallucinates rather than sees somebody else
+
+
+def disagreements(examined: Examined) -> list[Finding]:
+    """Cameras that do not agree where the body is, and the cause, if what it does not rest on agrees with it."""
+    if examined.rig.n_cameras < 2:
+        raise NotJudgedError("one camera")
+    geometry = examined.geometry
+    if not geometry.state.agreement.judged.any():
+        return [_nothing_in_common(examined)]
+    if geometry.explanation is not None:
+        return list(_explained(geometry.explanation, examined.rig.names))
+    if geometry.odd:
+        return [_of_odd(examined, geometry, camera, why) for camera, why in geometry.odd]
+    if not geometry.wrong:
+        return []
+    if geometry.usable and better_skeleton(examined.body_m, examined.main.skeleton) is not None:
+        return []  # it is the names of the joints
+    return [_no_agreement(geometry)]
+
+
+def _nothing_in_common(examined: Examined) -> Finding:
+    n_seen = int(examined.seen.any(axis=(0, 2)).sum())
+    return Finding(
+        Code.NO_AGREEMENT,
+        Severity.WRONG,
+        f"No joint is seen by enough cameras at once to tell where it is: {n_seen} of {examined.rig.n_cameras} cameras "
+        "see anybody at all, in the same images never",
+        "Is it the same person, at the same time? Look at the keypoints of each camera.",
+        1.0,
+    )
+
+
+def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:
+    groups: dict[tuple[Code, str], list[Hypothesis]] = {}
+    for cause in found.causes:
+        groups.setdefault((cause.code, cause.reason), []).append(cause)
+    for (code, reason), causes in groups.items():
+        cameras = sorted({c for cause in causes for c in cause.cameras})
+        who = _named(cameras, names)
+        if found.rival is not None and found.rival.code is code and len(cameras) == 1:
+            who = f"{who} or of {_named(list(found.rival.cameras), names)} (which of them, the recording does not tell)"
+        yield Finding(
+            code,
+            Severity.WRONG,
+            f"{reason.replace('{cameras}', who)}. {_numbers(found)}{_rival(found, code, names)}",
+            causes[0].remedy,
+            1.0,
+            camera=names[cameras[0]] if len(cameras) == 1 and found.rival is None else "",
+            numbers={**causes[0].numbers, "before_m": _worst_m(found.before.medians_m), "after_m": _after_m(found)},
+        )
+
+
+def _numbers(found: Explanation) -> str:
+    """What it rests on."""
+    before_m, after_m = _worst_m(found.before.medians_m), _after_m(found)
+    apart = f"by {_length(before_m)}" if np.isfinite(before_m) else "wholly"
+    return (
+        f"As it is, cameras miss the body {apart}; with this put right by {_length(after_m)}, in the half of the "
+        "recording that was not used to find it"
+    )
+
+
+def _rival(found: Explanation, code: Code, names: tuple[str, ...]) -> str:
+    rival = found.rival
+    if rival is None or rival.code is code:
+        return ""
+    return f". It may as well be that {_lower(rival.reason.replace('{cameras}', rival.named(names)))}"
+
+
+def _lower(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:]
+
+
+def _worst_m(medians_m: np.ndarray) -> float:
+    """Of the cameras."""
+    known = medians_m[~np.isnan(medians_m)]
+    return float(known.max()) if known.size else np.inf
+
+
+def _after_m(found: Explanation) -> float:
+    return _worst_m(found.after.medians_m)
+
+
+def _length(length_m: float) -> str:
+    return f"{length_m:.1f} m" if length_m >= 1 else f"{max(round(100 * length_m), 1):.0f} cm"
+
+
+def _named(cameras: list[int], names: tuple[str, ...]) -> str:
+    return "all cameras" if len(cameras) == len(names) > 1 else ", ".join(names[c] for c in cameras)
+
+
+def _of_odd(examined: Examined, geometry: Geometry, camera: int, odd: OddCamera) -> Finding:
+    name = examined.rig.names[camera]
+    others = _named(list(geometry.agreeing), examined.rig.names)
+    missed_m = float(geometry.state.medians_m[camera])
+    by = f"by {_length(missed_m)} ({_USUAL})" if np.isfinite(missed_m) else "wholly"
+    numbers = {"missed_m": missed_m} if np.isfinite(missed_m) else {}
+    misses = f"{others} agree where the body is, and {name} misses it {by}"
+    if odd.why is Why.POSE:
+        return _elsewhere(name, misses, odd, numbers)
+    if odd.why is not Why.UNKNOWN:
+        reason = f"{misses}: it {odd.why.value}"
+        remedy = "Look at its images: are they of the same moments as those of the others, and was it touched?"
+        return Finding(Code.DISAGREEING_CAMERA, Severity.WRONG, reason, remedy, 0.8, camera=name, numbers=numbers)
+    confidence, usual = _confidences(examined, camera)
+    if confidence < _UNSURE * usual:
+        reason = f"{misses}; its network says to be unsure: confidence {confidence:.2f}, of the others {usual:.2f}"
+        remedy = "Look at its images: is anybody in them? Leave the camera out with --cameras."
+        return Finding(Code.HALLUCINATING_CAMERA, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
+    reason = (
+        f"{misses}. No place of the camera, no clock and no size of its images makes its keypoints those of this body"
+    )
+    remedy = "Are they of another person or of another recording? Give the right ones, or leave it out with --cameras."
+    return Finding(Code.OTHER_PERSON, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
+
+
+def _elsewhere(name: str, misses: str, odd: OddCamera, numbers: dict[str, float]) -> Finding:
+    """A camera that stands elsewhere: by as much as a bump does, or by more."""
+    numbers = {**numbers, "rotation_deg": odd.rotation_deg, "translation_m": odd.translation_m}
+    where = f"turned by {odd.rotation_deg:.1f} degrees and moved by {_length(odd.translation_m)}"
+    if odd.rotation_deg < BUMP_DEG and odd.translation_m < BUMP_M:
+        reason = f"{misses}. It agrees if it is {where}: it was bumped since it was calibrated"
+        remedy = "Use --refine-calibration."
+        return Finding(Code.MOVED_CAMERA, Severity.WRONG, reason, remedy, 0.8, camera=name, numbers=numbers)
+    reason = (
+        f"The calibration of {name} is not that of this recording: {misses}. It agrees if it is {where}, which is "
+        "more than a bump"
+    )
+    remedy = "Give the right calibration or calibrate it again, or leave it out with --cameras."
+    return Finding(Code.WRONG_CAMERA, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
+
+
+def _confidences(examined: Examined, camera: int) -> tuple[float, float]:
+    """Median of a camera, and of the others."""
+    medians = [
+        float(np.median(own)) if (own := examined.confidence[:, c][examined.seen[:, c]]).size else 0.0
+        for c in range(examined.rig.n_cameras)
+    ]
+    return medians[camera], float(np.median(np.delete(medians, camera)))
+
+
+def _no_agreement(geometry: Geometry) -> Finding:
+    worst_m = _worst_m(geometry.state.medians_m)
+    names = geometry.state.scene.names
+    by = f"miss each other's joints by {_length(worst_m)}" if np.isfinite(worst_m) else "have no place in common"
+    numbers = {"missed_m": worst_m} if np.isfinite(worst_m) else {}
+    if geometry.clocks_differ:
+        return Finding(
+            Code.DISAGREEING_CAMERA,
+            Severity.WRONG,
+            f"The cameras {by} ({_USUAL}), but agree if their clocks differ",
+            "Find when each began with fgpose synchronise.",
+            0.9,
+            numbers=numbers,
+        )
+    unsteady = geometry.state.unsteadiness
+    if len(names) == 2 and not worst_m > 0.1:
+        by = f"see a body whose limbs change their lengths by {100 * unsteady:.0f} %"
+    else:
+        by = f"{by} ({_USUAL})"
+    return Finding(
+        Code.NO_AGREEMENT,
+        Severity.WRONG,
+        f"The cameras do not agree where the body is: {', '.join(names)} {by}. No known cause was found that makes "
+        "them agree: not the size, turning or mirroring of images, the order of cameras, or a convention of poses",
+        "Is the calibration that of this recording, and are all keypoints of one person? Calibrate anew, or with "
+        "fgpose calibrate from the people in it.",
+        1.0,
+        numbers=numbers,
+    )

@@ -1,0 +1,101 @@
+"""Whether cameras agree where the body is; and if not, why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fgpose.diagnosis.hypotheses.agreeing import agreeing
+from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
+from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.search import NORMAL_M, Explanation, State, explain
+from fgpose.sampling import spread_evenly
+
+_FRAMES = 120
+# Two cameras whose rays pass each other by this are not of one recording: see search.NORMAL_M.
+_FAR_M = 0.12
+# A camera with twice the error of the others has a systematic one of 1.7 times the random one (camera_checks.py).
+_STANDS_OUT = 2.5
+_NO_BODY = 0.8  # unsteadiness: limbs that change by nearly as much as they are long
+_DENSE_S, _DENSE_FRAMES = 60.0, 600
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """What was found of a recording and its rig."""
+
+    state: State
+    """Of frames spread over the whole recording."""
+    explanation: Explanation | None = None
+    agreeing: tuple[int, ...] = ()
+    """The cameras that agree, where not all do and nothing explains it."""
+    odd: tuple[tuple[int, OddCamera], ...] = ()
+    """The others, and what is known of them."""
+    clocks_differ: bool = False
+    """Whether no cameras agree, but all do if their clocks differ."""
+
+    @property
+    def normal(self) -> bool:
+        """Whether all cameras agree as those of a right recording do."""
+        return self.state.is_normal
+
+    @property
+    def usable(self) -> bool:
+        """Whether a body can be judged from what they see."""
+        medians_m = self.state.medians_m[~np.isnan(self.state.medians_m)]
+        return self.explanation is None and bool(medians_m.size) and not bool((medians_m > _FAR_M).any())
+
+    @property
+    def wrong(self) -> bool:
+        """Whether they disagree by more than hidden joints cause."""
+        medians_m = self.state.medians_m
+        far = bool((medians_m[~np.isnan(medians_m)] > _FAR_M).any()) or bool(np.isnan(medians_m).all())
+        return far or (self.state.scene.n_cameras == 2 and self.state.unsteadiness > _NO_BODY and self._parallax)
+
+    @property
+    def stands_out(self) -> bool:
+        """Whether one camera disagrees much more than the others do."""
+        medians_m = np.nan_to_num(self.state.medians_m, nan=0.0)
+        worst = int(np.argmax(medians_m))
+        usual_m = float(np.median(np.delete(medians_m, worst)))
+        return len(medians_m) > 2 and medians_m[worst] > max(_STANDS_OUT * usual_m, NORMAL_M)
+
+    @property
+    def _parallax(self) -> bool:
+        """Whether two cameras look from sides that differ by 20 to 160 degrees: else depths are not known."""
+        forward = [view.camera.world_T_camera[:3, 2] for view in self.state.scene.views]
+        return bool(abs(forward[0] @ forward[1]) < np.cos(np.deg2rad(20)))
+
+    @property
+    def mended(self) -> State:
+        """With what explains a disagreement put right."""
+        if self.explanation is None:
+            return self.state
+        scene = self.state.scene
+        for cause in self.explanation.causes:
+            scene = cause.mend(scene)
+        return State(scene)
+
+
+def examine(scene: Scene) -> Geometry:
+    """Of a recording of one person: all frames, limbs at least."""
+    sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
+    first = Geometry(State(sample))
+    if first.state.is_clean or scene.n_cameras < 2:
+        return first
+    explanation = explain(sample)
+    if explanation is not None or not (first.wrong or first.stands_out):
+        return Geometry(first.state, explanation)
+    kept, dense = agreeing(sample), _dense(scene)
+    if not kept:
+        return Geometry(first.state, clocks_differ=first.wrong and clocks_differ(dense))
+    others = [c for c in range(scene.n_cameras) if c not in kept]
+    return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
+
+
+def _dense(scene: Scene) -> Scene:
+    """At most a minute from the middle."""
+    middle_s = (scene.time_s[0] + scene.time_s[-1]) / 2
+    within = np.flatnonzero(np.abs(scene.time_s - middle_s) <= _DENSE_S / 2)
+    return scene.frames(within[spread_evenly(len(within), _DENSE_FRAMES)])

@@ -1,0 +1,39 @@
+"""A possible cause: what would have to be changed, were it the one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.finding import Code
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """What a scene would be without this cause."""
+
+    code: Code
+    cameras: tuple[int, ...]
+    """Whose keypoints or poses it changes."""
+    mend: Callable[[Scene], Scene]
+    reason: str
+    """What is the cause, for a sentence of its own; {cameras} stands for their names."""
+    remedy: str
+    numbers: Mapping[str, float] = field(default_factory=dict)
+    preference: int = 0
+    """Of causes that explain a recording equally well, the one with the smallest is named: it is commoner."""
+
+    def named(self, names: tuple[str, ...]) -> str:
+        """Whom it is about."""
+        return "all cameras" if len(self.cameras) == len(names) else ", ".join(names[c] for c in self.cameras)
+
+
+def each_view(change: Callable[[View], View], cameras: tuple[int, ...]) -> Callable[[Scene], Scene]:
+    """Change the views of some cameras, each by itself."""
+    return lambda scene: scene.with_views({c: change(scene.views[c]) for c in cameras})
+
+
+def with_sides_exchanged(scene: Scene, cameras: tuple[int, ...]) -> Scene:
+    """Left joints for right ones in some views."""
+    return scene.with_views({c: scene.views[c].joints(scene.mirror) for c in cameras})

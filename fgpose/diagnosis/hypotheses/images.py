@@ -1,0 +1,183 @@
+"""Keypoints that are not in the pixels that the calibration is for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view, with_sides_exchanged
+from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.finding import Code
+
+Points = Float[np.ndarray, "*points 2"]
+# Sizes that videos and inputs of networks commonly have, the larger side first.
+_SIZES_PX = (
+    (3840, 2160), (2704, 1520), (2560, 1440), (2048, 1536), (1920, 1200), (1920, 1080), (1600, 1200), (1440, 1080),
+    (1280, 960), (1280, 720), (1024, 768), (960, 540), (854, 480), (848, 480), (800, 600), (720, 576), (640, 480),
+    (640, 360), (640, 640), (512, 512), (416, 416), (320, 240), (256, 256), (256, 192),
+)  # fmt: skip
+# Neighbours on this grid differ by 4 %: at the border of an image 2 % of half its width, 20 of 1920 px, which is near
+# enough for the right one to stand out.
+_FACTORS = np.exp(np.arange(np.log(1 / 4), np.log(4), 0.04))
+_UNCHANGED = 0.02  # a factor this near to 1 is the calibration's own size
+_SAME_SIZE = 0.015
+_MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
+
+
+def image_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """All that may be wrong of the pixels of these cameras alike; the size by a coarse grid."""
+    yield from _normalised(scene, cameras)
+    yield from _turned(scene, cameras)
+    yield from _mirrored(scene, cameras)
+    yield from _common_sizes(scene, cameras)
+    for factor in _FACTORS.tolist():
+        if abs(factor - 1) > _UNCHANGED:
+            yield resized(scene, cameras, (factor, factor))
+
+
+def _of_points(change: Callable[[View], Points]) -> Callable[[View], View]:
+    return lambda view: view.with_points(change(view))
+
+
+def size_px(view: View) -> tuple[float, float]:
+    """Of the images that the calibration is for, by the centre of the lens: it is turned with the images, where the
+    stated size may not be."""
+    width_px, height_px = view.camera.size_px
+    portrait = view.camera.K[1, 2] > view.camera.K[0, 2]
+    sides = sorted((float(width_px), float(height_px)))
+    return (sides[0], sides[1]) if portrait else (sides[1], sides[0])
+
+
+def resized(scene: Scene, cameras: tuple[int, ...], factor: tuple[float, float]) -> Hypothesis:
+    """Keypoints of images of another size; the calibration's is so many times as large."""
+    view = scene.views[cameras[0]]
+    calibrated_px = size_px(view)
+    given_px = _probable_size(calibrated_px, factor)
+    same = abs(factor[0] - factor[1]) < _SAME_SIZE * factor[0]
+    times = f"{factor[0]:.3g}" if same else f"{factor[0]:.3g} (x) and {factor[1]:.3g} (y)"
+    whose = "all cameras" if len(cameras) == scene.n_cameras else "{cameras}"
+    return Hypothesis(
+        Code.IMAGE_SIZE,
+        cameras,
+        each_view(_of_points(lambda each: each.points_px * np.array(factor)), cameras),
+        f"The keypoints of {whose} are of images of another size than the calibration's: probably "
+        f"{given_px[0]}x{given_px[1]}, the calibration is for {calibrated_px[0]:.0f}x{calibrated_px[1]:.0f}",
+        f"Multiply the keypoints by {times}, or give the calibration of images of {given_px[0]}x{given_px[1]} (its "
+        "focal lengths and centres divided by as much).",
+        {"factor_x": factor[0], "factor_y": factor[1]},
+        preference=1,
+    )
+
+
+def within_image(cause: Hypothesis, scene: Scene) -> bool:
+    """Whether nearly all keypoints lie in images of the size that a hypothesis says they are of."""
+    factor = np.array([cause.numbers["factor_x"], cause.numbers["factor_y"]])
+    for c in cause.cameras:
+        points_px = scene.views[c].points_px[np.isfinite(scene.views[c].points_px).all(axis=-1)]
+        inside = (points_px > -_BEYOND_PX).all(axis=-1)
+        inside &= (factor * points_px < np.array(size_px(scene.views[c])) + _BEYOND_PX).all(axis=-1)
+        if np.mean(inside) < _MOSTLY:
+            return False
+    return True
+
+
+def is_common_size(cause: Hypothesis, scene: Scene) -> bool:
+    """Whether the images would be of a size that cameras and networks have."""
+    factor = cause.numbers["factor_x"], cause.numbers["factor_y"]
+    return _probable_size(size_px(scene.views[cause.cameras[0]]), factor) in _turned_too(_SIZES_PX)
+
+
+def _probable_size(calibrated_px: tuple[float, float], factor: tuple[float, float]) -> tuple[int, int]:
+    """A common size where one is near."""
+    width_px, height_px = calibrated_px[0] / factor[0], calibrated_px[1] / factor[1]
+    for size in _turned_too(_SIZES_PX):
+        if abs(size[0] / width_px - 1) < _SAME_SIZE and abs(size[1] / height_px - 1) < _SAME_SIZE:
+            return size
+    return round(width_px), round(height_px)
+
+
+def _turned_too(sizes: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ...]:
+    return (*sizes, *((height, width) for width, height in sizes if height != width))
+
+
+def _common_sizes(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Also those with another ratio of width to height, and those too small for the grid."""
+    width_px, height_px = size_px(scene.views[cameras[0]])
+    for given in _turned_too(_SIZES_PX):
+        factor = width_px / given[0], height_px / given[1]
+        same = abs(factor[0] / factor[1] - 1) < _SAME_SIZE
+        if not same or not _FACTORS[0] < factor[0] < _FACTORS[-1]:
+            yield resized(scene, cameras, factor)
+
+
+def _normalised(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Coordinates from 0 to 1, or from -1 to 1."""
+    for low, words in ((0.0, "0 to 1"), (-1.0, "-1 to 1")):
+
+        def pixels(view: View, low: float = low) -> Points:
+            return (view.points_px - low) / (1.0 - low) * np.array(size_px(view))
+
+        if all(_is_normalised(scene.views[c], low) for c in cameras):
+            yield Hypothesis(
+                Code.NORMALISED,
+                cameras,
+                each_view(_of_points(pixels), cameras),
+                f"The keypoints of {{cameras}} are no pixels: they go from {words}",
+                "Multiply them by the width and the height of the image"
+                + ("." if low == 0.0 else ", after adding 1 and dividing by 2."),
+            )
+
+
+def _is_normalised(view: View, low: float) -> bool:
+    points = view.points_px[np.isfinite(view.points_px)]
+    if not points.size or np.quantile(np.abs(points), 0.99) > 3.0:
+        return False
+    return bool((points.min() < 0) == (low < 0))
+
+
+def _turned(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Images that were turned before the network saw them, or before the camera was calibrated."""
+    for degrees, words in ((90, "by 90 degrees clockwise"), (180, "upside down"), (270, "by 90 degrees anticlockwise")):
+
+        def turned_back(view: View, degrees: int = degrees) -> Points:
+            x, y = np.moveaxis(view.points_px, -1, 0)
+            width_px, height_px = size_px(view)
+            if degrees == 90:
+                return np.stack([y, height_px - 1 - x], axis=-1)
+            if degrees == 180:
+                return np.stack([width_px - 1 - x, height_px - 1 - y], axis=-1)
+            return np.stack([width_px - 1 - y, x], axis=-1)
+
+        yield Hypothesis(
+            Code.TURNED_IMAGE,
+            cameras,
+            each_view(_of_points(turned_back), cameras),
+            f"The images that the keypoints of {{cameras}} are of are turned {words} against those of the calibration",
+            "Turn the keypoints back, or calibrate with images that are turned alike.",
+            {"degrees": float(degrees)},
+        )
+
+
+def _mirrored(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """As a front camera shows them: the network then takes the left hand for the right one."""
+    for sides, words in ((True, ""), (False, ", with left and right as they are on the body")):
+
+        def mirrored_back(given: Scene, sides: bool = sides) -> Scene:
+            views = {c: _mirrored_back(given.views[c]) for c in cameras}
+            return with_sides_exchanged(given.with_views(views), cameras) if sides else given.with_views(views)
+
+        yield Hypothesis(
+            Code.MIRRORED_IMAGE,
+            cameras,
+            mirrored_back,
+            f"The images that the keypoints of {{cameras}} are of are mirrored{words}",
+            "Switch mirroring off in the camera's program; here: replace x by width - 1 - x"
+            + (", and exchange left and right joints." if sides else "."),
+        )
+
+
+def _mirrored_back(view: View) -> View:
+    x, y = np.moveaxis(view.points_px, -1, 0)
+    return view.with_points(np.stack([size_px(view)[0] - 1 - x, y], axis=-1))

@@ -1,0 +1,175 @@
+"""A camera that disagrees with others that agree, where no known cause explains it: what is left to be told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import Enum
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.scene import Scene, View
+from fgpose.diagnosis.hypotheses.steadiness import STEADY, unsteadiness
+
+# Half of the rays of a camera that agrees pass the joints of the others by less (search.NORMAL_M).
+_FITS_M = 0.07
+_STRETCHES = 8  # of the time, each judged by itself
+_LEAST_JOINTS = 20
+# Of clocks: by how much they may differ, in which steps, and how far somebody has to move in a stretch to tell.
+_MOST_S, _STEP_S, _MOVES_M = 30.0, 0.1, 0.15
+_PAIR_REACH_S, _PAIR_FRAMES = 5.0, 120  # of every pair where none is known to be right
+_ALIKE = 0.4  # correlation of the same motion in two views; of two motions it is around 0
+_RANSAC_PX = 30.0  # in images of a focal length of 1000 px: 0.12 m at 4 m
+
+
+class Why(Enum):
+    """Why a camera disagrees."""
+
+    FOR_A_WHILE = "agrees for some of the time: it was moved, or lost images"
+    CLOCK = "sees the same at another time"
+    POSE = "stands elsewhere than the calibration says"
+    DISTORTED = "sees the same motion, but elsewhere"
+    UNKNOWN = "sees something else"
+
+
+class OddCamera(NamedTuple):
+    why: Why
+    rotation_deg: float = np.nan
+    """Where it stands elsewhere: by how much it would have to be turned and moved."""
+    translation_m: float = np.nan
+
+
+def why_odd(sample: Scene, dense: Scene, camera: int, others: tuple[int, ...]) -> OddCamera:
+    """What sets a camera apart from others that agree.
+
+    Args:
+        sample: frames spread over the whole recording.
+        dense: frames so near to each other that clocks can be compared.
+        camera: the one that disagrees.
+        others: at least two that agree.
+    """
+    view, joints_m = sample.views[camera], agreement(sample.cameras(others)).positions_m
+    if _fits_for_a_while(_missed_m(view, joints_m)):
+        return OddCamera(Why.FOR_A_WHILE)
+    if _fits_at_another_time(dense.views[camera], agreement(dense.cameras(others)).positions_m, dense.time_s):
+        return OddCamera(Why.CLOCK)
+    pose = _pose_that_fits(view, joints_m)
+    if pose is None:
+        dense_m = agreement(dense.cameras(others)).positions_m
+        return OddCamera(Why.DISTORTED if _moves_alike(dense.views[camera], dense_m) else Why.UNKNOWN)
+    move = np.linalg.inv(view.camera.world_T_camera) @ pose
+    cosine = np.clip((np.trace(move[:3, :3]) - 1) / 2, -1, 1)
+    return OddCamera(Why.POSE, float(np.rad2deg(np.arccos(cosine))), float(np.linalg.norm(move[:3, 3])))
+
+
+def clocks_differ(dense: Scene) -> bool:
+    """Whether every camera agrees with some other one at another time: most stretches in which the body moves fit."""
+    fits = np.eye(dense.n_cameras, dtype=bool)
+    for a, b in combinations(range(dense.n_cameras), 2):
+        fits[a, b] = fits[b, a] = _pair_fits_at_another_time(dense.cameras((a, b)))
+    return bool((fits.sum(axis=1) >= 2).all())
+
+
+def _pair_fits_at_another_time(pair: Scene) -> bool:
+    reach_s, n_frames = min(_PAIR_REACH_S, float(np.ptp(pair.time_s)) / 2), len(pair.time_s)
+    some = np.linspace(0, n_frames - 1, min(n_frames, _PAIR_FRAMES)).round().astype(int)
+    best, shifts_s = np.full(_STRETCHES, np.inf), np.arange(-reach_s, reach_s + _STEP_S / 2, 2 * _STEP_S)
+    for shift_s in shifts_s.tolist():
+        other = _at_other_times(pair.views[1], pair.time_s, pair.time_s[some] + shift_s)
+        shifted = replace(pair, views=(pair.views[0].frames(some), other), time_s=pair.time_s[some])
+        found = agreement(shifted)
+        steady = unsteadiness(found.positions_m, pair.limbs) < STEADY
+        if steady:
+            best = np.fmin(best, _medians(found.distance_m.max(axis=-1)))
+    moves = _spread_m(agreement(pair.frames(some)).positions_m) > _MOVES_M
+    return moves and float(np.mean(best[np.isfinite(best)] < _FITS_M / 2)) > 0.6 if np.isfinite(best).any() else False
+
+
+def _missed_m(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint"]:
+    """By how much the rays of a view pass joints; NaN where either is missing."""
+    offset_m = joints_m - view.camera.position_m
+    depth_m = np.sum(offset_m * view.rays, axis=-1)
+    across_m = np.sqrt(np.maximum(np.sum(offset_m**2, axis=-1) - depth_m**2, 0.0))
+    return np.where(np.isnan(depth_m) | (depth_m > 0), across_m, np.inf)
+
+
+def _medians(missed_m: Float[np.ndarray, "frame joint"]) -> Float[np.ndarray, " stretch"]:
+    """Of stretches of time; NaN where there is too little."""
+    parts = [part[~np.isnan(part)] for part in np.array_split(missed_m, _STRETCHES)]
+    return np.array([np.median(part) if len(part) >= _LEAST_JOINTS else np.nan for part in parts])
+
+
+def _fits_for_a_while(missed_m: Float[np.ndarray, "frame joint"]) -> bool:
+    return bool(np.sum(_medians(missed_m) < _FITS_M) >= 2)
+
+
+def _fits_at_another_time(
+    view: View, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
+) -> bool:
+    """Whether most of the stretches in which somebody moves fit at some other time, be it another one for each."""
+    reach_s = min(_MOST_S, float(time_s[-1] - time_s[0]) / 2)
+    moves = np.array([_spread_m(part) > _MOVES_M for part in np.array_split(joints_m, _STRETCHES)])
+    best = np.full(_STRETCHES, np.inf)
+    for shift_s in np.arange(-reach_s, reach_s + _STEP_S / 2, _STEP_S).tolist():
+        best = np.fmin(best, _medians(_missed_m(_at_other_times(view, time_s, time_s + shift_s), joints_m)))
+    judged = moves & np.isfinite(best)
+    return int(judged.sum()) >= 2 and float(np.mean(best[judged] < _FITS_M)) > 0.6
+
+
+def _spread_m(joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
+    """How far joints move, root mean square; 0 where they are not known."""
+    known = np.asarray(np.isfinite(joints_m).all(axis=-1))
+    centred = [joints_m[known[:, j], j] - joints_m[known[:, j], j].mean(axis=0) for j in range(known.shape[1])]
+    moved_m = [np.sqrt(np.mean(np.sum(each**2, axis=-1))) for each in centred if len(each) > 1]
+    return float(np.median(moved_m)) if moved_m else 0.0
+
+
+def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " frame"]) -> View:
+    """The nearest frames; nothing beyond the ends."""
+    after = np.clip(np.searchsorted(time_s, wanted_s), 1, len(time_s) - 1)
+    frames = np.where(wanted_s - time_s[after - 1] < time_s[after] - wanted_s, after - 1, after)
+    shifted = view.frames(frames)
+    outside = (wanted_s < time_s[0]) | (wanted_s > time_s[-1])
+    shifted.__dict__["in_camera"] = np.where(outside[:, None, None], np.nan, shifted.in_camera)
+    return shifted
+
+
+def _moves_alike(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> bool:
+    """Whether the image moves as the joints of the others do: of half of the joints that move, correlated."""
+    expected = joints_m - view.camera.position_m
+    expected = expected / np.linalg.norm(expected, axis=-1, keepdims=True)
+    found = []
+    for j in range(joints_m.shape[1]):
+        known = np.isfinite(expected[:, j]).all(axis=-1) & np.isfinite(view.rays[:, j]).all(axis=-1)
+        if known.sum() >= _LEAST_JOINTS:
+            a, b = (each[known, j] - np.median(each[known, j], axis=0) for each in (expected, view.rays))
+            found.append(float(np.sum(a * b) / np.sqrt(np.sum(a**2) * np.sum(b**2) + 1e-12)))
+    return bool(found) and float(np.median(found)) > _ALIKE
+
+
+def _pose_that_fits(view: View, joints_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "4 4"] | None:
+    """From the stretches with even numbers, if those with odd ones agree."""
+    import cv2
+
+    known = np.isfinite(joints_m).all(axis=-1) & np.isfinite(view.in_camera).all(axis=-1)
+    known &= view.in_camera[..., 2] > 0.1
+    stretch = np.arange(len(joints_m)) * _STRETCHES // len(joints_m)
+    used = known & (stretch % 2 == 0)[:, None]
+    if used.sum() < _LEAST_JOINTS or (known & ~used).sum() < _LEAST_JOINTS:
+        return None
+    image = 1000 * view.in_camera[used][:, :2] / view.in_camera[used][:, 2:]
+    K = np.diag([1000.0, 1000.0, 1.0])
+    cv2.setRNGSeed(0)
+    found, rotation, t_m, _ = cv2.solvePnPRansac(
+        joints_m[used], image, K, None, iterationsCount=300, reprojectionError=_RANSAC_PX, flags=cv2.SOLVEPNP_EPNP
+    )
+    if not found:
+        return None
+    camera_T_world = np.eye(4)
+    camera_T_world[:3, :3], camera_T_world[:3, 3] = cv2.Rodrigues(rotation)[0], t_m.ravel()
+    pose = np.linalg.inv(camera_T_world)
+    held_out = _missed_m(view.at(pose), joints_m)[known & ~used]
+    return pose if np.median(held_out) < _FITS_M else None

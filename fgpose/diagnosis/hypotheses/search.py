@@ -1,0 +1,221 @@
+"""Looking for the cause that makes cameras agree which do not."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Int
+
+from fgpose.diagnosis.hypotheses.agreement import Agreement, agreement
+from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
+from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
+from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, resized, within_image
+from fgpose.diagnosis.hypotheses.lenses import lens_hypotheses, other_focal
+from fgpose.diagnosis.hypotheses.poses import pose_hypotheses
+from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.steadiness import STEADY, unsteadiness
+from fgpose.finding import Code
+from fgpose.sampling import spread_evenly
+
+# Half of the rays of each camera pass the joint by this: real recordings have 6 to 32 mm (embedded ones, with
+# calibrations that are off by up to 60 mm), 53 mm where occluders hide a third of the joints.
+NORMAL_M = 0.06
+# A cause is found if what is left of the cost is this share of it; the next best other one has to leave so many times
+# as much.
+_EXPLAINED, _CLEARLY = 0.5, 1.5
+_STEP = 0.85  # share of the cost that a first of several causes may leave, where each is of one camera
+_STEADY_OF_MORE = 0.4
+# What occluders or a bumped camera do is looked at more closely.
+_CLEAN_SHARE, _CLEAN_M = 0.85, 0.045
+_ENOUGH = 3  # cameras that agree are not all wrong alike
+_COARSE_FRAMES, _FINE_FRAMES, _COARSE_JOINTS = 14, 40, 8
+_FINALISTS = 10
+
+
+Whom = Literal["odd", "everybody", "each", "any"]
+"""Whose input is wrong: see _candidates; any: of all alike or of each by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A scene with what its cameras make of it."""
+
+    scene: Scene
+
+    @cached_property
+    def agreement(self) -> Agreement:
+        return agreement(self.scene)
+
+    @cached_property
+    def unsteadiness(self) -> float:
+        return unsteadiness(self.agreement.positions_m, self.scene.limbs)
+
+    @cached_property
+    def cost(self) -> float:
+        """Of the rays, and of the limbs: two cameras agree on much that is no body."""
+        unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else 1.0
+        rays = self.agreement.cost
+        return (rays if np.isfinite(rays) else 1.0) + 0.5 * max(unsteady - STEADY / 2, 0.0)
+
+    @cached_property
+    def medians_m(self) -> np.ndarray:
+        """Of the distances of each camera; NaN where nothing can be judged."""
+        own = [np.sort(each[mask]) for each, mask in _of_cameras(self.agreement)]
+        return np.array([each[len(each) // 2] if len(each) else np.nan for each in own])
+
+    @property
+    def is_normal(self) -> bool:
+        """Whether it is as in recordings in which nothing is wrong."""
+        medians_m = self.medians_m[~np.isnan(self.medians_m)]
+        steady = not self.unsteadiness > (STEADY if self.scene.n_cameras == 2 else _STEADY_OF_MORE)
+        return bool(medians_m.size) and bool((medians_m < NORMAL_M).all()) and steady
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether no cause need be looked for: nothing is hidden, and nothing wrong."""
+        clean = (self.agreement.shares > _CLEAN_SHARE) | ~self.agreement.judged.any(axis=(0, 1))
+        small = (self.medians_m < _CLEAN_M) | np.isnan(self.medians_m)
+        return self.is_normal and bool(clean.all()) and bool(small.all()) and not self.unsteadiness > STEADY
+
+
+def _of_cameras(found: Agreement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    for c in range(found.distance_m.shape[-1]):
+        yield found.distance_m[..., c], found.judged[..., c]
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """Causes that together make the cameras agree."""
+
+    causes: tuple[Hypothesis, ...]
+    before: State
+    after: State
+    """Both on frames that were not looked at to find the causes."""
+    rival: Hypothesis | None
+    """One that explains the recording as well; None: there is none."""
+
+
+def explain(scene: Scene) -> Explanation | None:
+    """The causes without which the cameras agree; None: none of those that are known.
+
+    Causes are looked for in one half of the time and judged in the other.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # means over what is not known
+        looked_at, held_out = _halves(len(scene.time_s))
+        coarse = scene.frames(looked_at[spread_evenly(len(looked_at), _COARSE_FRAMES)])
+        coarse = coarse.joints(_coarse_joints(scene))
+        fine = scene.frames(looked_at[spread_evenly(len(looked_at), _FINE_FRAMES)])
+        judge = scene.frames(held_out[spread_evenly(len(held_out), _FINE_FRAMES)])
+        for whom in ("odd", "everybody", "each") if scene.n_cameras > 2 else ("any",):
+            explanation = _found(coarse, fine, judge, whom)
+            if explanation is not None:
+                return explanation
+        return None
+
+
+def _halves(n_frames: int) -> tuple[Int[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:
+    """Ten stretches of time, in turns."""
+    stretch = np.arange(n_frames) * 10 // max(n_frames, 1)
+    return np.flatnonzero(stretch % 2 == 0), np.flatnonzero(stretch % 2 == 1)
+
+
+def _coarse_joints(scene: Scene) -> Int[np.ndarray, " joint"]:
+    """The first ones with those of the other side: shoulders, elbows, wrists and hips of limb_joints."""
+    some = np.arange(min(_COARSE_JOINTS, len(scene.mirror)))
+    return np.unique(np.concatenate([some, scene.mirror[some]]))
+
+
+def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation | None:
+    before, causes = State(judge), ()
+    while len(causes) < coarse.n_cameras:
+        ranked = _ranked(fine, list(_candidates(coarse, causes, whom)), coarse)
+        if not ranked:
+            return None
+        (best, after), *rivals = ranked
+        if after.cost > _STEP * State(fine).cost or not _is_credible(best, fine):
+            return None
+        causes = (*causes, best)
+        coarse, fine, judge = (best.mend(each) for each in (coarse, fine, judge))
+        if after.is_normal and State(judge).is_normal and State(judge).cost < _EXPLAINED * before.cost:
+            return Explanation(causes, before, State(judge), _rival(best, after, rivals))
+        if len(best.cameras) == coarse.n_cameras and best.code is not Code.EXCHANGED_CAMERAS:
+            return None
+    return None
+
+
+def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
+    """Two cameras agree on so little that almost any size or focal length can be found that makes them agree."""
+    if cause.code is Code.IMAGE_SIZE:
+        return within_image(cause, scene) and (scene.n_cameras > 2 or is_common_size(cause, scene))
+    return cause.code is not Code.WRONG_LENS or scene.n_cameras > 2
+
+
+def _rival(best: Hypothesis, after: State, others: Iterable[tuple[Hypothesis, State]]) -> Hypothesis | None:
+    """The next best that is another cause, or of other cameras, if it is nearly as good."""
+    for other, state in others:
+        if (other.code, other.cameras) != (best.code, best.cameras) and state.is_normal:
+            return other if state.cost < _CLEARLY * after.cost else None
+    return None
+
+
+def _ranked(fine: Scene, candidates: Iterable[Hypothesis], coarse: Scene) -> list[tuple[Hypothesis, State]]:
+    """The best ones by the finer sample, sizes and focal lengths to within a thousandth."""
+    first = [(State(each.mend(coarse)).cost, each) for each in candidates]
+    finalists = [each for _, each in sorted(first, key=lambda pair: pair[0])[: 3 * _FINALISTS]]
+    second = sorted(((State(each.mend(fine)).cost, each) for each in finalists), key=lambda pair: pair[0])
+    refined = [_refined(each, fine) for _, each in second[:_FINALISTS]]
+    states = [(each, State(each.mend(fine))) for each in refined]
+    return sorted(states, key=lambda pair: pair[1].cost + 0.003 * (pair[0].preference + len(pair[0].cameras)))
+
+
+def _candidates(scene: Scene, causes: tuple[Hypothesis, ...], whom: Whom) -> Iterator[Hypothesis]:
+    """Of the cameras that do not agree with three others that do, of all alike, or of each by itself."""
+    everybody = tuple(range(scene.n_cameras))
+    changed = {c for cause in causes for c in cause.cameras}
+    if whom == "odd":
+        odd = tuple(np.flatnonzero(~(State(scene).medians_m < NORMAL_M)).tolist())
+        if scene.n_cameras - len(odd) >= _ENOUGH:
+            yield from exchange_hypotheses(scene, odd)
+            yield from _of_group_each([(c,) for c in odd if c not in changed], scene)
+        return
+    if whom != "each":
+        if not causes:
+            yield from pose_hypotheses(scene)
+            yield from _of_group_each([everybody], scene)
+        if not causes or causes[0].code is Code.EXCHANGED_CAMERAS:
+            yield from exchange_hypotheses(scene, everybody)
+    if whom != "everybody":
+        yield from _of_group_each([(c,) for c in everybody if c not in changed], scene)
+
+
+def _of_group_each(groups: Iterable[tuple[int, ...]], scene: Scene) -> Iterator[Hypothesis]:
+    """What may be wrong of cameras alike."""
+    for group in groups:
+        yield from image_hypotheses(scene, group)
+        yield from lens_hypotheses(scene, group)
+        yield from side_hypotheses(group)
+
+
+def _refined(hypothesis: Hypothesis, scene: Scene) -> Hypothesis:
+    """With the best size or focal length near that of the grid."""
+    make: Callable[[float], Hypothesis]
+    if hypothesis.code is Code.IMAGE_SIZE and hypothesis.numbers["factor_x"] == hypothesis.numbers["factor_y"]:
+        first = hypothesis.numbers["factor_x"]
+        make = lambda factor: resized(scene, hypothesis.cameras, (factor, factor))  # noqa: E731
+    elif "focal_factor" in hypothesis.numbers:
+        first = hypothesis.numbers["focal_factor"]
+        make = lambda factor: other_focal(scene, hypothesis.cameras, factor)  # noqa: E731
+    else:
+        return hypothesis
+    step = 0.02
+    while step > 0.001:
+        tried = [make(first * np.exp(change)) for change in (-step, 0.0, step)]
+        best = min(tried, key=lambda each: State(each.mend(scene)).cost)
+        first, step = first * float(np.exp((-step, 0.0, step)[tried.index(best)])), step / 2
+    return make(first)

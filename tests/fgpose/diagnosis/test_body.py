@@ -1,0 +1,146 @@
+"""Units, axes, skeletons and sides, by the body itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.diagnosis.body.joint_names import in_words, part_of
+from fgpose.diagnosis.body.posture import wrong_up
+from fgpose.diagnosis.body.proportions import stature_m, strangeness
+from fgpose.diagnosis.body.sides import mirrored_body
+from fgpose.diagnosis.body.skeletons import wrong_skeleton
+from fgpose.diagnosis.body.units import wrong_unit
+from fgpose.diagnosis.examined import Examined
+from fgpose.finding import Code, Severity
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.skeletons import load_skeleton
+from fgpose.observations import Observations
+from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, posed, recorded, room, with_points
+
+Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+CHECKS = (wrong_skeleton, wrong_unit, wrong_up, mirrored_body)
+
+
+@pytest.fixture(scope="module")
+def rig() -> CameraRig:
+    return room(4, seed=3)
+
+
+@pytest.fixture(scope="module")
+def seen(rig: CameraRig) -> Observations:
+    return recorded(rig, seed=3)
+
+
+def scaled(rig: CameraRig, factor: float) -> CameraRig:
+    """With all distances multiplied."""
+
+    def pose(given: np.ndarray) -> np.ndarray:
+        given[:3, 3] *= factor
+        return given
+
+    return posed(rig, pose)
+
+
+def lying(truth_m: np.ndarray) -> np.ndarray:
+    """On the floor."""
+    around = truth_m - np.array([0.0, 0.0, 0.9])
+    return np.stack([around[..., 2], around[..., 1], 0.4 - around[..., 0]], axis=-1)
+
+
+@pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
+def test_nothing_is_told_of_real_recordings(name: str) -> None:
+    rig, seen = fgpose.load_recording(name)
+    examined = Examined.of(seen, rig)
+    assert [finding for check in CHECKS for finding in check(examined)] == []
+
+
+@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize(
+    "posture", [lambda truth: truth, lying, lambda truth: 0.5 * truth], ids=["stands", "lies", "child"]
+)
+def test_nothing_is_told_of_right_ones(n_cameras: int, posture) -> None:
+    rig = room(n_cameras, seed=7)
+    examined = Examined.of(recorded(rig, posture(motion_m("cmu_02_10", 90)), seed=7), rig)
+    assert [finding for check in CHECKS for finding in check(examined)] == []
+
+
+@pytest.mark.parametrize(
+    ("factor", "words", "remedy"),
+    [
+        (1000.0, "millimetres read as metres", "--unit mm"),
+        (100.0, "centimetres read as metres", "--unit cm"),
+        (0.1, "centimetres read as millimetres", "--unit cm"),
+        (1 / 25.4, "inches read as millimetres", "--unit inch"),
+        (0.001 / 0.054, "squares of a board of about 5", "--unit 0.05"),
+        (1 / 0.03, "squares of a board of about 3", "--unit 0.03"),
+    ],
+)
+def test_a_unit_is_found_by_the_size_of_the_body(seen, rig, factor: float, words: str, remedy: str) -> None:
+    (finding,) = wrong_unit(Examined.of(seen, scaled(rig, factor)))
+    assert (finding.code, finding.severity) == (Code.UNIT, Severity.WRONG)
+    assert words in finding.reason
+    assert remedy in finding.remedy
+    # The person of the motion capture is 1.65 m by these proportions; 1.70 m is taken.
+    assert finding.numbers["factor"] == pytest.approx(1 / factor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("up", "words"), [("z", "--world-up z was given, but the body stands along -y"), ("+y", "not along +z")]
+)
+def test_a_world_whose_y_points_down(seen, rig, up: str, words: str) -> None:
+    (finding,) = wrong_up(Examined.of(seen, posed(rig, lambda pose: Y_DOWN @ pose), world_up=up))
+    assert (finding.code, finding.severity) == (Code.WORLD_UP, Severity.WRONG)
+    assert words in finding.reason
+    assert "--world-up -y" in finding.remedy
+
+
+def test_a_world_that_is_the_frame_of_a_camera(seen, rig) -> None:
+    first = np.linalg.inv(rig.cameras[0].world_T_camera)
+    (finding,) = wrong_up(Examined.of(seen, posed(rig, lambda pose: first @ pose)))
+    assert finding.severity is Severity.NOTE
+    assert "--world-up" in finding.remedy
+    assert "-y" in finding.reason
+
+
+def test_left_and_right_exchanged_in_all_views(seen, rig) -> None:
+    swapped = with_points(seen, seen.points2d_px[:, :, SKELETON.mirror])
+    (finding,) = mirrored_body(Examined.of(swapped, rig))
+    assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
+
+
+@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize("given", ["coco_17", "h36m_17_lt"])
+def test_a_skeleton_of_as_many_joints(n_cameras: int, given: str) -> None:
+    rig = room(n_cameras, seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    misread = replace(seen, skeleton=load_skeleton(given), points3d_m=None, covariance3d_m2=None)
+    (finding,) = wrong_skeleton(Examined.of(misread, rig))
+    assert (finding.code, finding.severity) == (Code.WRONG_SKELETON, Severity.WRONG)
+    assert "probably of h36m_17," in finding.reason
+    assert finding.remedy == "Give --skeleton h36m_17."
+
+
+def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:
+    order = np.random.default_rng(1).permutation(SKELETON.n_joints)
+    shuffled = replace(with_points(seen, seen.points2d_px[:, :, order]), confidence=seen.confidence[:, :, order])
+    (finding,) = wrong_skeleton(Examined.of(shuffled, rig))
+    assert finding.code is Code.WRONG_SKELETON
+    assert "another one" in finding.reason
+
+
+def test_real_motion_has_the_proportions_of_a_body() -> None:
+    truth_m = motion_m("cmu_01_04_a")
+    # The subject's bones are those of a person of 1.65 m; single segments differ by some per cent between people.
+    assert stature_m(truth_m, SKELETON) == pytest.approx(1.65, abs=0.05)
+    assert strangeness(truth_m, SKELETON) < 0.2
+
+
+def test_joints_in_words() -> None:
+    assert in_words(["left_knee", "right_knee", "left_wrist"]) == "knees and left wrist"
+    assert part_of("left_thumb") == part_of("left_index") == "left_hand"
+    assert part_of("right_eye") == part_of("nose") == "head"
+    assert part_of("left_knee") == "left_knee"

@@ -1,0 +1,237 @@
+"""Cameras that disagree: the cause is told, and nothing else is.
+
+Without damage cameras agree to 1 to 5 cm, and the causes of this file make them miss the body by decimetres. What is
+told rests on frames that were not used to find it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.diagnosis.hypotheses.findings import disagreements
+from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.synthetic import walking
+from tests.fgpose.diagnosis.damaged import (
+    SIZE_PX,
+    SKELETON,
+    changed,
+    mirrored,
+    motion_m,
+    posed,
+    recorded,
+    room,
+    turned_clockwise,
+    upside_down,
+    with_points,
+)
+
+OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def rig() -> CameraRig:
+    return room(4, seed=3)
+
+
+@pytest.fixture(scope="module")
+def seen(rig: CameraRig) -> Observations:
+    return recorded(rig, seed=3)
+
+
+def found(seen: Observations, rig: CameraRig) -> list[Finding]:
+    return disagreements(Examined.of(seen, rig))
+
+
+def only(seen: Observations, rig: CameraRig) -> Finding:
+    findings = found(seen, rig)
+    assert len(findings) == 1, [finding.text for finding in findings]
+    assert findings[0].severity is Severity.WRONG
+    return findings[0]
+
+
+@pytest.mark.parametrize("n_cameras", [2, 3, 4])
+def test_nothing_is_told_of_cameras_that_agree(n_cameras: int) -> None:
+    rig = room(n_cameras, seed=11)
+    assert found(recorded(rig, motion_m("cmu_02_10"), seed=11), rig) == []
+
+
+@pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
+def test_nothing_is_told_of_real_recordings(name: str) -> None:
+    rig, seen = fgpose.load_recording(name)
+    assert found(seen, rig) == []
+
+
+def test_images_of_another_size(seen: Observations, rig: CameraRig) -> None:
+    finding = only(changed(seen, lambda points: points / 1.5, (0, 1, 2, 3)), rig)
+    assert finding.code is Code.IMAGE_SIZE
+    assert "all cameras" in finding.reason
+    assert "probably 1280x720, the calibration is for 1920x1080" in finding.reason
+    assert finding.numbers["factor_x"] == pytest.approx(1.5, rel=0.01)  # 1 % of an image is 0.1 body heights
+
+
+@pytest.mark.slow
+def test_one_camera_with_images_of_another_size(seen: Observations, rig: CameraRig) -> None:
+    finding = only(changed(seen, lambda points: 2.37 * points, (2,)), rig)
+    assert (finding.code, finding.camera) == (Code.IMAGE_SIZE, "cam3")
+    assert finding.numbers["factor_x"] == pytest.approx(1 / 2.37, rel=0.01)
+
+
+@pytest.mark.slow
+def test_coordinates_from_0_to_1(seen: Observations, rig: CameraRig) -> None:
+    finding = only(changed(seen, lambda points: points / np.array(SIZE_PX), (0, 1, 2, 3)), rig)
+    assert finding.code is Code.NORMALISED
+    assert "0 to 1" in finding.reason
+
+
+def test_an_image_that_was_turned(seen: Observations, rig: CameraRig) -> None:
+    finding = only(changed(seen, turned_clockwise, (1,)), rig)
+    assert (finding.code, finding.camera, finding.numbers["degrees"]) == (Code.TURNED_IMAGE, "cam2", 90.0)
+
+
+@pytest.mark.slow
+def test_a_view_that_is_mirrored(seen: Observations, rig: CameraRig) -> None:
+    finding = only(changed(seen, mirrored, (1,)), rig)
+    assert (finding.code, finding.camera) == (Code.MIRRORED_IMAGE, "cam2")
+
+
+@pytest.mark.slow
+def test_two_cameras_that_are_exchanged(seen: Observations, rig: CameraRig) -> None:
+    order = [0, 3, 2, 1]
+    finding = only(with_points(seen, seen.points2d_px[:, order], order), rig)
+    assert finding.code is Code.EXCHANGED_CAMERAS
+    assert "cam2 and cam4 are exchanged" in finding.reason
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("code", "change", "cameras"),
+    [
+        (Code.IMAGE_SIZE, lambda points: points / 2, (0, 1, 2, 3)),
+        (Code.IMAGE_SIZE, lambda points: 2 * points, (0, 1, 2, 3)),
+        (Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 2)),
+        (Code.NORMALISED, lambda points: 2 * points / np.array(SIZE_PX) - 1, (0, 1, 2, 3)),
+        (Code.TURNED_IMAGE, turned_clockwise, (0, 1, 2, 3)),
+        (Code.TURNED_IMAGE, upside_down, (3,)),
+        (Code.TURNED_IMAGE, upside_down, (0, 1, 2, 3)),
+        (Code.MIRRORED_IMAGE, mirrored, (0, 1, 2, 3)),
+        (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (0,)),
+        (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (0, 2)),
+    ],
+)
+@pytest.mark.parametrize("n_cameras", [3, 4])
+def test_keypoints_that_are_not_those_of_the_calibration(code, change, cameras, n_cameras: int) -> None:
+    rig = room(n_cameras, seed=n_cameras)
+    cameras = tuple(c for c in cameras if c < n_cameras)
+    if n_cameras == 3 and len(cameras) == 2:
+        pytest.skip("two of three cameras that are wrong alike leave one: it looks like the wrong one")
+    finding = only(changed(recorded(rig, motion_m("cmu_02_10"), seed=1), change, cameras), rig)
+    assert finding.code is code
+    assert "all cameras" in finding.reason or all(rig.names[c] in finding.reason for c in cameras)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pose", "words"),
+    [
+        (lambda pose: pose @ OPENGL, "axes of OpenGL"),
+        (np.linalg.inv, "from the camera to the world"),
+        (lambda pose: _joined(pose[:3, :3], -pose[:3, :3] @ pose[:3, 3]), "translation is the position"),
+        (lambda pose: _joined(pose[:3, :3].T, pose[:3, 3]), "rotations are stored transposed"),
+    ],
+)
+@pytest.mark.parametrize("n_cameras", [2, 4])
+def test_poses_in_another_convention(pose, words: str, n_cameras: int) -> None:
+    rig = room(n_cameras, seed=5)
+    finding = only(recorded(rig, seed=5), posed(rig, pose))
+    assert finding.code is Code.CAMERA_AXES
+    assert words in finding.reason
+
+
+def _joined(R: np.ndarray, t_m: np.ndarray) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R, t_m
+    return pose
+
+
+@pytest.mark.slow
+def test_cameras_that_are_counted_from_another_number() -> None:
+    rig, order = room(5, seed=2), [4, 0, 1, 2, 3]
+    seen = recorded(rig, seed=2)
+    finding = only(with_points(seen, seen.points2d_px[:, order], order), rig)
+    assert finding.code is Code.EXCHANGED_CAMERAS
+    assert "from 0 in one place and from 1 in the other" in finding.remedy
+
+
+def moved(rig: CameraRig, camera: int, degrees: float, metres: float) -> CameraRig:
+    move = np.eye(4)
+    move[:3, :3], move[0, 3] = cv2.Rodrigues(np.deg2rad([0.0, degrees, 0.0]))[0], metres
+    cameras = list(rig.cameras)
+    cameras[camera] = replace(cameras[camera], world_T_camera=cameras[camera].world_T_camera @ move)
+    return CameraRig(tuple(cameras))
+
+
+@pytest.mark.slow
+def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> None:
+    finding = only(seen, moved(rig, 1, 40.0, 0.6))
+    assert (finding.code, finding.camera) == (Code.WRONG_CAMERA, "cam2")
+    # Where it stands is found from detections that are off by 2 cm: 0.3 degrees at 4 m, and as much of the place along
+    # the ray as a body of 0.5 m around its middle tells.
+    assert finding.numbers["rotation_deg"] == pytest.approx(40.0, abs=3.0)
+    assert "--refine-calibration" not in finding.remedy
+
+
+def test_a_bump_is_not_called_a_wrong_calibration(seen: Observations, rig: CameraRig) -> None:
+    finding = only(seen, moved(rig, 1, 5.0, 0.02))
+    assert (finding.code, finding.camera) == (Code.MOVED_CAMERA, "cam2")
+
+
+@pytest.mark.slow
+def test_keypoints_of_another_person(seen: Observations, rig: CameraRig) -> None:
+    walker_m = walking(seen.n_frames, 30.0)  # on a circle of 1 m
+    other = recorded(rig, walker_m, seed=4)
+    mixed = with_points(seen, np.concatenate([other.points2d_px[:, :1], seen.points2d_px[:, 1:]], axis=1))
+    finding = only(mixed, rig)
+    assert (finding.code, finding.camera) == (Code.OTHER_PERSON, "cam1")
+
+
+@pytest.mark.slow
+def test_a_late_camera_is_not_called_a_wrong_one(rig: CameraRig) -> None:
+    walker = recorded(rig, walking(240, 30.0), seed=4)
+    late = walker.points2d_px.copy()
+    late[15:, 2] = late[:-15, 2]  # half a second
+    finding = only(with_points(walker, late), rig)
+    assert (finding.code, finding.camera) == (Code.DISAGREEING_CAMERA, "cam3")
+    assert "another time" in finding.reason
+
+
+@pytest.mark.parametrize("n_cameras", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_nothing_is_invented_where_nothing_agrees(n_cameras: int) -> None:
+    rig = room(n_cameras, seed=6)
+    seen = recorded(rig, seed=6)
+    garbage_px = np.random.default_rng(0).uniform(0, 1000, seen.points2d_px.shape)
+    finding = only(with_points(seen, garbage_px, list(range(n_cameras))), rig)
+    assert finding.code is Code.NO_AGREEMENT
+    assert "nan" not in finding.text
+
+
+def test_two_cameras_that_see_nothing_together_are_not_said_to_agree() -> None:
+    rig = room(2)
+    seen = recorded(rig)
+    alone = seen.points2d_px.copy()
+    alone[::2, 0], alone[1::2, 1] = np.nan, np.nan
+    finding = only(with_points(seen, alone), rig)
+    assert finding.code is Code.NO_AGREEMENT
+
+
+def test_one_camera_is_not_judged() -> None:
+    rig = room(1)
+    with pytest.raises(NotJudgedError, match="one camera"):
+        found(recorded(rig), rig)

@@ -1,0 +1,78 @@
+"""When nobody is seen, or unsurely, or always the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.seen.confidence import low_confidence
+from fgpose.diagnosis.seen.frozen import frozen_cameras
+from fgpose.diagnosis.seen.presence import nobody
+from fgpose.finding import Code, Severity
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from tests.fgpose.diagnosis.damaged import SKELETON, recorded, room, with_points
+
+
+@pytest.fixture(scope="module")
+def rig() -> CameraRig:
+    return room(3, seed=3)
+
+
+@pytest.fixture(scope="module")
+def seen(rig: CameraRig) -> Observations:
+    return recorded(rig, seed=3)
+
+
+def without(seen: Observations, frames: slice, cameras: slice = slice(None)) -> Observations:
+    """Five seconds at 30 Hz, of which some cameras see nothing for some."""
+    points_px = seen.points2d_px.copy()
+    points_px[frames, cameras] = np.nan
+    return with_points(seen, points_px)
+
+
+def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
+    examined = Examined.of(seen, rig)
+    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined)] == []
+
+
+def test_nothing_is_told_of_a_real_recording() -> None:
+    rig, seen = fgpose.load_recording("balance_openpose")
+    examined = Examined.of(seen, rig)
+    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined)] == []
+
+
+def test_when_nobody_is_there(seen, rig) -> None:
+    (finding,) = nobody(Examined.of(without(seen, slice(30, 90)), rig))
+    assert (finding.code, finding.severity) == (Code.NOBODY, Severity.NOTE)
+    assert finding.from_s == pytest.approx(1.0)
+    assert finding.to_s == pytest.approx(3.0)
+    assert finding.numbers["share"] == pytest.approx(0.4)
+
+
+def test_when_one_camera_is_alone(seen, rig) -> None:
+    (finding,) = nobody(Examined.of(without(seen, slice(75, None), slice(1, None)), rig))
+    assert (finding.code, finding.severity) == (Code.FEW_CAMERAS, Severity.DOUBTFUL)
+    assert "50 % of the time: 2.5 to 5.0 s" in finding.reason
+
+
+def test_legs_that_the_network_guesses(seen, rig) -> None:
+    legs = [SKELETON.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")]
+    confidence = seen.confidence.copy()
+    confidence[:, :, legs] = 0.05
+    (finding,) = low_confidence(Examined.of(replace(seen, confidence=confidence), rig))
+    assert (finding.code, finding.severity) == (Code.LOW_CONFIDENCE, Severity.DOUBTFUL)
+    assert "unsure of knees and ankles throughout" in finding.reason
+
+
+def test_an_image_that_stands_still(seen, rig) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[60:120, 1] = points_px[60, 1]
+    (finding,) = frozen_cameras(Examined.of(with_points(seen, points_px), rig))
+    assert (finding.code, finding.severity, finding.camera) == (Code.FROZEN_CAMERA, Severity.WRONG, "cam2")
+    assert finding.from_s == pytest.approx(2.0)
+    assert finding.to_s == pytest.approx(119 / 30)
