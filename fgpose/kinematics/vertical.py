@@ -60,7 +60,8 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
         level, coarse = _level_up(rig), _coarse_up(rig)
     expected = up_vector(usual)
     if body is None:
-        return _by_cameras(level, expected, usual)
+        surround = coarse if rig is not None and _surround(rig) else None
+        return _by_cameras(surround if level is None else level, expected, usual)
     off_deg = _angle_deg(body, expected)
     if off_deg <= _UPRIGHT_DEG:
         return _perhaps_tilted(body, level, expected, usual)
@@ -155,6 +156,12 @@ def _level_up(rig: CameraRig) -> Float[np.ndarray, 3] | None:
     if spread[1] < _LEAST_HEADINGS or spread[2] > _MAX_ROLL or up @ coarse < _LEAST_HEADINGS:
         return None
     return up
+
+
+def _surround(rig: CameraRig) -> bool:
+    """Whether cameras look in different directions; those that all look down from a ceiling, say, do not."""
+    forward = np.mean([camera.world_T_camera[:3, 2] for camera in rig.cameras], axis=0)
+    return float(np.linalg.norm(forward)) < 1 - _LEAST_HEADINGS
 
 
 def _by_cameras(level: Float[np.ndarray, 3] | None, expected: Float[np.ndarray, 3], usual: UpAxis) -> FoundUp:

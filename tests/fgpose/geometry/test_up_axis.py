@@ -22,8 +22,9 @@ def test_every_axis_is_turned_up_exactly_and_back(axis: Any) -> None:
 
 
 def test_a_bare_axis_is_the_positive_one() -> None:
-    for axis in ("x", "y", "z"):
-        np.testing.assert_array_equal(z_up_R_world(axis), z_up_R_world(f"+{axis}"))
+    pairs: Any = [("x", "+x"), ("y", "+y"), ("z", "+z")]
+    for bare, signed in pairs:
+        np.testing.assert_array_equal(z_up_R_world(bare), z_up_R_world(signed))
     np.testing.assert_array_equal(y_up(POINTS, "z"), POINTS[..., [1, 2, 0]])  # as Pose2Sim maps to OpenSim
     np.testing.assert_array_equal(y_up(POINTS, "y"), POINTS)
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import SIGNED_AXES, up_vector, z_up_R_world
+from fgpose.io.recordings import load_recording
 from fgpose.io.skeletons import load_skeleton
 from fgpose.kinematics.vertical import body_up, find_up
 from fgpose.synthetic import ring_rig, walking
@@ -119,3 +120,15 @@ def test_the_lean_of_a_body_cancels_over_its_headings(walk: Trajectory) -> None:
     assert up is not None
     # One round of the circle in 5 s: what is left is the part of the second one.
     assert np.rad2deg(np.arccos(up[2])) < 2
+
+
+def test_cameras_that_are_not_level_tell_the_axis_all_the_same(walk: Trajectory) -> None:
+    """Rolled by up to 24 degrees, as those of the recorded man who balances, who leans by 26."""
+    rig, _ = load_recording("balance_openpose")
+    world_R_up = z_up_R_world("-y").T
+    assert find_up([], rig.turned(world_R_up)).world_up == "-y"
+    leaning = walk.turned(Rotation.from_euler("x", 26, degrees=True).as_matrix())
+    found = find_up([leaning.turned(world_R_up)], rig.turned(world_R_up))
+    assert found.world_up == "-y"
+    assert "it leans by 26 degrees: if the person does not, the world is tilted" in found.remark
+    assert find_up([leaning], rig).world_up == "+z"
