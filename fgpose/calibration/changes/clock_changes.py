@@ -22,8 +22,8 @@ class ClockFit:
     kind: Kind
     lag: Float[np.ndarray, " block"]
     """In steps of the costs."""
-    first_after: int
-    """Block with which a jump begins."""
+    firsts: tuple[int, ...]
+    """Blocks with which jumps begin."""
     gain: Float[np.ndarray, " block"]
     """By how much the cost of each block is less, with lags to which it has not contributed."""
 
@@ -38,14 +38,16 @@ def clock_fits(costs: LagCosts, c: int) -> list[ClockFit]:
     odd = np.cumsum(told) % 2 == 1
     centre = cost.shape[1] // 2
     found = []
-    for kind in (Kind.OFFSET, Kind.JUMP, Kind.RATE):
-        whole = _fit(kind, cost, told, time)
+    for kind, n_jumps in ((Kind.OFFSET, 0), (Kind.JUMP, 1), (Kind.JUMP, 2), (Kind.RATE, 0)):
+        lag, firsts = _fit(kind, cost, told, time, n_jumps)
+        if len(firsts) < n_jumps:
+            continue
         gain = np.zeros(len(cost))
         for half in (odd, ~odd):
-            lag, _ = _fit(kind, cost * half[:, None], told & half, time)
+            of_half, _ = _fit(kind, cost * half[:, None], told & half, time, n_jumps)
             rows = np.flatnonzero(told & ~half)
-            gain[rows] = cost[rows, centre] - _at(cost[rows], lag[rows])
-        found.append(ClockFit(kind, whole[0] - centre, whole[1], gain))
+            gain[rows] = cost[rows, centre] - _at(cost[rows], of_half[rows])
+        found.append(ClockFit(kind, lag - centre, firsts, gain))
     return found
 
 
@@ -55,23 +57,43 @@ def _at(cost: Float[np.ndarray, "block lag"], lag: Float[np.ndarray, " block"]) 
 
 
 def _fit(
-    kind: Kind, cost: Float[np.ndarray, "block lag"], told: Bool[np.ndarray, " block"], time: Float[np.ndarray, " block"]
-) -> tuple[Float[np.ndarray, " block"], int]:
-    """Of each block the index of its lag; and the block with which a jump begins."""
-    if kind is Kind.OFFSET:
-        return np.full(len(cost), _minimum(cost.sum(axis=0))), 0
+    kind: Kind,
+    cost: Float[np.ndarray, "block lag"],
+    told: Bool[np.ndarray, " block"],
+    time: Float[np.ndarray, " block"],
+    n_jumps: int,
+) -> tuple[Float[np.ndarray, " block"], tuple[int, ...]]:
+    """Of each block the index of its lag; and the blocks with which jumps begin."""
     if kind is Kind.RATE:
-        return _line(cost, time), 0
-    before = np.cumsum(cost, axis=0)
-    after = before[-1] - before
-    number = np.cumsum(told)
-    possible = (number >= MIN_BLOCKS) & (number[-1] - number >= MIN_BLOCKS)
-    if not possible.any():
-        return np.full(len(cost), _minimum(cost.sum(axis=0))), 0
-    least = np.where(possible, before.min(axis=1) + after.min(axis=1), np.inf)
-    last = int(np.argmin(least))
-    lags = np.where(np.arange(len(cost)) <= last, _minimum(before[last]), _minimum(after[last]))
-    return lags, last + 1
+        return _line(cost, time), ()
+    firsts = _jumps(cost, told, n_jumps)
+    lag = np.empty(len(cost))
+    for first, end in zip((0, *firsts), (*firsts, len(cost)), strict=True):
+        lag[first:end] = _minimum(cost[first:end].sum(axis=0))
+    return lag, firsts
+
+
+def _jumps(cost: Float[np.ndarray, "block lag"], told: Bool[np.ndarray, " block"], n_jumps: int) -> tuple[int, ...]:
+    """The blocks with which the lags of the least cost begin, by dynamic programming; fewer where there is no room."""
+    before = np.concatenate([np.zeros((1, cost.shape[1])), np.cumsum(cost, axis=0)])[:, :: PER_STEP // 2]
+    number = np.concatenate([[0], np.cumsum(told)])
+    n = len(before)
+    least = np.full((n, n), np.inf)
+    for first in range(n - 1):
+        own = (before[first + 1 :] - before[first]).min(axis=1)
+        least[first, first + 1 :] = np.where(number[first + 1 :] - number[first] >= MIN_BLOCKS, own, np.inf)
+    best, cut = least[0], []
+    for _ in range(n_jumps):
+        through = best[:, None] + least
+        cut.append(np.argmin(through, axis=0))
+        best = through.min(axis=0)
+    if not np.isfinite(best[-1]):
+        return ()
+    firsts, end = [], n - 1
+    for of_end in reversed(cut):
+        end = int(of_end[end])
+        firsts.append(end)
+    return tuple(reversed(firsts))
 
 
 def _minimum(cost: Float[np.ndarray, " lag"]) -> float:

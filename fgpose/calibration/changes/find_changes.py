@@ -33,6 +33,8 @@ _NOTICEABLE_SHIFT = 0.4
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
 _WHOLE_FRAMES = 0.25
+# By how much the gain of a change counts that is not what losing images does.
+_IMPLAUSIBLE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,16 +87,39 @@ def _next(
     candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, rig, step_s)]
     if not candidates:
         return []
-    best = max(candidates, key=lambda each: each.gain)
-    alike = [each for each in candidates if each.change.camera == best.change.camera]
-    order = list(Kind)
-    simplest = min(
-        (each for each in alike if each.gain * _CLEARLY >= best.gain),
-        key=lambda each: (not each.change.is_of_clock, order.index(each.change.kind)),
-    )
-    if simplest.change.is_of_clock != best.change.is_of_clock:
-        simplest = best
-    return _placed(simplest, people, rig, changes, rays, blocks, step_s)
+    return _placed(_chosen(candidates, step_s / costs.step_s), people, rig, changes, rays, blocks, step_s)
+
+
+def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
+    """That which makes most better; of one camera the simplest that is nearly as good."""
+    weighed = {id(each): each.gain * (1.0 if _is_plausible(each, frame) else _IMPLAUSIBLE) for each in candidates}
+    best = max(candidates, key=lambda each: weighed[id(each)])
+    nearly = [
+        each
+        for each in candidates
+        if each.change.camera == best.change.camera
+        and each.change.is_of_clock == best.change.is_of_clock
+        and weighed[id(each)] * _CLEARLY >= weighed[id(best)]
+    ]
+    return min(nearly, key=lambda each: (list(Kind).index(each.change.kind), _n_jumps(each)))
+
+
+def _n_jumps(candidate: _Candidate) -> int:
+    return len(candidate.fit.firsts) if isinstance(candidate.fit, ClockFit) else 0
+
+
+def _is_plausible(candidate: _Candidate, frame: float) -> bool:
+    """Lost images are whole ones, and of two cameras the one that lost some is late afterwards.
+
+    Args:
+        frame: of the images, in steps of the lags.
+    """
+    if candidate.change.kind is not Kind.JUMP:
+        return True
+    assert isinstance(candidate.fit, ClockFit)
+    firsts = list(candidate.fit.firsts)
+    frames = (candidate.fit.lag[firsts] - candidate.fit.lag[[first - 1 for first in firsts]]) / frame
+    return bool((np.abs(frames - np.round(frames)) < _WHOLE_FRAMES).all() and (frames > 0).all())
 
 
 def _of_camera(rays: Rays, costs: LagCosts, c: int, rig: CameraRig, step_s: float) -> list[_Candidate]:
@@ -116,7 +141,9 @@ def _is_clear(fit: ClockFit | PoseFit) -> bool:
 def _matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
     if kind is Kind.OFFSET:
         return abs(lag[0]) > _NOTICEABLE_FRAMES
-    return abs(lag[-1] - lag[0]) > (_JUMP_FRAMES if kind is Kind.JUMP else _RATE_FRAMES)
+    if kind is Kind.JUMP:
+        return bool(np.abs(np.diff(lag)).max() > _JUMP_FRAMES)
+    return abs(lag[-1] - lag[0]) > _RATE_FRAMES
 
 
 def _placed(
@@ -175,15 +202,18 @@ def _jump(
     blocks: Blocks,
     step_s: float,
 ) -> list[Change]:
-    first_s, by_s = float(lag_s[0]), float(lag_s[-1] - lag_s[0])
-    found = []
-    if abs(first_s) > _NOTICEABLE_FRAMES * step_s:
-        found.append(Change(Kind.OFFSET, change.camera, offset_s=first_s, reliability=change.reliability))
-    frames = by_s / step_s
-    if abs(frames - round(frames)) < _WHOLE_FRAMES:
-        by_s = round(frames) * step_s
-    jump = replace(change, offset_s=by_s)
-    near_s = blocks.time_s[fit.first_after] - blocks.length_s / 2
-    before, after = [*changes, *found], [*changes, *found, jump]
-    at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
-    return [*found, replace(jump, at_s=at_s)]
+    found: list[Change] = []
+    if abs(lag_s[0]) > _NOTICEABLE_FRAMES * step_s:
+        offset_s = float(lag_s[0])
+        found.append(Change(Kind.OFFSET, change.camera, offset_s=offset_s, reliability=change.reliability))
+    for first in fit.firsts:
+        by_s = float(lag_s[first] - lag_s[first - 1])
+        frames = by_s / step_s
+        if abs(frames - round(frames)) < _WHOLE_FRAMES:
+            by_s = round(frames) * step_s
+        jump = replace(change, offset_s=by_s)
+        near_s = blocks.time_s[first] - blocks.length_s / 2
+        before, after = [*changes, *found], [*changes, *found, jump]
+        at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
+        found.append(replace(jump, at_s=at_s))
+    return found

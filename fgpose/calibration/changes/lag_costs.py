@@ -22,8 +22,8 @@ _MAX_BLOCKS = 300
 # Of rays of two cameras that are compared at one lag: bounds the time.
 _MAX_COMPARED = 3e5
 _CORRELATION_S = 0.15
-# Errors that are correlated over more than twice this step are no less so between.
-_SAMPLE_HZ = 15.0
+# Errors of detections are correlated over 0.15 s.
+_SAMPLE_HZ = 10.0
 # A lag is known to a fraction of a step: costs are interpolated.
 PER_STEP = 4
 KERNEL = 2.0

@@ -14,8 +14,12 @@ from fgpose.calibration.changes.lag_costs import KERNEL, Blocks, LagCosts, angle
 from fgpose.calibration.changes.rays import Rays
 
 # Weak: what is bumped turns by degrees and moves by centimetres.
-_SIGMAS = np.repeat([np.deg2rad(3.0), 0.1], 3)
-_ROUNDS = 6
+_SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
+_ROUNDS = 5
+# As fgpose.calibration.sightings: the errors of a network on one person in one view are correlated.
+_INDEPENDENT_MEASUREMENTS = 50.0
+# In-sample gain below which the blocks that did not enter need not be asked.
+_LEAST_GAIN = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +57,9 @@ class _Views:
         index, others = costs.blocks.index, [o for o in range(rays.n_cameras) if o != c]
         share = independent(costs.blocks)
         return _Views(
-            rays.direction[c, index].astype(float),
+            rays.direction[c, index],
             rays.centre_m[c, index],
-            rays.direction[others][:, index].astype(float),
+            rays.direction[others][:, index],
             rays.centre_m[others][:, index],
             share * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
             np.array([costs.scale[min(c, o), max(c, o)] for o in others]),
@@ -64,17 +68,24 @@ class _Views:
 
     def angles(self, move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "other sample joint"]:
         """Whitened, with the camera moved."""
-        turned = self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T
-        baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None]
+        turned = self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T.astype(np.float32)
+        baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None].astype(np.float32)
         return angle(self.others, turned[None], baseline_m) / self.scale[:, None, None]
 
     def jacobian(self, move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "other sample joint 6"]:
-        turned = np.broadcast_to(self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T, self.others.shape)
-        baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None]
+        turned = np.broadcast_to(
+            self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T.astype(np.float32), self.others.shape
+        )
+        baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None].astype(np.float32)
         across = np.cross(baseline_m, self.others)
         length = np.sqrt(np.sum(across**2, axis=-1) + np.sum(np.cross(baseline_m, turned) ** 2, axis=-1))
         by_move = np.concatenate([np.cross(turned, across), np.cross(self.others, turned)], axis=-1)
         return by_move / (length * self.scale[:, None, None])[..., None]
+
+    def independent(self, used: Bool[np.ndarray, " block"]) -> float:
+        """By how much the angles in these blocks count against the prior."""
+        total = float(self.weight[:, used[self.blocks.block]].sum())
+        return min(1.0, _INDEPENDENT_MEASUREMENTS * len(self.scale) / max(total, 1.0))
 
     def cost(self, angles: Float[np.ndarray, "other sample joint"]) -> Float[np.ndarray, " block"]:
         known = self.weight > 0
@@ -108,6 +119,8 @@ def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
     before = views.cost(views.angles(still))
     width = max(1.0, _typical(views.angles(still), views.weight))
     whole = views.equations(still, width)
+    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < _LEAST_GAIN:
+        return []
     found = [_fitted(Kind.MOVED, np.ones(len(told), dtype=bool), views, told, before, width)]
     for until in (False, True):
         held = _split(*whole, told, until=until)
@@ -132,13 +145,24 @@ def _split(
     until: bool,
 ) -> Bool[np.ndarray, " block"]:
     """The blocks, from one on or until one, in which a move makes most better."""
+    held = np.arange(len(told)) <= int(np.argmax(_in_sample(information, gradient, told, until=until)))
+    return held if until else held[::-1]
+
+
+def _in_sample(
+    information: Float[np.ndarray, "block 6 6"],
+    gradient: Float[np.ndarray, "block 6"],
+    told: Bool[np.ndarray, " block"],
+    *,
+    until: bool,
+) -> Float[np.ndarray, " block"]:
+    """By how much all blocks until one, or from the last to one, are better with the move that suits them best."""
     order = slice(None) if until else slice(None, None, -1)
     H = np.cumsum(information[order], axis=0) + np.diag(_SIGMAS**-2)
     g, number = np.cumsum(gradient[order], axis=0), np.cumsum(told[order])
-    better = np.einsum("bi,bi->b", g, np.linalg.solve(H, g[..., None])[..., 0])
+    better = 0.5 * np.einsum("bi,bi->b", g, np.linalg.solve(H, g[..., None])[..., 0])
     better[(number < MIN_BLOCKS) | (number[-1] - number < MIN_BLOCKS)] = -np.inf
-    held = np.arange(len(told)) <= int(np.argmax(better))
-    return held[order]
+    return better
 
 
 def _better(gain: Float[np.ndarray, " block"], told: Bool[np.ndarray, " block"], *, until: bool) -> Bool[np.ndarray, " block"]:
@@ -153,8 +177,9 @@ def _move(views: _Views, used: Bool[np.ndarray, " block"], width: float) -> Floa
     move = np.zeros(6)
     for round_ in range(_ROUNDS):
         information, gradient = views.equations(move, max(1.0, width * 0.5**round_))
-        H = information[used].sum(axis=0) + np.diag(_SIGMAS**-2)
-        move = move - np.linalg.solve(H, gradient[used].sum(axis=0) + move * _SIGMAS**-2)
+        share = views.independent(used)
+        H = share * information[used].sum(axis=0) + np.diag(_SIGMAS**-2)
+        move = move - np.linalg.solve(H, share * gradient[used].sum(axis=0) + move * _SIGMAS**-2)
     return move
 
 
@@ -174,7 +199,7 @@ def _fitted(
         gain[other] = (before - views.cost(views.angles(_move(views, used & half, width))))[other]
     move = _move(views, used, width)
     information, _ = views.equations(move, 1.0)
-    covariance = np.linalg.inv(information[used].sum(axis=0) + np.diag(_SIGMAS**-2))
+    covariance = np.linalg.inv(views.independent(used) * information[used].sum(axis=0) + np.diag(_SIGMAS**-2))
     changed = views.angles(move) - views.angles(np.zeros(6))
     there = (views.weight > 0) & used[views.blocks.block][None, :, None] & np.isfinite(changed)
     shift = float(np.sqrt(np.mean(changed[there] ** 2))) if there.any() else 0.0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from fgpose.calibration.changes.change import Change, later_s, pieces
 from fgpose.geometry.camera import CameraRig
@@ -17,7 +17,7 @@ from fgpose.sampling import spread_evenly, usual_step_s
 _GRID_HZ = 40.0
 # A joint between two images is where they say if they are no further apart than this many steps.
 _REACH_STEPS = 1.6
-_MAX_JOINTS = 16
+_MAX_JOINTS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +151,3 @@ def chosen_joints(own: Observations) -> Int[np.ndarray, " joint"]:
     joints = np.array(sorted({joint for bone in bones for joint in bone}) or range(own.skeleton.n_joints))
     return joints[spread_evenly(len(joints), _MAX_JOINTS)]
 
-
-def seen_by_both(rays: Rays, one: int, other: int) -> Bool[np.ndarray, "time joint"]:
-    return (rays.weight[one] > 0) & (rays.weight[other] > 0)
