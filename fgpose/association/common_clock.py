@@ -37,15 +37,16 @@ def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, Camer
         ValueError: the cameras of people and rig differ.
     """
     people.check_cameras(rig.names)
-    if isinstance(people, Observations):
-        if not (is_changing(rig) or is_far_off(rig, usual_step_s(people.frame_time_s))):
-            return people, rig
-        named = replace(people, camera_names=rig.names)
-        together, on_clock = on_common_clock(PeopleObservations.of_one(named), rig)
-        return together.of_person(together.only()), on_clock
-    step_s = min(usual_step_s(people.times_s(name)) for name in rig.names)
-    if not (is_changing(rig) or is_far_off(rig, step_s)):
+    if isinstance(people, PeopleObservations):
+        step_s = min(usual_step_s(people.times_s(name)) for name in rig.names)
+        return _together(people, rig) if is_changing(rig) or is_far_off(rig, step_s) else (people, rig)
+    if not is_changing(rig) and not is_far_off(rig, usual_step_s(people.frame_time_s)):
         return people, rig
+    together, on_clock = _together(PeopleObservations.of_one(replace(people, camera_names=rig.names)), rig)
+    return together.of_person(together.only()), on_clock
+
+
+def _together(people: PeopleObservations, rig: CameraRig) -> tuple[PeopleObservations, CameraRig]:
     by_name = dict(zip(rig.names, rig.cameras, strict=True))
     images = tuple(_on_clock(image, by_name[image.camera]) for image in people.images)
     # Without given_frames: which images belong together is what was wrong.

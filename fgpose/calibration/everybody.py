@@ -82,9 +82,7 @@ def reassigned_share(before: Association, after: Association) -> float:
     return float(np.max(1 - n_kept / np.maximum(n_all, 1), where=n_all > 0, initial=0.0))
 
 
-def everybody_of(
-    observations: Observations | PeopleObservations, rig: CameraRig, config: Config
-) -> list[Observations]:
+def everybody_of(observations: Observations | PeopleObservations, rig: CameraRig, config: Config) -> list[Observations]:
     """What the cameras saw of the one person, or of each who can be told apart with the rig."""
     if isinstance(observations, Observations):
         return [observations]

@@ -60,8 +60,8 @@ class Camera:
     """How much later still for each second of the time stamps: 0.001 if 29.97 Hz were taken for 30. What changes in
     time is accounted for by fgpose.on_common_clock, which the commands call."""
     clock_jumps: tuple[tuple[float, float], ...] = ()
-    """Since when, by the time stamps, and how much later than before: 0.2 s where 6 images of 30 Hz were lost, and those
-    after them numbered on."""
+    """Since when, by the time stamps, and how much later than before: 0.2 s where 6 images of 30 Hz were lost, and
+    those after them numbered on."""
     moves: tuple[tuple[float, np.ndarray], ...] = ()
     """Since when, by the time stamps, in the order of time, and the pose (4, 4) that the camera has from then on."""
 

@@ -81,7 +81,10 @@ def put_together(given: CameraRig, found: CameraRig, begun: CameraRig) -> Camera
         found: after it was in_pieces, with the poses and the time offsets that were found.
         begun: the same before.
     """
-    by_name, before = dict(zip(found.names, found.cameras, strict=True)), dict(zip(begun.names, begun.cameras, strict=True))
+    by_name, before = (
+        dict(zip(found.names, found.cameras, strict=True)),
+        dict(zip(begun.names, begun.cameras, strict=True)),
+    )
     cameras = []
     for camera in given.cameras:
         pieces = [by_name[piece.name] for piece in pieces_of(camera)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -86,7 +87,7 @@ def pieces(
     own = [each for each in changes if each.camera == camera and not each.is_of_clock]
     times_s = sorted({-np.inf, np.inf, *(time_s for each in own for time_s in (each.at_s, each.until_s))})
     found = []
-    for since_s, until_s in zip(times_s[:-1], times_s[1:], strict=True):
+    for since_s, until_s in pairwise(times_s):
         pose = given.world_T_camera
         for each in own:
             if each.at_s <= since_s and until_s <= each.until_s:

@@ -12,8 +12,8 @@ from fgpose.geometry.camera import Camera, CameraRig
 
 
 def with_changes(rig: CameraRig, changes: Sequence[Change], *, poses: bool, clocks: bool) -> CameraRig:
-    """What changes in time: with poses the bumps, with clocks jumps and rates; and of the cameras that they concern what
-    was different all the time. The others stay as they are: a constant fault is for the calibration to find.
+    """What changes in time: with poses the bumps, with clocks jumps and rates; and of the cameras that they concern
+    what was different all the time. The others stay as they are: a constant fault is for the calibration to find.
 
     Args:
         rig: with constant clocks and poses.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -11,6 +12,9 @@ from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.lag_costs import PER_STEP, LagCosts, told_blocks
 
 _NEGLIGIBLE_GAIN = 4.0
+# In the same units: a simpler change is as good.
+_AS_GOOD = 10.0
+_NTSC = 0.001  # 30 Hz are 29.97
 # Blocks on either side of a jump, and in which an offset must be better.
 MIN_BLOCKS = 3
 
@@ -26,10 +30,17 @@ class ClockFit:
     """Blocks with which jumps begin."""
     gain: Float[np.ndarray, " block"]
     """By how much the cost of each block is less, with lags to which it has not contributed."""
+    sigma: float
+    """Standard deviation of the lag, of the largest jump, or of what the rate adds up to, in steps of the costs; from
+    the scatter of the blocks."""
 
 
-def clock_fits(costs: LagCosts, c: int) -> list[ClockFit]:
-    """The best of each kind."""
+def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
+    """The best of each kind; with the simple numbers that recordings usually have, if they are as good.
+
+    Args:
+        step_s: of the images.
+    """
     cost = costs.of_camera(c)
     told = told_blocks(costs, c)
     if told.sum() < 2 * MIN_BLOCKS:
@@ -47,8 +58,56 @@ def clock_fits(costs: LagCosts, c: int) -> list[ClockFit]:
             of_half, _ = _fit(kind, cost * half[:, None], told & half, time, n_jumps)
             rows = np.flatnonzero(told & ~half)
             gain[rows] = cost[rows, centre] - _at(cost[rows], of_half[rows])
-        found.append(ClockFit(kind, lag - centre, firsts, gain))
+        lag = _simple(kind, lag - centre, firsts, cost, costs, step_s)
+        found.append(ClockFit(kind, lag, firsts, gain, _sigma(kind, lag + centre, firsts, cost, time)))
     return found
+
+
+def _simple(
+    kind: Kind,
+    lag: Float[np.ndarray, " block"],
+    firsts: tuple[int, ...],
+    cost: Float[np.ndarray, "block lag"],
+    costs: LagCosts,
+    step_s: float,
+) -> Float[np.ndarray, " block"]:
+    """Images that are lost are whole ones, cameras that were started together began together, and 29.97 Hz is what is
+    taken for 30: lags of that kind, if they are as good as the best."""
+    centre, frame = cost.shape[1] // 2, step_s / costs.step_s
+    simpler: list[Float[np.ndarray, " block"]] = []
+    if kind is Kind.JUMP:
+        by = np.zeros(len(lag))
+        for first in firsts:
+            by[first:] += frame * round((lag[first] - lag[first - 1]) / frame)
+        simpler = [by, lag[0] + by]
+    elif kind is Kind.RATE:
+        time_s = costs.blocks.time_s
+        slope = np.sign(lag[-1] - lag[0]) * _NTSC / (costs.step_s * (1 + np.sign(lag[-1] - lag[0]) * _NTSC))
+        own = np.sum(lag * time_s) / np.sum(time_s**2)
+        simpler = [slope * time_s, own * time_s, np.mean(lag - slope * time_s) + slope * time_s]
+        simpler += [share * own * time_s for share in (0.95, 0.975, 1.025, 1.05)]
+    best = _at(cost, lag + centre).sum()
+    for each in simpler:
+        if _at(cost, each + centre).sum() < best + _AS_GOOD:
+            return each
+    return lag
+
+
+def _sigma(
+    kind: Kind,
+    lag: Float[np.ndarray, " block"],
+    firsts: tuple[int, ...],
+    cost: Float[np.ndarray, "block lag"],
+    time: Float[np.ndarray, " block"],
+) -> float:
+    apart = PER_STEP // 2
+    right, here, left = _at(cost, lag + apart), _at(cost, lag), _at(cost, lag - apart)
+    slope, bend = (right - left) / (2 * apart), np.maximum(right - 2 * here + left, 0.0) / apart**2
+    share = (time - time.mean()) / max(float(np.ptp(time)), 1e-9) if kind is Kind.RATE else np.ones(len(time))
+    parts = [slice(first, end) for first, end in zip((0, *firsts), (*firsts, len(time)), strict=True)]
+    variances = [np.sum((slope * share)[part] ** 2) / max(np.sum((bend * share**2)[part]), 1e-9) ** 2 for part in parts]
+    most = max(a + b for a, b in pairwise(variances)) if firsts else variances[0]
+    return float(np.sqrt(most))
 
 
 def _at(cost: Float[np.ndarray, "block lag"], lag: Float[np.ndarray, " block"]) -> Float[np.ndarray, " block"]:

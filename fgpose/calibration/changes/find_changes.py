@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.changes.change import Change, Kind, later_s
-from fgpose.calibration.changes.clock_changes import ClockFit, clock_fits, score
-from fgpose.calibration.changes.lag_costs import PER_STEP, Blocks, LagCosts, blocks_of, lag_costs
+from fgpose.calibration.changes.change import Change, Kind
+from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
+from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, Blocks, LagCosts, blocks_of, lag_costs
 from fgpose.calibration.changes.pose_changes import PoseFit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
@@ -34,7 +34,7 @@ _NOTICEABLE_SHIFT = 0.4
 _CLEARLY = 1.08
 _WHOLE_FRAMES = 0.25
 # By how much the gain of a change counts that is not what losing images does.
-_IMPLAUSIBLE = 0.8
+_IMPLAUSIBLE = 0.85
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +46,8 @@ class Changes:
     step_s: float
     """Of the images."""
     duration_s: float
+    compared: bool
+    """Whether two cameras saw the same person for some seconds; else nothing could be found."""
 
 
 class _Candidate(NamedTuple):
@@ -69,15 +71,19 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     changes: list[Change] = []
-    if rig.n_cameras >= 2 and np.isfinite(step_s):
+    if rig.n_cameras >= 2 and np.isfinite(step_s) and _compared(people):
         while len(changes) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
             changes += found
-    return Changes(tuple(changes), step_s, duration_s)
+    return Changes(tuple(changes), step_s, duration_s, _compared(people))
 
 
-def _next(
-    people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float
-) -> list[Change]:
+def _compared(people: Sequence[Observations]) -> bool:
+    """Whether two cameras see somebody in half of some seconds."""
+    by_two = sum(int((own.seen.any(axis=2).sum(axis=1) >= 2).sum()) * usual_step_s(own.frame_time_s) for own in people)
+    return by_two > 2 * MIN_BLOCKS * BLOCK_S
+
+
+def _next(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float) -> list[Change]:
     """The clearest change on top of others; none if there is no other."""
     grid_s = grid_step_s(people)
     n_lags = round(_MAX_LAG_S / grid_s)
@@ -124,7 +130,7 @@ def _is_plausible(candidate: _Candidate, frame: float) -> bool:
 
 def _of_camera(rays: Rays, costs: LagCosts, c: int, rig: CameraRig, step_s: float) -> list[_Candidate]:
     found = []
-    for fit in clock_fits(costs, c):
+    for fit in clock_fits(costs, c, step_s):
         lag_s = fit.lag * costs.step_s
         if _is_clear(fit) and _matters(fit.kind, lag_s / step_s):
             found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
@@ -159,6 +165,7 @@ def _placed(
     fit, change = candidate.fit, replace(candidate.change, reliability=score(candidate.fit.gain))
     if isinstance(fit, ClockFit):
         lag_s = fit.lag * rays.step_s / PER_STEP
+        change = replace(change, sigma=fit.sigma * rays.step_s / PER_STEP)
         if fit.kind is Kind.OFFSET:
             return [replace(change, offset_s=float(lag_s[0]))]
         if fit.kind is Kind.RATE:
@@ -181,9 +188,7 @@ def _placed(
     return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
 
 
-def _rate(
-    change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, changes: Sequence[Change]
-) -> Change:
+def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, changes: Sequence[Change]) -> Change:
     """A lag that grows by s per second of common time t is s / (1 - s) per second of stamps t - lag."""
     duration_s = float(blocks.time_s[-1] - blocks.time_s[0])
     slope = float(lag_s[-1] - lag_s[0]) / duration_s
@@ -205,12 +210,16 @@ def _jump(
     found: list[Change] = []
     if abs(lag_s[0]) > _NOTICEABLE_FRAMES * step_s:
         offset_s = float(lag_s[0])
-        found.append(Change(Kind.OFFSET, change.camera, offset_s=offset_s, reliability=change.reliability))
+        found.append(
+            Change(Kind.OFFSET, change.camera, offset_s=offset_s, sigma=change.sigma, reliability=change.reliability)
+        )
     for first in fit.firsts:
         by_s = float(lag_s[first] - lag_s[first - 1])
         frames = by_s / step_s
         if abs(frames - round(frames)) < _WHOLE_FRAMES:
             by_s = round(frames) * step_s
+        if abs(by_s) < _JUMP_FRAMES * step_s:
+            continue
         jump = replace(change, offset_s=by_s)
         near_s = blocks.time_s[first] - blocks.length_s / 2
         before, after = [*changes, *found], [*changes, *found, jump]

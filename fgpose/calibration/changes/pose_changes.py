@@ -165,7 +165,9 @@ def _in_sample(
     return better
 
 
-def _better(gain: Float[np.ndarray, " block"], told: Bool[np.ndarray, " block"], *, until: bool) -> Bool[np.ndarray, " block"]:
+def _better(
+    gain: Float[np.ndarray, " block"], told: Bool[np.ndarray, " block"], *, until: bool
+) -> Bool[np.ndarray, " block"]:
     order = slice(None) if until else slice(None, None, -1)
     total, number = np.cumsum(gain[order]), np.cumsum(told[order])
     total[(number < MIN_BLOCKS) | (number[-1] - number < MIN_BLOCKS)] = -np.inf

@@ -150,4 +150,3 @@ def chosen_joints(own: Observations) -> Int[np.ndarray, " joint"]:
     bones = [bone for pair in own.skeleton.limb_pairs for bone in pair]
     joints = np.array(sorted({joint for bone in bones for joint in bone}) or range(own.skeleton.n_joints))
     return joints[spread_evenly(len(joints), _MAX_JOINTS)]
-
