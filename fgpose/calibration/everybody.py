@@ -82,6 +82,13 @@ def reassigned_share(before: Association, after: Association) -> float:
     return float(np.max(1 - n_kept / np.maximum(n_all, 1), where=n_all > 0, initial=0.0))
 
 
+def everybody_of(observations: Observations | PeopleObservations, rig: CameraRig, config: Config) -> list[Observations]:
+    """What the cameras saw of the one person, or of each who can be told apart with the rig."""
+    if isinstance(observations, Observations):
+        return [observations]
+    return each_person(observations, _told_apart(observations, rig, config))
+
+
 def _told_apart(observations: PeopleObservations, rig: CameraRig, config: Config) -> Association:
     """Everybody; one person where no image shows more, and where no two cameras agree on anybody the one whom each
     sees most."""

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic
 
-from fgpose.calibration.everybody import on_everybody
+from fgpose.association.common_clock import on_common_clock
+from fgpose.calibration.changes.changed_rig import with_changes
+from fgpose.calibration.changes.find_changes import find_changes
+from fgpose.calibration.everybody import everybody_of, on_everybody
 from fgpose.calibration.moved_views import Recording
 from fgpose.calibration.rig_refinement import RigRefinement, refine_rig, refinement
 from fgpose.calibration.search import Found, search
 from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import is_changing
 from fgpose.observations import Observations
+from fgpose.people import PeopleObservations
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,9 @@ class CameraCalibration(Generic[Recording]):
     time_offsets: TimeOffsets | None
     """None where the clocks were held."""
     converged: bool
+    changed: CameraRig | None = None
+    """By the time stamps that were given: what was found to change in time, before what is constant was calibrated.
+    None: nothing; rig and observations are then of the same cameras, and by the same clocks, as they were given."""
 
     @property
     def reassigned(self) -> tuple[float, ...]:
@@ -79,9 +87,35 @@ def calibrate_cameras(
 ) -> CameraCalibration[Recording]:
     """Refine the cameras' poses, estimate their time offsets, or both at once, as asked for.
 
+    What changes in time is found first (fgpose.calibration.changes): with clocks jumps and rates, with poses cameras
+    that were bumped while they filmed. The recording is put together with it (fgpose.on_common_clock), and what is
+    constant is calibrated then.
+
     Raises:
         ValueError: see refine_rig, estimate_time_offsets and self_calibrate.
     """
+    observations.check_cameras(rig.names)
+    changed = _in_time(observations, rig, config or Config(), poses=poses, clocks=clocks)
+    if changed is None:
+        return _constant(observations, rig, config, poses=poses, clocks=clocks)
+    found = _constant(*on_common_clock(observations, changed), config, poses=poses, clocks=clocks)
+    return replace(found, changed=changed)
+
+
+def _in_time(
+    observations: Observations | PeopleObservations, rig: CameraRig, config: Config, *, poses: bool, clocks: bool
+) -> CameraRig | None:
+    """What changes in time."""
+    if not poses and not clocks:
+        return None
+    found = find_changes(everybody_of(observations, rig, config), rig)
+    changed = with_changes(rig, found.changes, poses=poses, clocks=clocks)
+    return changed if is_changing(changed) else None
+
+
+def _constant(
+    observations: Recording, rig: CameraRig, config: Config | None, *, poses: bool, clocks: bool
+) -> CameraCalibration[Recording]:
     if poses and clocks:
         both = self_calibrate(observations, rig, config)
         return CameraCalibration(both.rig, both.observations, both.refinement, both.time_offsets, both.converged)
@@ -91,5 +125,4 @@ def calibrate_cameras(
     if clocks:
         offsets = estimate_time_offsets(observations, rig, config)
         return CameraCalibration(offsets.rig, observations, None, offsets, offsets.converged)
-    observations.check_cameras(rig.names)
     return CameraCalibration(rig, observations, None, None, True)

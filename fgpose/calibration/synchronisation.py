@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.from_people.start_findings import in_words
+from fgpose.calibration.from_people.start_findings import AMBIGUOUS_REMEDY, in_words
 from fgpose.calibration.from_people.starts import Starts, find_starts
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
@@ -17,7 +17,7 @@ from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import PeopleObservations
 
-_REMEDY = "walk about where all cameras see you; or cut the recordings to begin at the same moment"
+_WALK, _CUT = "walk about where all cameras see you", "or cut the recordings to begin at the same moment"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,13 +57,19 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
     tracks = main_tracks(find_tracks(people), people.skeleton)
     starts = find_starts(tracks, people.skeleton, unsynchronised, placed=True)
     if starts.trusted.sum() < 2:
-        failed = [replace(each, remedy=_REMEDY) for each in starts.findings if each.grade is Grade.FAILED]
+        failed = [_with_remedy(each) for each in starts.findings if each.grade is Grade.FAILED]
         raise ValueError(f"it is not found when the cameras began: {in_words(failed)}")
     names = [name for name, is_trusted in zip(rig.names, starts.trusted.tolist(), strict=True) if is_trusted]
     offsets_s = _offsets_s(starts, [track for track in tracks if track.camera in names])
     own = rig.subset(names).with_time_offsets(offsets_s - offsets_s[0])
-    findings = tuple(replace(each, remedy=_REMEDY) for each in starts.findings)
+    findings = tuple(_with_remedy(each) for each in starts.findings)
     return Synchronised(own, starts.sigma_s[starts.trusted], findings)
+
+
+def _with_remedy(finding: Finding) -> Finding:
+    """What helps with a rig whose poses are known."""
+    ambiguous = finding.remedy.startswith(AMBIGUOUS_REMEDY)
+    return replace(finding, remedy=f"{AMBIGUOUS_REMEDY}; {_CUT}" if ambiguous else f"{_WALK}; {_CUT}")
 
 
 def _offsets_s(starts: Starts, tracks: Sequence[Track]) -> Float[np.ndarray, " camera"]:

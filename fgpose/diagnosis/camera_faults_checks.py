@@ -1,56 +1,180 @@
-"""Cameras that are late, or were moved since they were calibrated."""
+"""Cameras whose clock or pose is not what the rig says: all the time, from a moment on, or more and more."""
 
 from __future__ import annotations
 
-from fgpose.calibration.camera_faults import CameraFault, camera_faults
+from collections.abc import Sequence
+
+import numpy as np
+
+from fgpose.calibration.changes.change import Change, Kind
+from fgpose.calibration.changes.find_changes import Changes, find_changes
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
+# A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
+_FURTHEST_DEG, _FURTHEST_M = 10.0, 0.15
+_LEAST_S = 8.0
+# A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
+_NTSC = (9e-4, 1.1e-3)
 
 
 def moved_and_late_cameras(examined: Examined) -> list[Finding]:
-    """By a quick self-calibration."""
-    if examined.rig.n_cameras < 3:
-        raise NotJudgedError("fewer than three cameras")
-    recording = examined.association if examined.association is not None else examined.main
-    faults = camera_faults(recording, examined.rig)
-    if not faults:
-        raise NotJudgedError("no two cameras agree on any joint")
-    late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
-    return [*(_late(fault, bool(moved)) for fault in late), *(_moved(fault, bool(late)) for fault in moved)]
+    """By the angles by which the rays of the cameras miss each other, second by second of the whole recording."""
+    people = list(examined.people.values())
+    if examined.rig.n_cameras < 2:
+        raise NotJudgedError("there is one camera")
+    if max(float(np.ptp(own.frame_time_s)) for own in people) < _LEAST_S:
+        raise NotJudgedError(f"the recording is shorter than {_LEAST_S:.0f} s")
+    found = find_changes(people, examined.rig)
+    if not found.compared:
+        raise NotJudgedError("no two cameras see the same person for some seconds")
+    return findings_of(found, examined.rig.names)
 
 
-def _late(fault: CameraFault, also_moved: bool) -> Finding:
+def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
+    """What was found, in words."""
+    of_kind = {kind: [each for each in found.changes if each.kind is kind] for kind in Kind}
+    also_clock = any(each.is_of_clock for each in found.changes)
+    also_pose = any(not each.is_of_clock for each in found.changes)
+    jumped = {each.camera for kind in (Kind.JUMP, Kind.RATE) for each in of_kind[kind]}
+    late = [each for each in of_kind[Kind.OFFSET] if each.camera not in jumped]
+    together = also_clock and also_pose
+    return [
+        *(_late(each, found, names, together) for each in late),
+        *_lost(of_kind[Kind.JUMP], found, names, together),
+        *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
+        *(_moved(each, names, together) for each in of_kind[Kind.MOVED]),
+        *(_bumped(each, names, together) for each in of_kind[Kind.BUMP]),
+    ]
+
+
+def _which(change: Change, names: Sequence[str]) -> str:
+    """Two cameras cannot tell which of them is wrong."""
+    if len(names) > 2:
+        return ""
+    return f" (or {names[1 - change.camera]}: with two cameras it cannot be told which)"
+
+
+def _remedy(option: str, other: str, *, together: bool) -> str:
     # While the person walks in one direction, both faults cause the same errors. Either option alone would absorb the
     # error of the other.
-    both = " and --refine-calibration together" if also_moved else ""
+    return f"Use {option} and {other} together." if together else f"Use {option}."
+
+
+_CLOCKS, _POSES = "--estimate-time-offsets", "--refine-calibration"
+
+
+def _late(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
     by_hand = ""
-    if abs(fault.offset_s) > _FAR_APART_S:
+    if abs(change.offset_s) > _FAR_APART_S:
         by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
-    ms, sigma_ms = 1000 * abs(fault.offset_s), 1000 * fault.offset_sigma_s
+    frames = abs(change.offset_s) / found.step_s
+    one = " Is one file numbered from 0 and another from 1?" if abs(frames - 1) < 0.1 else ""
     return Finding(
         Code.LATE_CAMERA,
         Severity.DOUBTFUL,
-        f"{fault.name} takes its images {abs(fault.offset_frames):.1f} frames ({ms:.0f} +/- {sigma_ms:.0f} ms) "
-        f"{'later' if fault.offset_s > 0 else 'earlier'} than their times say, measured by the clocks of the others",
-        f"Use --estimate-time-offsets{both}.{by_hand}",
+        f"{names[change.camera]} takes its images {frames:.1f} frames ({1000 * abs(change.offset_s):.0f} +/- "
+        f"{1000 * change.sigma:.0f} ms) {'later' if change.offset_s > 0 else 'earlier'} than their times say, measured "
+        f"by the clocks of the others, all through the recording",
+        f"{_remedy(_CLOCKS, _POSES, together=together)}{one}{by_hand}",
         0.5,
-        camera=fault.name,
-        numbers={"offset_s": fault.offset_s, "sigma_s": fault.offset_sigma_s},
+        camera=names[change.camera],
+        numbers={"offset_s": change.offset_s, "sigma_s": change.sigma},
     )
 
 
-def _moved(fault: CameraFault, also_late: bool) -> Finding:
-    together = " and --estimate-time-offsets together" if also_late else ""
+def _lost(changes: Sequence[Change], found: Changes, names: Sequence[str], together: bool) -> list[Finding]:
+    return [_lost_at(each, found, names, together) for each in changes]
+
+
+def _lost_at(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
+    name, frames = names[change.camera], change.offset_s / found.step_s
+    number = f"{abs(frames):.0f} frame{'s' if abs(frames) >= 1.5 else ''}"
+    sizes = f"({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
+    if frames > 0:
+        what = f"{name} lost {number} {sizes} at {change.at_s:.1f} s, and its images were numbered on without a gap"
+        why = "from there on it is ahead of the others"
+    else:
+        what = f"the clock of {name} jumps back by {number} {sizes} at {change.at_s:.1f} s"
+        why = "from there on it is behind the others, as if images were written twice"
+    return Finding(
+        Code.LOST_FRAMES,
+        Severity.WRONG,
+        f"{what}: {why}",
+        f"{_remedy(_CLOCKS, _POSES, together=together)} It finds the jump; a constant offset would be wrong before "
+        "or after it. Or give the times of the images.",
+        0.8,
+        camera=name,
+        from_s=change.at_s,
+        numbers={"jump_s": change.offset_s, "sigma_s": change.sigma, "frames": frames},
+    )
+
+
+def _rate(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
+    name, total_s = names[change.camera], change.rate * found.duration_s
+    ntsc = _NTSC[0] < abs(change.rate) < _NTSC[1]
+    likely = ": 29.97 Hz, or 59.94, taken for 30 or 60" if ntsc else ""
+    return Finding(
+        Code.CLOCK_RATE,
+        Severity.WRONG,
+        f"the images of {name}{_which(change, names)} follow each other {100 * abs(change.rate):.2f} % more "
+        f"{'slowly' if change.rate > 0 else 'quickly'} than their times say, measured by the others{likely}; that adds "
+        f"up to {abs(total_s) / found.step_s:.1f} frames ({1000 * abs(total_s):.0f} +/- {1000 * change.sigma:.0f} ms)",
+        f"{_remedy(_CLOCKS, _POSES, together=together)} It finds the rate. Or give the true rate, or the times of the "
+        "images.",
+        0.8,
+        camera=name,
+        numbers={"rate": change.rate, "total_s": total_s, "sigma_s": change.sigma},
+    )
+
+
+def _moved(change: Change, names: Sequence[str], together: bool) -> Finding:
+    name = names[change.camera]
     return Finding(
         Code.MOVED_CAMERA,
         Severity.DOUBTFUL,
-        f"{fault.name} seems to have been moved since it was calibrated, by about {fault.rotation_deg:.1f} degrees and "
-        f"{100 * fault.translation_m:.0f} cm",
-        f"Use --refine-calibration{together}.",
+        f"{name}{_which(change, names)} seems to have been moved since it was calibrated, by about {_by(change)}",
+        _mended(change, together, f"{name} is not where the calibration says: calibrate again."),
         0.6,
-        camera=fault.name,
-        numbers={"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m},
+        camera=name,
+        numbers=_numbers(change),
     )
+
+
+def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
+    name, until = names[change.camera], np.isfinite(change.until_s)
+    at_s = change.until_s if until else change.at_s
+    when = "; the calibration is right from then on" if until else "; until then it was where the calibration says"
+    by_hand = f"Cut the recording at {at_s:.1f} s, and calibrate the part {'before' if until else 'after'} it again."
+    return Finding(
+        Code.BUMPED_CAMERA,
+        Severity.WRONG,
+        f"{name}{_which(change, names)} was moved at {at_s:.1f} s, while it filmed, by about {_by(change)}{when}",
+        _mended(change, together, by_hand, " It gives the camera one pose before and one after."),
+        0.8,
+        camera=name,
+        from_s=None if until else at_s,
+        to_s=at_s if until else None,
+        numbers=_numbers(change) | {"at_s": at_s},
+    )
+
+
+def _by(change: Change) -> str:
+    cm = 100 * float(np.linalg.norm(change.translation_m))
+    return f"{change.rotation_deg:.1f} +/- {np.rad2deg(change.sigma):.1f} degrees and {cm:.0f} cm"
+
+
+def _mended(change: Change, together: bool, by_hand: str, also: str = "") -> str:
+    if change.rotation_deg > _FURTHEST_DEG or np.linalg.norm(change.translation_m) > _FURTHEST_M:
+        return f"{by_hand} It is further away than a bump can be refined."
+    return f"{_remedy(_POSES, _CLOCKS, together=together)}{also}"
+
+
+def _numbers(change: Change) -> dict[str, float]:
+    return {
+        "rotation_deg": change.rotation_deg,
+        "translation_m": float(np.linalg.norm(change.translation_m)),
+        "sigma_deg": float(np.rad2deg(change.sigma)),
+    }

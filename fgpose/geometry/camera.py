@@ -56,6 +56,14 @@ class Camera:
     lens: LensModel = "pinhole"
     time_offset_s: float = 0.0
     """How much later than its time stamps say the camera takes its images."""
+    clock_drift: float = 0.0
+    """How much later still for each second of the time stamps: 0.001 if 29.97 Hz were taken for 30. What changes in
+    time is accounted for by fgpose.on_common_clock, which the commands call."""
+    clock_jumps: tuple[tuple[float, float], ...] = ()
+    """Since when, by the time stamps, and how much later than before: 0.2 s where 6 images of 30 Hz were lost, and
+    those after them numbered on."""
+    moves: tuple[tuple[float, np.ndarray], ...] = ()
+    """Since when, by the time stamps, in the order of time, and the pose (4, 4) that the camera has from then on."""
 
     def __post_init__(self) -> None:
         for name in ("K", "world_T_camera", "distortion"):
@@ -63,11 +71,12 @@ class Camera:
             object.__setattr__(self, name, array)
             if not np.isfinite(array).all():
                 raise ValueError(f"camera {self.name}: {name} contains a number that is not finite")
-        if not np.isfinite(self.time_offset_s):
-            raise ValueError(f"camera {self.name}: the time offset is not finite")
+        if not np.isfinite([self.time_offset_s, self.clock_drift, *np.ravel(self.clock_jumps)]).all():
+            raise ValueError(f"camera {self.name}: the time offset, a drift or a jump of the clock is not finite")
         self._check_shapes()
         self._check_intrinsics()
-        self._check_pose()
+        for pose in (self.world_T_camera, *(pose for _, pose in self.moves)):
+            self._check_pose(pose)
 
     def _check_shapes(self) -> None:
         for name, shape in (("K", (3, 3)), ("world_T_camera", (4, 4)), ("distortion", (self.distortion.size,))):
@@ -90,11 +99,11 @@ class Camera:
                 f"camera {self.name}: a {self.lens} lens takes {sizes} coefficients, got {self.distortion.size}"
             )
 
-    def _check_pose(self) -> None:
-        R = self.world_T_camera[:3, :3]
+    def _check_pose(self, world_T_camera: Float[np.ndarray, "4 4"]) -> None:
+        R = world_T_camera[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
             raise ValueError(f"camera {self.name}: the rotation is not a rotation matrix:\n{R}")
-        if not np.allclose(self.world_T_camera[3], (0, 0, 0, 1)):
+        if not np.allclose(world_T_camera[3], (0, 0, 0, 1)):
             raise ValueError(f"camera {self.name}: the last row of the pose must be 0 0 0 1")
 
     @classmethod

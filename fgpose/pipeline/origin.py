@@ -15,6 +15,7 @@ from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Find
 from fgpose.calibration.self_calibration import CameraCalibration
 from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import after, in_pieces, is_changing, put_together
 from fgpose.io.calibration import load_calibration_origin
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason, input_file
 from fgpose.monocular.clips import Clip
@@ -49,15 +50,17 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
             those of the origin, which then remain.
         found: what was found.
     """
-    rig = found.rig
+    changed = found.changed
+    rig = put_together(changed or before, found.rig, before if changed is None else in_pieces(changed))
     if origin.rig is not None:
-        given_s = origin.rig.subset(rig.names).time_offsets_s
-        rig = rig.with_time_offsets(rig.time_offsets_s + given_s - before.time_offsets_s)
+        given = origin.rig.subset(name for name in origin.rig.names if name in rig.names)
+        put_on_clock = is_changing(given) or bool((given.time_offsets_s != before.time_offsets_s).any())
+        rig = after(given, rig) if put_on_clock else rig
     known = origin.calibration.subset(rig.names)
     if found.time_offsets is not None:
         known = replace(known, offset_sigma_s=_known(found.rig, found.time_offsets.sigma_s))
     if found.refinement is not None:
-        rows = zip(rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
+        rows = zip(found.rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
         known = replace(known, moved=tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows))
     return replace(origin, rig=rig, calibration=known)
 

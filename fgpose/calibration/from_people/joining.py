@@ -52,6 +52,8 @@ class Joined:
     """Whether the motion fits better than chance would have it."""
     is_decisive: bool
     """Whether it does, and fits much better than at any other moment."""
+    alike_s: tuple[float, ...] = ()
+    """Moments that fit nearly as well as the best, by the same clock."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +162,9 @@ def _proposed(
     second = max(others, key=lambda proposal: proposal.support, default=None)
     is_outstanding = best.score >= _MIN_SCORE and best.misfit < 1.0
     is_decisive = is_outstanding and (second is None or best.support >= _DECISIVE * second.support)
-    return Joined(camera, best.offset_s, None if second is None else second.offset_s, is_outstanding, is_decisive)
+    alike_s = tuple(each.offset_s for each in others if best.support < _DECISIVE * each.support)
+    second_s = None if second is None else second.offset_s
+    return Joined(camera, best.offset_s, second_s, is_outstanding, is_decisive, alike_s)
 
 
 def _judged(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, pairwise
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from fgpose.sampling import usual_step_s
 
 _LEAVE_OUT = "or leave this camera out (--cameras)"
 _GIVE = "or cut the videos to begin at the same moment and say so (--synchronised)"
+AMBIGUOUS_REMEDY = "clap once, or walk about where all cameras see you, with turns and stops"
+"""Of a motion that repeats itself, as on a treadmill."""
 _WALK = "walk about where all cameras see you, with turns and stops, for half a minute"
 SHORT_S = 5.0
 """Of somebody who is seen for less it is not found when the video begins."""
@@ -48,6 +50,8 @@ def not_joined(
     if signals.lasts_s < SHORT_S:
         reason = f"the person is seen for {signals.lasts_s:.1f} s only: too short to find when the video begins"
         return Finding(camera, Grade.FAILED, reason, f"film for half a minute, {_GIVE}")
+    if joined is not None and joined.is_outstanding and joined.alike_s:
+        return _ambiguous(camera, joined)
     if moves < _STILL:
         reason = "the person hardly moves: there is nothing by which to find when the video begins"
         return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
@@ -58,12 +62,20 @@ def not_joined(
             f"{_WALK}; see that all cameras film at the same time and that frame rates are as the files say, {_GIVE}"
         )
         return Finding(camera, Grade.FAILED, reason, remedy)
-    assert joined.second_s is not None
-    apart_s = abs(joined.second_s - joined.best_s)
-    reason = f"when the video begins is ambiguous: starts that differ by {apart_s:.1f} s fit nearly alike" + (
-        ", as with a gait that repeats itself" if apart_s < 5 else ""
+    return _ambiguous(camera, joined)
+
+
+def _ambiguous(camera: str, joined: Joined) -> Finding:
+    second_s = () if joined.second_s is None else (joined.second_s,)
+    moments_s = sorted({joined.best_s, *(joined.alike_s or second_s)})
+    apart_s = min((b - a for a, b in pairwise(moments_s)), default=0.0)
+    others = ", ".join(f"{each - joined.best_s:+.1f}" for each in moments_s if each != joined.best_s)
+    repeats = ": the motion repeats itself" if apart_s < 5 else ""
+    reason = (
+        f"when the video begins is ambiguous by {apart_s:.1f} s{repeats}; starts that differ from the best by "
+        f"{others} s fit nearly as well"
     )
-    return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
+    return Finding(camera, Grade.FAILED, reason, f"{AMBIGUOUS_REMEDY}, {_GIVE}")
 
 
 def same_camera(names: Sequence[str], views: Sequence[View], offsets_s: Mapping[int, float]) -> list[Finding]:

@@ -42,13 +42,32 @@ class CalibratedView:
     distortion: Float[np.ndarray, " coefficients"]
     lens: LensModel = "pinhole"
     time_offset_s: float = 0.0
-    """How much later than its time stamps say the camera takes its images; only our own files know it."""
+    """How much later than its time stamps say the camera takes its images; only our own files know it,
+    and what changes in time. See Camera."""
+    clock_drift: float = 0.0
+    clock_jumps: tuple[tuple[float, float], ...] = ()
+    moves: tuple[tuple[float, np.ndarray, np.ndarray], ...] = ()
+    """Since when, and R and t from then on."""
 
     def to_camera(self, metres_per_unit: float) -> Camera:
         camera = Camera.from_world_to_camera(
             self.name, self.size_px, self.K, self.R, self.t * metres_per_unit, self.distortion, self.lens
         )
-        return replace(camera, time_offset_s=self.time_offset_s)
+        moves = tuple((since_s, _pose(R, t * metres_per_unit)) for since_s, R, t in self.moves)
+        return replace(
+            camera,
+            time_offset_s=self.time_offset_s,
+            clock_drift=self.clock_drift,
+            clock_jumps=self.clock_jumps,
+            moves=moves,
+        )
+
+
+def _pose(R: Float[np.ndarray, "3 3"], t_m: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "4 4"]:
+    """world_T_camera of x_camera = R x_world + t."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = R.T, -R.T @ t_m
+    return pose
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +27,9 @@ _NUMBERS = {
 }
 _ADDED = ("time_offset_s",)
 """Arrays that older files lack; zero there."""
+_CHANGES = {"clock_drift": 1, "clock_jumps": 2, "moves": 17}
+"""What changes in time, where something does: rows of the number of the camera and so many numbers. Since when and how
+much later; since when and the pose."""
 _ORIGIN = "origin"
 """A text of JSON, where something is known."""
 
@@ -44,7 +49,33 @@ def views(file: Mapping[str, np.ndarray]) -> list[CalibratedView]:
         raise ValueError(f"{len(names)} cameras have {len(lenses)} lenses")
     file = {name: np.zeros(len(names)) for name in _ADDED} | dict(file)
     arrays = [checked(file, name, "numbers", len(names), *shape).astype(float) for name, shape in _NUMBERS.items()]
-    return [_view(*row) for row in zip(names, lenses, *arrays, strict=True)]
+    found = [_view(*row) for row in zip(names, lenses, *arrays, strict=True)]
+    return [replace(view, **changes) for view, changes in zip(found, _changes(file, len(names)), strict=True)]
+
+
+def _changes(file: Mapping[str, np.ndarray], n_cameras: int) -> list[dict[str, Any]]:
+    """What changes in time of each camera."""
+    rows = {name: np.zeros((0, 1 + size)) for name, size in _CHANGES.items()}
+    for name, empty in rows.items():
+        if name in file:
+            array = np.asarray(file[name])
+            if array.ndim != 2 or array.shape[1] != empty.shape[1] or not np.isfinite(array.astype(float)).all():
+                raise ValueError(f"the array {name} must have rows of {empty.shape[1]} finite numbers")
+            if not np.isin(array[:, 0], np.arange(n_cameras)).all():
+                raise ValueError(f"the array {name} is of a camera that there is not")
+            rows[name] = array.astype(float)
+    found = []
+    for c in range(n_cameras):
+        drift, jumps, moves = (rows[name][rows[name][:, 0] == c, 1:] for name in _CHANGES)
+        poses = [(float(row[0]), row[1:].reshape(4, 4)) for row in moves]
+        found.append(
+            {
+                "clock_drift": float(drift.sum()),
+                "clock_jumps": tuple((float(since_s), float(by_s)) for since_s, by_s in jumps),
+                "moves": tuple((since_s, pose[:3, :3].T, -pose[:3, :3].T @ pose[:3, 3]) for since_s, pose in poses),
+            }
+        )
+    return found
 
 
 def _view(
@@ -103,4 +134,14 @@ def rig_arrays(rig: CameraRig) -> dict[str, np.ndarray]:
         "distortion": distortion,
         "lens": np.array([camera.lens for camera in rig.cameras]),
         "time_offset_s": rig.time_offsets_s,
-    }
+    } | _change_arrays(rig)
+
+
+def _change_arrays(rig: CameraRig) -> dict[str, np.ndarray]:
+    rows: dict[str, list[list[float]]] = {name: [] for name in _CHANGES}
+    for c, camera in enumerate(rig.cameras):
+        if camera.clock_drift:
+            rows["clock_drift"].append([c, camera.clock_drift])
+        rows["clock_jumps"] += [[c, since_s, by_s] for since_s, by_s in camera.clock_jumps]
+        rows["moves"] += [[c, since_s, *np.ravel(pose).tolist()] for since_s, pose in camera.moves]
+    return {name: np.array(each) for name, each in rows.items() if each}

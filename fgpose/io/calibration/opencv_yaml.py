@@ -71,7 +71,14 @@ def write(rig: CameraRig, folder: Path) -> None:
     from scipy.spatial.transform import Rotation
 
     check(rig)
-    late = [f"{camera.name} {camera.time_offset_s:.4f} s" for camera in rig.cameras if camera.time_offset_s]
+    moved = [camera.name for camera in rig.cameras if camera.moves]
+    if moved:
+        raise ValueError(f"camera {moved[0]} was moved while it filmed; EasyMocap's format has one pose of each camera")
+    late = [
+        f"{camera.name} {camera.time_offset_s:.4f} s"
+        for camera in rig.cameras
+        if camera.time_offset_s or camera.clock_drift or camera.clock_jumps
+    ]
     if late:
         warnings.warn(f"{folder}: EasyMocap's format has no time offsets; left out: {', '.join(late)}", stacklevel=3)
     intrinsics, extrinsics = {}, {}

@@ -6,7 +6,8 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 - Pose2Sim: any table names, ``fisheye`` in every table, metres, cameras in the order of the file.
 - aniposelib: ``[cam_0]``, ``[cam_1]``, ..., the unit of the calibration board (often mm), cameras in natural order.
 - fgpose: writes any of these, with ``time_offset_s`` in the table of a camera whose clock is off; others read by name
-  and take no notice of it.
+  and take no notice of it. The same with what changes in time: ``clock_drift``, ``clock_jumps`` (pairs: since when, how
+  much later) and ``moves`` (tables with since_s, rotation and translation).
 - fgpose: in the table ``[metadata.fgpose]`` of Pose2Sim's and aniposelib's files, which these do not read, how the
   cameras became what they are, where that is known.
 - caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; a camera that is ``ignore``d or has no pose
@@ -17,8 +18,11 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeGuard
+
+import numpy as np
 
 from fgpose.config import parse_toml
 from fgpose.geometry.camera import Camera, CameraRig
@@ -146,7 +150,35 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
         distortion=numbers(name, "distortions", table["distortions"]).ravel(),
         lens="fisheye" if table.get("fisheye", False) else "pinhole",
         time_offset_s=float(numbers(name, "time_offset_s", table.get("time_offset_s", 0.0), 1)[0]),
+        clock_drift=float(numbers(name, "clock_drift", table.get("clock_drift", 0.0), 1)[0]),
+        clock_jumps=_jumps(name, table.get("clock_jumps", [])),
+        moves=_moves(name, table.get("moves", [])),
     )
+
+
+def _jumps(name: str, jumps: Any) -> tuple[tuple[float, float], ...]:
+    array = numbers(name, "clock_jumps", jumps)
+    if array.size == 0:
+        return ()
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"camera {name}: clock_jumps must be pairs of seconds: [[since, how much later], ...]")
+    return tuple((float(since_s), float(by_s)) for since_s, by_s in array)
+
+
+def _moves(name: str, moves: Any) -> tuple[tuple[float, np.ndarray, np.ndarray], ...]:
+    if not isinstance(moves, list) or not all(isinstance(each, dict) for each in moves):
+        raise ValueError(f"camera {name}: moves must be a list of tables with since_s, rotation and translation")
+    found = []
+    for each in moves:
+        missing = [key for key in ("since_s", "rotation", "translation") if key not in each]
+        if missing:
+            raise ValueError(f"camera {name}: a move lacks {', '.join(missing)}")
+        since_s = float(numbers(name, "since_s", each["since_s"], 1)[0])
+        translation = numbers(name, "translation", each["translation"], 3)
+        found.append((since_s, rotation_matrix(name, each["rotation"]), translation))
+    if [since_s for since_s, *_ in found] != sorted({since_s for since_s, *_ in found}):
+        raise ValueError(f"camera {name}: moves must be in the order of time")
+    return tuple(found)
 
 
 def write_pose2sim(rig: CameraRig, path: Path, origin: CalibrationOrigin | None = None) -> None:
@@ -199,19 +231,37 @@ def _write(path: Path, document: dict[str, Any]) -> None:
 
 def _table(camera: Camera, n_coefficients: int) -> dict[str, Any]:
     """What all formats have; a pinhole lens with fewer coefficients of distortion than usual gets zeros."""
-    from scipy.spatial.transform import Rotation
-
-    camera_T_world = camera.camera_T_world
     n_zeros = n_coefficients - camera.distortion.size if camera.lens == "pinhole" else 0
     return {
         "name": camera.name,
         "size": list(camera.size_px),
         "matrix": camera.K.tolist(),
         "distortions": [*camera.distortion.tolist(), *[0.0] * n_zeros],
+        **_pose(camera),
+        **_in_time(camera),
+    }
+
+
+def _pose(camera: Camera) -> dict[str, Any]:
+    from scipy.spatial.transform import Rotation
+
+    camera_T_world = camera.camera_T_world
+    return {
         "rotation": Rotation.from_matrix(camera_T_world[:3, :3]).as_rotvec().tolist(),
         "translation": camera_T_world[:3, 3].tolist(),
-        **({"time_offset_s": camera.time_offset_s} if camera.time_offset_s else {}),
     }
+
+
+def _in_time(camera: Camera) -> dict[str, Any]:
+    """What of it depends on time, where something does."""
+    moved = [replace(camera, world_T_camera=pose, moves=()) for _, pose in camera.moves]
+    table = {
+        "time_offset_s": camera.time_offset_s,
+        "clock_drift": camera.clock_drift,
+        "clock_jumps": [list(jump) for jump in camera.clock_jumps],
+        "moves": [{"since_s": since_s} | _pose(at) for (since_s, _), at in zip(camera.moves, moved, strict=True)],
+    }
+    return {key: value for key, value in table.items() if value}
 
 
 def _if_fisheye(camera: Camera) -> dict[str, bool]:

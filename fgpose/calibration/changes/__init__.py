@@ -1,0 +1,1 @@
+"""What changes while a recording lasts: clocks that jump or drift, cameras that are bumped; found by the motion."""

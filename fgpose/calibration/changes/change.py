@@ -1,0 +1,96 @@
+"""One change of a camera while a recording lasts, and what several of them do to its clock and its pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.geometry.camera import Camera
+
+
+class Kind(StrEnum):
+    """What changes."""
+
+    OFFSET = "offset"
+    """The clock, by the same all the time."""
+    JUMP = "jump"
+    """The clock, at a time: images were lost, and those after them numbered on."""
+    RATE = "rate"
+    """The clock, evenly: the frame rate is not what was said."""
+    MOVED = "moved"
+    """The pose, all the time."""
+    BUMP = "bump"
+    """The pose, at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What is different of one camera."""
+
+    kind: Kind
+    camera: int
+    at_s: float = -np.inf
+    """By the time stamps of the camera: since when; -inf: all the time."""
+    until_s: float = np.inf
+    offset_s: float = 0.0
+    """How much later its images were taken than the stamps say."""
+    rate: float = 0.0
+    """How much later per second of the stamps, from zero on."""
+    rotation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Rotation vector by which the camera was turned, radians, in its own frame."""
+    translation_m: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """By how much it was moved, in its own frame."""
+    sigma: float = 0.0
+    """Standard deviation: of offset_s, or of what the rate adds up to over the recording, seconds; of the rotation,
+    radians."""
+    reliability: float = 0.0
+    """Standard deviations by which images that did not enter it agree better with it."""
+
+    @property
+    def is_of_clock(self) -> bool:
+        return self.kind in (Kind.OFFSET, Kind.JUMP, Kind.RATE)
+
+    @property
+    def rotation_deg(self) -> float:
+        return float(np.rad2deg(np.linalg.norm(self.rotation)))
+
+    def holds(self, stamp_s: Float[np.ndarray, " time"]) -> Bool[np.ndarray, " time"]:
+        return (stamp_s >= self.at_s) & (stamp_s < self.until_s)
+
+    def later_s(self, stamp_s: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+        """How much later images with these stamps were taken."""
+        return np.where(self.holds(stamp_s), self.offset_s + self.rate * stamp_s, 0.0)
+
+    def moved_pose(self, world_T_camera: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "4 4"]:
+        moved = np.array(world_T_camera)
+        moved[:3, 3] += moved[:3, :3] @ self.translation_m
+        moved[:3, :3] = moved[:3, :3] @ gtsam.Rot3.Expmap(self.rotation).matrix()
+        return moved
+
+
+def later_s(changes: Sequence[Change], camera: int, stamp_s: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
+    """How much later than their stamps say images of a camera were taken, with these changes."""
+    own = [each.later_s(stamp_s) for each in changes if each.camera == camera and each.is_of_clock]
+    return np.sum(own, axis=0) if own else np.zeros_like(stamp_s)
+
+
+def pieces(
+    changes: Sequence[Change], camera: int, given: Camera
+) -> list[tuple[float, float, Float[np.ndarray, "4 4"]]]:
+    """Since when, until when (by the stamps of the camera) and where a camera was, one pose after the other."""
+    own = [each for each in changes if each.camera == camera and not each.is_of_clock]
+    times_s = sorted({-np.inf, np.inf, *(time_s for each in own for time_s in (each.at_s, each.until_s))})
+    found = []
+    for since_s, until_s in pairwise(times_s):
+        pose = given.world_T_camera
+        for each in own:
+            if each.at_s <= since_s and until_s <= each.until_s:
+                pose = each.moved_pose(pose)
+        found.append((since_s, until_s, pose))
+    return found

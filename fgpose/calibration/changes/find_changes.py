@@ -1,0 +1,228 @@
+"""Which cameras change while a recording lasts, and how: one change after the other, the clearest first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.calibration.changes.change import Change, Kind
+from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
+from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, Blocks, LagCosts, blocks_of, lag_costs
+from fgpose.calibration.changes.pose_changes import PoseFit, pose_fits
+from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
+from fgpose.calibration.changes.turning_point import turning_point_s
+from fgpose.geometry.camera import CameraRig
+from fgpose.observations import Observations
+from fgpose.sampling import usual_step_s
+
+_MAX_LAG_S = 1.5
+_MAX_CHANGES = 6
+# Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
+_SCORE = 5.0
+_GAIN = 25.0
+# At 50 Hz and walking speed 6 mm, half of the usual error.
+_NOTICEABLE_FRAMES = 0.2
+# Lost images are whole ones; a rate adds up to this from the first to the last second.
+_JUMP_FRAMES, _RATE_FRAMES = 0.5, 0.6
+# What a network errs by differs with the side from which it sees somebody, by a tenth of a degree.
+_NOTICEABLE_SHIFT = 0.4
+# A more complicated change must be better by this than a simpler one.
+_CLEARLY = 1.08
+_WHOLE_FRAMES = 0.25
+# By how much the gain of a change counts that is not what losing images does.
+_IMPLAUSIBLE = 0.85
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """What was found of a recording."""
+
+    changes: tuple[Change, ...]
+    """In the order in which they were found, the clearest first; each on top of those before."""
+    step_s: float
+    """Of the images."""
+    duration_s: float
+    compared: bool
+    """Whether two cameras saw the same person for some seconds; else nothing could be found."""
+
+
+class _Candidate(NamedTuple):
+    change: Change
+    fit: ClockFit | PoseFit
+    gain: float
+
+
+def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
+    """Find clocks that are late, jump or drift, and cameras that were moved or bumped, from two cameras on.
+
+    Of each camera every kind of change is fitted to the angles by which its rays miss those of the others, on every
+    other second, and judged by the seconds between. The one that makes most better is taken, if that is not by chance
+    and matters; then the next is looked for, until there is none.
+
+    Args:
+        people: what the cameras saw of each, by their stamps.
+        rig: the cameras.
+    """
+    step_s = min(usual_step_s(own.frame_time_s) for own in people)
+    begin_s = min(float(own.frame_time_s[0]) for own in people)
+    duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
+    changes: list[Change] = []
+    if rig.n_cameras >= 2 and np.isfinite(step_s) and _compared(people):
+        while len(changes) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
+            changes += found
+    return Changes(tuple(changes), step_s, duration_s, _compared(people))
+
+
+def _compared(people: Sequence[Observations]) -> bool:
+    """Whether two cameras see somebody in half of some seconds."""
+    by_two = sum(int((own.seen.any(axis=2).sum(axis=1) >= 2).sum()) * usual_step_s(own.frame_time_s) for own in people)
+    return by_two > 2 * MIN_BLOCKS * BLOCK_S
+
+
+def _next(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float) -> list[Change]:
+    """The clearest change on top of others; none if there is no other."""
+    grid_s = grid_step_s(people)
+    n_lags = round(_MAX_LAG_S / grid_s)
+    rays = rays_of(people, rig, changes, grid_s, n_lags)
+    blocks = blocks_of(rays, rays.direction.shape[2])
+    costs = lag_costs(rays, blocks, n_lags)
+    candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, rig, step_s)]
+    if not candidates:
+        return []
+    return _placed(_chosen(candidates, step_s / costs.step_s), people, rig, changes, rays, blocks, step_s)
+
+
+def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
+    """That which makes most better; of one camera the simplest that is nearly as good."""
+    weighed = {id(each): each.gain * (1.0 if _is_plausible(each, frame) else _IMPLAUSIBLE) for each in candidates}
+    best = max(candidates, key=lambda each: weighed[id(each)])
+    nearly = [
+        each
+        for each in candidates
+        if each.change.camera == best.change.camera
+        and each.change.is_of_clock == best.change.is_of_clock
+        and weighed[id(each)] * _CLEARLY >= weighed[id(best)]
+    ]
+    return min(nearly, key=lambda each: (list(Kind).index(each.change.kind), _n_jumps(each)))
+
+
+def _n_jumps(candidate: _Candidate) -> int:
+    return len(candidate.fit.firsts) if isinstance(candidate.fit, ClockFit) else 0
+
+
+def _is_plausible(candidate: _Candidate, frame: float) -> bool:
+    """Lost images are whole ones, and of two cameras the one that lost some is late afterwards.
+
+    Args:
+        frame: of the images, in steps of the lags.
+    """
+    if candidate.change.kind is not Kind.JUMP:
+        return True
+    assert isinstance(candidate.fit, ClockFit)
+    firsts = list(candidate.fit.firsts)
+    frames = (candidate.fit.lag[firsts] - candidate.fit.lag[[first - 1 for first in firsts]]) / frame
+    return bool((np.abs(frames - np.round(frames)) < _WHOLE_FRAMES).all() and (frames > 0).all())
+
+
+def _of_camera(rays: Rays, costs: LagCosts, c: int, rig: CameraRig, step_s: float) -> list[_Candidate]:
+    found = []
+    for fit in clock_fits(costs, c, step_s):
+        lag_s = fit.lag * costs.step_s
+        if _is_clear(fit) and _matters(fit.kind, lag_s / step_s):
+            found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
+    for fit in pose_fits(rays, costs, c):
+        if _is_clear(fit) and fit.shift > _NOTICEABLE_SHIFT:
+            found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
+    return found
+
+
+def _is_clear(fit: ClockFit | PoseFit) -> bool:
+    return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
+
+
+def _matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
+    if kind is Kind.OFFSET:
+        return abs(lag[0]) > _NOTICEABLE_FRAMES
+    if kind is Kind.JUMP:
+        return bool(np.abs(np.diff(lag)).max() > _JUMP_FRAMES)
+    return abs(lag[-1] - lag[0]) > _RATE_FRAMES
+
+
+def _placed(
+    candidate: _Candidate,
+    people: Sequence[Observations],
+    rig: CameraRig,
+    changes: Sequence[Change],
+    rays: Rays,
+    blocks: Blocks,
+    step_s: float,
+) -> list[Change]:
+    """As changes by the stamps of the camera."""
+    fit, change = candidate.fit, replace(candidate.change, reliability=score(candidate.fit.gain))
+    if isinstance(fit, ClockFit):
+        lag_s = fit.lag * rays.step_s / PER_STEP
+        change = replace(change, sigma=fit.sigma * rays.step_s / PER_STEP)
+        if fit.kind is Kind.OFFSET:
+            return [replace(change, offset_s=float(lag_s[0]))]
+        if fit.kind is Kind.RATE:
+            return [_rate(change, lag_s, blocks, changes)]
+        return _jump(change, fit, lag_s, people, rig, changes, rays, blocks, step_s)
+    world_R_camera = rig.cameras[change.camera].world_T_camera[:3, :3]
+    moved = replace(
+        change,
+        rotation=world_R_camera.T @ fit.rotation,
+        translation_m=world_R_camera.T @ fit.translation_m,
+        sigma=fit.sigma_rotation,
+    )
+    if fit.kind is Kind.MOVED:
+        return [moved]
+    until = bool(fit.held[0])
+    edge = int(np.flatnonzero(fit.held)[-1]) + 1 if until else int(np.flatnonzero(fit.held)[0])
+    near_s = blocks.time_s[min(edge, blocks.n_blocks - 1)] - blocks.length_s / 2
+    before, after = ([*changes, moved], list(changes)) if until else (list(changes), [*changes, moved])
+    at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
+    return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
+
+
+def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, changes: Sequence[Change]) -> Change:
+    """A lag that grows by s per second of common time t is s / (1 - s) per second of stamps t - lag."""
+    duration_s = float(blocks.time_s[-1] - blocks.time_s[0])
+    slope = float(lag_s[-1] - lag_s[0]) / duration_s
+    rate = slope / (1 - slope)
+    return replace(change, rate=rate, offset_s=(float(lag_s[0]) - slope * float(blocks.time_s[0])) / (1 - slope))
+
+
+def _jump(
+    change: Change,
+    fit: ClockFit,
+    lag_s: Float[np.ndarray, " block"],
+    people: Sequence[Observations],
+    rig: CameraRig,
+    changes: Sequence[Change],
+    rays: Rays,
+    blocks: Blocks,
+    step_s: float,
+) -> list[Change]:
+    found: list[Change] = []
+    if abs(lag_s[0]) > _NOTICEABLE_FRAMES * step_s:
+        offset_s = float(lag_s[0])
+        found.append(
+            Change(Kind.OFFSET, change.camera, offset_s=offset_s, sigma=change.sigma, reliability=change.reliability)
+        )
+    for first in fit.firsts:
+        by_s = float(lag_s[first] - lag_s[first - 1])
+        frames = by_s / step_s
+        if abs(frames - round(frames)) < _WHOLE_FRAMES:
+            by_s = round(frames) * step_s
+        if abs(by_s) < _JUMP_FRAMES * step_s:
+            continue
+        jump = replace(change, offset_s=by_s)
+        near_s = blocks.time_s[first] - blocks.length_s / 2
+        before, after = [*changes, *found], [*changes, *found, jump]
+        at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
+        found.append(replace(jump, at_s=at_s))
+    return found

@@ -1,0 +1,182 @@
+"""How badly the cameras agree in each block of time, for every lag of one behind another.
+
+Of two cameras that are where the rig says, the rays to a joint meet if both images were taken at the same time: the
+angle by which they miss each other is what a lag, or another pose, makes larger. No motion needs to be estimated, and
+two cameras are enough.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fgpose.calibration.changes.rays import Rays
+
+BLOCK_S = 1.0
+"""Errors of detections are correlated over 0.15 s: blocks of a second are independent of each other."""
+_MAX_BLOCKS = 300
+# Of rays of two cameras that are compared at one lag: bounds the time.
+_MAX_COMPARED = 3e5
+_CORRELATION_S = 0.15
+# Errors of detections are correlated over 0.15 s.
+_SAMPLE_HZ = 10.0
+# A lag is known to a fraction of a step: costs are interpolated.
+PER_STEP = 4
+KERNEL = 2.0
+"""Scale of the Cauchy kernel, in standard deviations of the angles between rays that meet."""
+# A camera's pairs of rays say something of a block if there are so many.
+_MIN_SEEN = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """The times at which rays are compared, second by second."""
+
+    index: Int[np.ndarray, " sample"]
+    """In the grid of the rays."""
+    block: Int[np.ndarray, " sample"]
+    time_s: Float[np.ndarray, " block"]
+    """In the middle, increasing."""
+    length_s: float
+
+    @property
+    def n_blocks(self) -> int:
+        return len(self.time_s)
+
+
+def blocks_of(rays: Rays, n_joints: int) -> Blocks:
+    """Of rays, so many blocks and samples as are needed."""
+    there = np.flatnonzero(np.isfinite(rays.time_s))
+    begin_s, end_s = rays.time_s[there].min(), rays.time_s[there].max()
+    length_s = max(BLOCK_S, (end_s - begin_s) / _MAX_BLOCKS)
+    n_pairs = rays.n_cameras * (rays.n_cameras - 1) / 2
+    duration_s = len(there) * rays.step_s
+    most = max(min(int(_MAX_COMPARED / (n_pairs * n_joints)), int(_SAMPLE_HZ * duration_s)), 1)
+    # Not an even stride: it could be in step with a gait.
+    index = there if len(there) <= most else there[np.unique((np.arange(most) + 0.5) * len(there) / most).astype(int)]
+    numbers, block = np.unique(((rays.time_s[index] - begin_s) / length_s).astype(int), return_inverse=True)
+    return Blocks(index, block, begin_s + (numbers + 0.5) * length_s, length_s)
+
+
+@dataclass(frozen=True, eq=False)
+class LagCosts:
+    """Of each pair of cameras: minus the logarithm of how probable its angles are, block by block."""
+
+    blocks: Blocks
+    step_s: float
+    """Of the lags."""
+    pairs: tuple[tuple[int, int], ...]
+    cost: dict[tuple[int, int], Float[np.ndarray, "block lag"]]
+    """By how much later the second took its images, relative to the first. The lags are even and symmetric."""
+    scale: dict[tuple[int, int], float]
+    """Standard deviation of the angles, radians."""
+
+    @property
+    def lag_s(self) -> Float[np.ndarray, " lag"]:
+        n = next(iter(self.cost.values())).shape[1]
+        return self.step_s * (np.arange(n) - n // 2)
+
+    def of_camera(self, c: int) -> Float[np.ndarray, "block lag"]:
+        """Of all pairs of a camera, by how much later it is, while the others are on time."""
+        own = [self.cost[pair] if pair[1] == c else self.cost[pair][:, ::-1] for pair in self.pairs if c in pair]
+        return np.sum(own, axis=0)
+
+
+def angle(
+    one: Float[np.ndarray, "*shape 3"], other: Float[np.ndarray, "*shape 3"], baseline_m: Float[np.ndarray, "*shape 3"]
+) -> Float[np.ndarray, "*shape"]:
+    """By how much two rays miss each other, signed, in standard deviations if both directions err by one."""
+    from_one, from_other = np.cross(baseline_m, one), np.cross(baseline_m, other)
+    length = np.sqrt(np.sum(from_one**2, axis=-1) + np.sum(from_other**2, axis=-1))
+    return np.sum(from_one * other, axis=-1) / np.where(length > 0, length, np.nan)
+
+
+def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray, "*shape"]:
+    """Half of Cauchy's kernel, whitened."""
+    return 0.5 * KERNEL**2 * np.log1p((angle / (KERNEL * scale)) ** 2)
+
+
+def independent(blocks: Blocks) -> float:
+    """By how much the samples of a block count, as their errors are correlated."""
+    per_block = len(blocks.index) / blocks.n_blocks
+    return min(1.0, blocks.length_s / _CORRELATION_S / per_block)
+
+
+def lag_costs(rays: Rays, blocks: Blocks, n_lags: int) -> LagCosts:
+    """Costs for lags of up to so many steps of the grid either way."""
+    pairs = tuple(combinations(range(rays.n_cameras), 2))
+    cost, scale = {}, {}
+    for pair in pairs:
+        angles, weight = _angles(rays, blocks, *pair, n_lags)
+        scale[pair] = _scale(angles, blocks)
+        cost[pair] = _finer(_by_block(robust(angles, scale[pair]), weight, blocks) * independent(blocks))
+    return LagCosts(blocks, rays.step_s / PER_STEP, pairs, cost, scale)
+
+
+def _angles(
+    rays: Rays, blocks: Blocks, a: int, b: int, n_lags: int
+) -> tuple[Float[np.ndarray, "sample lag joint"], Float[np.ndarray, "sample lag joint"]]:
+    index, n_times = blocks.index, len(rays.time_s)
+    one, weight = rays.direction[a, index], rays.weight[a, index]
+    baseline_m = (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32)
+    from_one = np.cross(baseline_m, one)
+    squared = np.sum(from_one**2, axis=-1)
+    shape = (len(index), 2 * n_lags + 1, one.shape[1])
+    angles, weights = np.full(shape, np.nan, dtype=np.float32), np.zeros(shape, dtype=np.float32)
+    along = np.sum(baseline_m**2, axis=-1)
+    for k in range(-n_lags, n_lags + 1):
+        other = index - k
+        there = (other >= 0) & (other < n_times)
+        ray = rays.direction[b, other[there]]
+        of_other = along[there] - np.sum(baseline_m[there] * ray, axis=-1) ** 2
+        length = np.sqrt(squared[there] + np.maximum(of_other, 0.0))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            angles[there, k + n_lags] = np.sum(from_one[there] * ray, axis=-1) / length
+        weights[there, k + n_lags] = np.minimum(weight[there], rays.weight[b, other[there]])
+    return angles, np.where(np.isfinite(angles), weights, 0.0)
+
+
+def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks) -> float:
+    """Of angles between rays that meet: in most blocks they do at some lag, whatever the clocks are."""
+    least = []
+    size = np.abs(angles[:, ::2])
+    for block in range(blocks.n_blocks):
+        own = size[blocks.block == block]
+        known = np.isfinite(own).sum(axis=(0, 2))
+        if known.max(initial=0) >= _MIN_SEEN:
+            of_lag = [np.nanmedian(own[:, k]) for k in np.flatnonzero(known >= 0.5 * known.max()).tolist()]
+            least.append(min(of_lag))
+    return max(1.4826 * float(np.median(least)), 1e-4) if least else 1.0
+
+
+def _by_block(
+    cost: Float[np.ndarray, "sample lag joint"], weight: Float[np.ndarray, "sample lag joint"], blocks: Blocks
+) -> Float[np.ndarray, "block lag"]:
+    """Sums, as if at every lag as much were seen as at the one where most is; a lag at which little is seen is as good
+    as the others on average."""
+    order = np.argsort(blocks.block, kind="stable")
+    begins = np.searchsorted(blocks.block[order], np.arange(blocks.n_blocks))
+    weighted = np.where(weight > 0, np.nan_to_num(cost) * weight, 0.0)
+    total, seen, number = (
+        np.add.reduceat(each[order].sum(axis=2, dtype=float), begins, axis=0) for each in (weighted, weight, weight > 0)
+    )
+    most = seen.max(axis=1, keepdims=True)
+    told = (seen >= 0.5 * most) & (number >= _MIN_SEEN)
+    mean = np.where(told, total / np.where(told, seen, 1.0), np.nan)
+    usual = np.where(told.any(axis=1), np.nansum(mean, axis=1) / np.maximum(told.sum(axis=1), 1), 0.0)
+    return np.where(told, mean, usual[:, None]) * most
+
+
+def _finer(cost: Float[np.ndarray, "block lag"]) -> Float[np.ndarray, "block finer"]:
+    from scipy.interpolate import CubicSpline
+
+    lags = np.arange(cost.shape[1])
+    return CubicSpline(lags, cost, axis=1)(np.linspace(0, lags[-1], PER_STEP * lags[-1] + 1))
+
+
+def told_blocks(costs: LagCosts, c: int) -> Bool[np.ndarray, " block"]:
+    """Blocks in which the lag of a camera makes a difference."""
+    return np.asarray(np.ptp(costs.of_camera(c), axis=1) > 1.0)

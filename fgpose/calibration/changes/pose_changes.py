@@ -1,0 +1,209 @@
+"""Where a camera went: all the time, from a moment on or until one; told by blocks that did not enter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.changes.change import Kind
+from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
+from fgpose.calibration.changes.lag_costs import KERNEL, Blocks, LagCosts, angle, independent, robust
+from fgpose.calibration.changes.rays import Rays
+
+# Weak: what is bumped turns by degrees and moves by centimetres.
+_SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
+_ROUNDS = 5
+# As fgpose.calibration.sightings: the errors of a network on one person in one view are correlated.
+_INDEPENDENT_MEASUREMENTS = 50.0
+# In-sample gain below which the blocks that did not enter need not be asked.
+_LEAST_GAIN = 20.0
+
+
+@dataclass(frozen=True, eq=False)
+class PoseFit:
+    """The move that fits best."""
+
+    kind: Kind
+    rotation: Float[np.ndarray, " 3"]
+    """Rotation vector in the world, radians."""
+    translation_m: Float[np.ndarray, " 3"]
+    held: Bool[np.ndarray, " block"]
+    """The blocks in which the camera was there."""
+    gain: Float[np.ndarray, " block"]
+    """By how much the cost of each block is less, with a move to which it has not contributed."""
+    sigma_rotation: float
+    """Standard deviation, radians."""
+    shift: float
+    """By how much the move changes the angles between rays, root mean square, in their standard deviations."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Views:
+    """A camera with each of the others, in the samples of all blocks."""
+
+    own: Float[np.ndarray, "sample joint 3"]
+    own_centre_m: Float[np.ndarray, "sample 3"]
+    others: Float[np.ndarray, "other sample joint 3"]
+    centres_m: Float[np.ndarray, "other sample 3"]
+    weight: Float[np.ndarray, "other sample joint"]
+    scale: Float[np.ndarray, " other"]
+    blocks: Blocks
+
+    @staticmethod
+    def of(rays: Rays, costs: LagCosts, c: int) -> _Views:
+        index, others = costs.blocks.index, [o for o in range(rays.n_cameras) if o != c]
+        share = independent(costs.blocks)
+        return _Views(
+            rays.direction[c, index],
+            rays.centre_m[c, index],
+            rays.direction[others][:, index],
+            rays.centre_m[others][:, index],
+            share * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
+            np.array([costs.scale[min(c, o), max(c, o)] for o in others]),
+            costs.blocks,
+        )
+
+    def angles(self, move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "other sample joint"]:
+        """Whitened, with the camera moved."""
+        turned = self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T.astype(np.float32)
+        baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None].astype(np.float32)
+        return angle(self.others, turned[None], baseline_m) / self.scale[:, None, None]
+
+    def jacobian(self, move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "other sample joint 6"]:
+        turned = np.broadcast_to(
+            self.own @ gtsam.Rot3.Expmap(move[:3]).matrix().T.astype(np.float32), self.others.shape
+        )
+        baseline_m = (self.own_centre_m + move[3:] - self.centres_m)[:, :, None].astype(np.float32)
+        across = np.cross(baseline_m, self.others)
+        length = np.sqrt(np.sum(across**2, axis=-1) + np.sum(np.cross(baseline_m, turned) ** 2, axis=-1))
+        by_move = np.concatenate([np.cross(turned, across), np.cross(self.others, turned)], axis=-1)
+        return by_move / (length * self.scale[:, None, None])[..., None]
+
+    def independent(self, used: Bool[np.ndarray, " block"]) -> float:
+        """By how much the angles in these blocks count against the prior."""
+        total = float(self.weight[:, used[self.blocks.block]].sum())
+        return min(1.0, _INDEPENDENT_MEASUREMENTS * len(self.scale) / max(total, 1.0))
+
+    def cost(self, angles: Float[np.ndarray, "other sample joint"]) -> Float[np.ndarray, " block"]:
+        known = self.weight > 0
+        each = np.where(known, self.weight * np.nan_to_num(robust(angles, 1.0)), 0.0).sum(axis=(0, 2))
+        return np.bincount(self.blocks.block, each, minlength=self.blocks.n_blocks)
+
+    def equations(
+        self, move: Float[np.ndarray, " 6"], width: float
+    ) -> tuple[Float[np.ndarray, "block 6 6"], Float[np.ndarray, "block 6"]]:
+        """Information and gradient of each block; the kernel is wider by this factor."""
+        angles = self.angles(move)
+        known = (self.weight > 0) & np.isfinite(angles)
+        weight = np.where(known, self.weight / (1 + (np.nan_to_num(angles) / (width * KERNEL)) ** 2), 0.0)
+        jacobian = np.nan_to_num(self.jacobian(move))
+        information = np.einsum("osj,osja,osjb->sab", weight, jacobian, jacobian, optimize=True)
+        gradient = np.einsum("osj,osj,osja->sa", weight, np.nan_to_num(angles), jacobian, optimize=True)
+        n_blocks, block = self.blocks.n_blocks, self.blocks.block
+        of_block = np.zeros((n_blocks, 6, 6)), np.zeros((n_blocks, 6))
+        np.add.at(of_block[0], block, information)
+        np.add.at(of_block[1], block, gradient)
+        return of_block
+
+
+def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
+    """The best of each kind: moved all the time, bumped at a time, or there only until a time."""
+    views = _Views.of(rays, costs, c)
+    told = np.bincount(costs.blocks.block, views.weight.sum(axis=(0, 2)), minlength=costs.blocks.n_blocks) > 0
+    if told.sum() < 2 * MIN_BLOCKS:
+        return []
+    still = np.zeros(6)
+    before = views.cost(views.angles(still))
+    width = max(1.0, _typical(views.angles(still), views.weight))
+    whole = views.equations(still, width)
+    if max(_in_sample(*whole, told, until=until).max() for until in (False, True)) < _LEAST_GAIN:
+        return []
+    found = [_fitted(Kind.MOVED, np.ones(len(told), dtype=bool), views, told, before, width)]
+    for until in (False, True):
+        held = _split(*whole, told, until=until)
+        for _ in range(2):
+            move = _move(views, held & told, width)
+            held = _better(before - views.cost(views.angles(move)), told, until=until)
+        found.append(_fitted(Kind.BUMP, held, views, told, before, width))
+    return found
+
+
+def _typical(angles: Float[np.ndarray, "other sample joint"], weight: np.ndarray) -> float:
+    """The larger ones, in which a move shows."""
+    known = np.abs(angles[(weight > 0) & np.isfinite(angles)])
+    return float(np.quantile(known, 0.8)) if known.size else 1.0
+
+
+def _split(
+    information: Float[np.ndarray, "block 6 6"],
+    gradient: Float[np.ndarray, "block 6"],
+    told: Bool[np.ndarray, " block"],
+    *,
+    until: bool,
+) -> Bool[np.ndarray, " block"]:
+    """The blocks, from one on or until one, in which a move makes most better."""
+    held = np.arange(len(told)) <= int(np.argmax(_in_sample(information, gradient, told, until=until)))
+    return held if until else held[::-1]
+
+
+def _in_sample(
+    information: Float[np.ndarray, "block 6 6"],
+    gradient: Float[np.ndarray, "block 6"],
+    told: Bool[np.ndarray, " block"],
+    *,
+    until: bool,
+) -> Float[np.ndarray, " block"]:
+    """By how much all blocks until one, or from the last to one, are better with the move that suits them best."""
+    order = slice(None) if until else slice(None, None, -1)
+    H = np.cumsum(information[order], axis=0) + np.diag(_SIGMAS**-2)
+    g, number = np.cumsum(gradient[order], axis=0), np.cumsum(told[order])
+    better = 0.5 * np.einsum("bi,bi->b", g, np.linalg.solve(H, g[..., None])[..., 0])
+    better[(number < MIN_BLOCKS) | (number[-1] - number < MIN_BLOCKS)] = -np.inf
+    return better
+
+
+def _better(
+    gain: Float[np.ndarray, " block"], told: Bool[np.ndarray, " block"], *, until: bool
+) -> Bool[np.ndarray, " block"]:
+    order = slice(None) if until else slice(None, None, -1)
+    total, number = np.cumsum(gain[order]), np.cumsum(told[order])
+    total[(number < MIN_BLOCKS) | (number[-1] - number < MIN_BLOCKS)] = -np.inf
+    return (np.arange(len(told)) <= int(np.argmax(total)))[order]
+
+
+def _move(views: _Views, used: Bool[np.ndarray, " block"], width: float) -> Float[np.ndarray, " 6"]:
+    """By iteratively reweighted least squares, the kernel at first as wide as the angles are."""
+    move = np.zeros(6)
+    for round_ in range(_ROUNDS):
+        information, gradient = views.equations(move, max(1.0, width * 0.5**round_))
+        share = views.independent(used)
+        H = share * information[used].sum(axis=0) + np.diag(_SIGMAS**-2)
+        move = move - np.linalg.solve(H, share * gradient[used].sum(axis=0) + move * _SIGMAS**-2)
+    return move
+
+
+def _fitted(
+    kind: Kind,
+    held: Bool[np.ndarray, " block"],
+    views: _Views,
+    told: Bool[np.ndarray, " block"],
+    before: Float[np.ndarray, " block"],
+    width: float,
+) -> PoseFit:
+    used = held & told
+    odd = np.cumsum(told) % 2 == 1
+    gain = np.zeros(len(told))
+    for half in (odd, ~odd):
+        other = used & ~half
+        gain[other] = (before - views.cost(views.angles(_move(views, used & half, width))))[other]
+    move = _move(views, used, width)
+    information, _ = views.equations(move, 1.0)
+    covariance = np.linalg.inv(views.independent(used) * information[used].sum(axis=0) + np.diag(_SIGMAS**-2))
+    changed = views.angles(move) - views.angles(np.zeros(6))
+    there = (views.weight > 0) & used[views.blocks.block][None, :, None] & np.isfinite(changed)
+    shift = float(np.sqrt(np.mean(changed[there] ** 2))) if there.any() else 0.0
+    sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
+    return PoseFit(kind, move[:3], move[3:], held, gain, sigma, shift)
