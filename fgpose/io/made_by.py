@@ -13,7 +13,7 @@ from fgpose.io.content import first_bytes
 from fgpose.io.tables import column_names
 from fgpose.io.trajectories import load_origin
 
-# Within these are the header of a TRC, the parameters of a C3D and, behind its layout, the name in a Rerun recording.
+# The header of a TRC, the parameters of a C3D and, behind its layout, the name of a recording in Rerun are in these.
 _HEAD_BYTES = 4 << 20
 _SAID = re.compile(rb"made by fgpose ([a-z]+)")
 _DETECT = "detect"

@@ -101,9 +101,10 @@ def test_a_failed_calibration_writes_no_rig_but_shows_why(
 ) -> None:
     chain.findings = (COARSE, BAD, replace(COARSE, camera="cam1"))
     rig = tmp_path / "rig.toml"
-    rig.write_text("an older one")
+    save_rig(true_rig(), rig, origin=CalibrationOrigin(step="calibrate"))
+    older = rig.read_bytes()
     assert main([*source, "--focal-px", "1145", "--size", "1920x1080", "-o", str(rig)]) == 1
-    assert rig.read_text() == "an older one"
+    assert rig.read_bytes() == older
     assert (tmp_path / "rig.rrd").exists()
     printed = capsys.readouterr()
     assert "the calibration has failed" in printed.err

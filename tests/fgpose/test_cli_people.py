@@ -119,7 +119,7 @@ def test_track_shows_every_update_live(source: list[str], tmp_path: Path, monkey
     monkeypatch.setattr(Tracker, "update", interrupted)
     options = ["--people", "all", "--live", "--port", "0", "--formats", "rrd", "parquet", "-o", str(tmp_path)]
     assert main(["track", *source, *FAST, *options]) == 130
-    path = tmp_path / "room.rrd"
+    path = tmp_path / "room_online.rrd"
     assert list(tmp_path.iterdir()) == [path]
     assert sorted(rows(path, "/plots/people", "Scalars:scalars")) == list(range(20))
     # Confirmed within 0.3 s, 9 frames.
@@ -144,7 +144,7 @@ def test_track_serves_what_it_has_shown_until_ctrl_c(
     for name, more in (("live", ["--live", "--port", "0"]), ("afterwards", [])):
         assert main(["track", *source, *FAST, *options, "--name", name, *more]) == 0
         assert f"wrote {tmp_path / f'{name}_online.parquet'}" in capsys.readouterr().out
-        paths.append(tmp_path / f"{name}.rrd")
+        paths.append(tmp_path / f"{name}_online.rrd")
     live_path, afterwards = paths
     assert entities(live_path) == entities(afterwards)
     for entity, component in (

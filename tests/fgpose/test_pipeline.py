@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import warnings
 from collections import Counter
 from dataclasses import replace
@@ -228,6 +229,33 @@ def test_cameras_that_saw_nothing_and_are_not_wanted_do_not_count(tmp_path: Path
     assert loaded.rig.names == loaded.observations.camera_names == ("cam_03", "cam_01")
     with pytest.raises(ValueError, match="camera cam_04 of the calibration has no keypoints"):
         load_source(tmp_path / "three.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_04", "cam_01"))
+
+
+def test_cameras_that_are_counted_otherwise_are_said_where_they_are_wanted_all_the_same(
+    tmp_path: Path, source: Source
+) -> None:
+    """Folders from 1, the calibration from 0: cam_1 of the one is cam_2 of the other."""
+    from_0 = (replace(camera, name=f"cam_{c}") for c, camera in enumerate(source.rig.cameras))
+    save_rig(CameraRig(tuple(from_0)), tmp_path / "rig.npz")
+    save_observations(source.observations, tmp_path / "seen.npz")
+    wanted = ("cam_1", "cam_2", "cam_3")
+    with pytest.raises(ValueError, match="one seems to count from 1, the other from 0"):
+        load_source(tmp_path / "seen.npz", tmp_path / "rig.npz", "body_25b")
+    with pytest.warns(UserWarning, match="cam_01 is cam_0, cam_02 is cam_1"):
+        load_source(tmp_path / "seen.npz", tmp_path / "rig.npz", "body_25b", cameras=wanted)
+
+
+def test_what_was_changed_to_read_keypoints_is_part_of_the_origin(tmp_path: Path, source: Source) -> None:
+    save_rig(source.rig, tmp_path / "rig.npz")
+    for camera in source.rig.names:
+        (tmp_path / "pose" / camera).mkdir(parents=True)
+        person = {"pose_keypoints_2d": [300.0, 200.0, 1.2] * 25}
+        (tmp_path / "pose" / camera / "000001.json").write_text(json.dumps({"people": [person]}))
+    with pytest.warns(UserWarning, match="up to 1.20"):
+        loaded = load_source(tmp_path / "pose", tmp_path / "rig.npz", "body_25b", fps=60.0)
+    assert loaded.origin is not None
+    assert loaded.origin.remarks == loaded.observations.remarks
+    assert "up to 1.20" in loaded.origin.remarks[0]
 
 
 @pytest.mark.parametrize("cameras", [(), ("cam_01", "cam_02")])

@@ -46,8 +46,7 @@ def read(folder: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetection
         kind = image_format(document)
         if kind is None or (format_of_folder and kind and kind != format_of_folder):
             wanted = format_of_folder or "an image of OpenPose or MMPose"
-            hint = "" if kind else f". If each file in {folder} is of a whole camera, give that folder itself"
-            raise ValueError(f"{source}: this is {kind or 'something else'}, not {wanted}{hint}")
+            raise ValueError(f"{source}: this is {kind or 'something else'}, not {wanted}")
         format_of_folder = format_of_folder or kind or None
         frames[frame] = _detections(document, source, skeleton)
     return frames, format_of_folder

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+from fgpose.io.camera_names import camera_name
 from fgpose.io.content import first_bytes
 from fgpose.io.folders import shown, visible
 from fgpose.io.keypoints.deeplabcut import is_deeplabcut
@@ -75,10 +76,14 @@ def _in_folder(folder: Path) -> list[Path]:
     files = shown(folder.iterdir())
     documents = [file for file in files if file.suffix == ".json"]
     whole = [file for file in documents if file.stem.casefold() == "alphapose-results"]
-    whole = whole or (documents if len(documents) == 1 and _is_of_whole_camera(documents[0]) else [])
-    if documents:
-        return whole or [folder]
-    return [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
+    if whole:
+        return whole
+    if documents and not _is_of_whole_camera(documents[0]):
+        return [folder]
+    tables = [file for file in files if file.suffix == ".csv" and is_deeplabcut(file)]
+    # Of several cameras: they are found when the folder itself is given.
+    several = len({camera_name(file.stem) for file in documents or tables}) > 1
+    return [] if several else documents or tables
 
 
 def _is_of_whole_camera(document: Path) -> bool:

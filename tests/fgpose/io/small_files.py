@@ -203,6 +203,32 @@ def _make_mmpose(folder: Path) -> None:
     _each_camera(folder, document)
 
 
+def _make_mmpose_frames(folder: Path) -> None:
+    """Of the inferencer, with scores of RTMW."""
+
+    def document(camera: int) -> list[dict[str, Any]]:
+        scores = [9.0] * STICK.n_joints
+        return [
+            {"frame_id": frame, "instances": [each | {"keypoint_scores": scores} for each in _mmpose(frame, camera)]}
+            for frame in range(N_FRAMES)
+        ]
+
+    _each_camera(folder, document)
+
+
+def _make_deeplabcut(folder: Path) -> None:
+    for camera, name in enumerate(rig().names):
+        cells = [(joint, kind) for joint in STICK.joints for kind in ("x", "y", "likelihood")]
+        rows = [["scorer", *("DLC" for _ in cells)]]
+        rows += [["bodyparts", *(joint for joint, _ in cells)], ["coords", *(kind for _, kind in cells)]]
+        rows += [[str(frame), *map(str, _people(frame, camera)[0]["flat"])] for frame in range(N_FRAMES)]
+        (folder / f"{name}DLC_resnet50.csv").write_text("\n".join(map(",".join, rows)) + "\n")
+
+
+def _make_freemocap(folder: Path) -> None:
+    np.save(folder / "mediapipe2dData_numCams_numFrames_numTrackedPoints_pixelXY.npy", points_px().swapaxes(0, 1))
+
+
 def _make_coco(folder: Path) -> None:
     def document(camera: int) -> list[dict[str, Any]]:
         names = [frame if frame % 2 else f"images/{frame:06d}.jpg" for frame in range(N_FRAMES)]
@@ -232,7 +258,10 @@ def _make_metrabs_npz(folder: Path) -> None:
 
 
 def _read_keypoints(folder: Path) -> Observations:
-    return load_observations(folder, rig(), STICK, fps=50.0)
+    with warnings.catch_warnings():
+        # What was changed to read them is said.
+        warnings.simplefilter("ignore", UserWarning)
+        return load_observations(folder, rig(), STICK, fps=50.0)
 
 
 def _known_rig(extension: str) -> Callable[[Path], None]:
@@ -460,7 +489,10 @@ FORMATS = {
         Format("openpose", "json", _make_openpose, _read_keypoints),
         Format("mmpose images", "json", _make_mmpose_images, _read_keypoints),
         Format("mmpose", "json", _make_mmpose, _read_keypoints),
+        Format("mmpose frames", "json", _make_mmpose_frames, _read_keypoints),
         Format("coco", "json", _make_coco, _read_keypoints),
+        Format("deeplabcut", "text", _make_deeplabcut, _read_keypoints),
+        Format("freemocap", "bytes", _make_freemocap, _read_keypoints),
         Format("metrabs json", "json", _make_metrabs_json, _read_keypoints),
         Format("metrabs npz", "npz", _make_metrabs_npz, _read_keypoints),
         Format("recording npz", "npz", lambda f: save_observations(recording(), f / "seen.npz"), _one(_read_recording)),

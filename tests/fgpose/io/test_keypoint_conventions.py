@@ -357,6 +357,6 @@ def test_a_folder_too_high_or_too_low_is_told(tmp_path: Path, rig: CameraRig):
 
 def test_a_folder_above_files_of_whole_cameras_is_told(tmp_path: Path, rig: CameraRig):
     write_mmpose_video(tmp_path / "pose")
-    assert f"If each file in {tmp_path / 'pose'} is of a whole camera, give that folder itself" in error_of(
-        tmp_path, rig
-    )
+    for c, camera in enumerate(CAMERAS):
+        write(tmp_path / "tables" / f"{camera}DLC_resnet50.csv", dlc_table(c))
+    assert f"some in {tmp_path / 'pose'}, {tmp_path / 'tables'}: give one of these" in error_of(tmp_path, rig)

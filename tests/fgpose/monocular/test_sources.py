@@ -192,6 +192,8 @@ def test_videos_are_found_by_the_names_of_the_cameras(squares: SquaresScene, tmp
 def test_a_folder_may_hold_the_video(squares: SquaresScene, tmp_path: Path) -> None:
     for c, name in enumerate(squares.rig.names):
         squares.write_video(tmp_path / name / "recording.mp4", c, 2)
+        # As macOS leaves them on other disks.
+        (tmp_path / name / "._recording.mp4").write_bytes(b"Mac OS X")
     assert [clip.name for clip in open_sources(tmp_path, squares.rig).clips] == list(squares.rig.names)
 
 

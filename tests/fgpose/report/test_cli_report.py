@@ -12,6 +12,7 @@ from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
+from fgpose.io.origin import Origin
 from fgpose.io.trajectories import save_trajectory
 from fgpose.report import FinishedRecording
 from fgpose.skeleton import Skeleton
@@ -51,7 +52,23 @@ def test_the_suspicions_are_printed(
 def test_a_file_can_be_named(walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     written(other_camera(walk), tmp_path)
     assert main(["report", str(tmp_path / "out" / "walk.parquet")]) == 0
-    assert "camera ring_2 disagrees" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"{tmp_path / 'out' / 'walk.parquet'}\n")
+    assert "camera ring_2 disagrees" in printed
+
+
+def test_results_of_one_folder_have_reports_of_their_own(
+    walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "out").mkdir()
+    save_trajectory(walk.main, tmp_path / "out" / "a.parquet", origin=Origin(step="smooth"))
+    save_trajectory(walk.main, tmp_path / "out" / "b.parquet", origin=Origin(step="refine"))
+    assert main(["report", str(tmp_path / "out")]) == 2
+    assert "results of a (fgpose smooth), b (fgpose refine): say which (--name NAME)" in capsys.readouterr().err
+    assert main(["report", str(tmp_path / "out"), "--name", "b"]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(f"{tmp_path / 'out' / 'b.parquet'}, made by fgpose refine\n")
+    assert f"wrote {tmp_path / 'out' / 'report_b.html'}" in printed
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from fgpose.association.track import TrackEvent
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
+from fgpose.io.origin import Origin
 from fgpose.io.trajectories import save_trajectory
 from fgpose.kinematics.angles import joint_angles
 from fgpose.report import (
@@ -257,6 +258,13 @@ def test_results_are_found_with_what_stands_beside_them(walk: FinishedRecording,
     with pytest.raises(ValueError, match=r"results of walk, other: say which|results of other, walk: say which"):
         find_result(tmp_path)
     assert find_result(tmp_path, "other").name == "other.npz"
+    # What fgpose track left beside the result of another command is not taken for it.
+    save_trajectory(walk.main, tmp_path / "other_smoothed.parquet", origin=Origin(step="track"))
+    save_trajectory(walk.main, tmp_path / "other.npz", origin=Origin(step="smooth"))
+    with pytest.raises(ValueError, match=r"other \(fgpose smooth\), other_smoothed \(fgpose track\)"):
+        find_result(tmp_path)
+    assert find_result(tmp_path, "other").name == "other.npz"
+    assert find_result(tmp_path, "other_smoothed").name == "other_smoothed.parquet"
     with pytest.raises(ValueError, match="no result third"):
         find_result(tmp_path, "third")
     (tmp_path / "empty").mkdir()
