@@ -167,6 +167,11 @@ class Trajectory:
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         return self.status == Status.OBSERVED
 
+    @property
+    def absent(self) -> Bool[np.ndarray, " frame"]:
+        """The frames in which nobody is there: nothing is known of any joint."""
+        return np.asarray((self.status == Status.UNOBSERVABLE).all(axis=1))
+
     def status_share(self, status: Status) -> float:
         """Share of all joints and frames that have this status, in [0, 1]."""
         return float(np.mean(self.status == status))

@@ -298,6 +298,8 @@ class Estimator:
             moved_m = before.carried_on_m(step_s)
             gathered = corrected(gathered, moved_m, before.velocities_mps, self._visibility.bias, self._rig)
             given_up = self._last.before(time_s - self.config.motion.max_unseen_s)
+            if self._last.person_s < time_s - self.config.tracking.coast_s:
+                given_up[:] = True  # see fgpose.estimation.presence
             within = (np.abs(moved_m) < FARTHEST_M) & (np.abs(before.velocities_mps) < _FASTEST_MPS)
             kept = before.active & within.all(axis=-1) & ~given_up
             if self.config.motion.model != "none":

@@ -12,6 +12,7 @@ from fgpose.config import Config, DepthConfig
 from fgpose.estimation.delays import delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
+from fgpose.estimation.presence import present
 from fgpose.estimation.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
@@ -96,6 +97,10 @@ class Evidence:
         """Whether there is a guess that is probably of the joint: two cameras see it, or the only one that detects it
         tells its depth."""
         return np.isfinite(self.guess_m).all(axis=-1) & np.where(self.n_views >= 2, self.observed, self.seen)
+
+    def present(self, coast_s: float) -> Bool[np.ndarray, " frame"]:
+        """The frames in which the person is there, see fgpose.estimation.presence."""
+        return present(self.seen.any(axis=1), self.located.any(axis=1), self.time_s, coast_s)
 
     @property
     def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:
