@@ -248,6 +248,15 @@ class PeopleObservations:
         """People in the image that shows most."""
         return max(image.n_people for image in self.images)
 
+    @cached_property
+    def n_showing(self) -> Int[np.ndarray, " frame"]:
+        """How many cameras show somebody, in each frame."""
+        shows = np.zeros(self.frames.image.shape, dtype=bool)
+        for c, name in enumerate(self.camera_names):
+            n_people = np.array([image.n_people for image in self.by_camera[name]] + [0], dtype=int)
+            shows[:, c] = n_people[np.where(self.frames.image[:, c] == NO_IMAGE, -1, self.frames.image[:, c])] > 0
+        return shows.sum(axis=1)
+
     def only(self, number: int = 0) -> Seen:
         """One detection of every image: where no image shows more than one, that person.
 

@@ -52,6 +52,20 @@ class Association:
         """Which images belong together."""
         return self.observations.frames
 
+    @property
+    def why_nobody(self) -> str:
+        """What is known of the reason, where nobody is found."""
+        n_showing = self.observations.n_showing
+        together = np.count_nonzero(n_showing >= min(2, self.rig.n_cameras))
+        if not n_showing.any():
+            return "no camera shows anybody in any image"
+        if not together:
+            return "no two cameras show somebody at the same time"
+        return (
+            f"no two cameras agree on anybody, although two or more show somebody in {together} of {len(n_showing)} "
+            "frames"
+        )
+
     @cached_property
     def n_unused(self) -> int:
         """How many detections belong to nobody."""

@@ -58,7 +58,7 @@ def _viewer(
 
 def _deliver(result: PeopleResult, outputs: Outputs, viewer: PeopleRecording | None, display: Display) -> None:
     if not result.main:
-        raise ValueError("no two cameras agree on anybody; look at the input with fgpose info")
+        raise ValueError(f"{result.association.why_nobody}; look at the input with fgpose info")
     deliver_people(result, outputs, viewer, display)
 
 

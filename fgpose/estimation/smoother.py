@@ -101,7 +101,8 @@ def smooth_evidence(
             stacklevel=4,  # past the decorator and smooth
         )
     trajectory = _trajectory(recording, solution)
-    return trajectory.in_frames(evidence.time_s, here) if len(here) else trajectory
+    whole = trajectory.in_frames(evidence.time_s, here) if len(here) else trajectory
+    return replace(whole, implausible_frames=evidence.implausible_frames)
 
 
 @dataclass(frozen=True, eq=False)

@@ -148,6 +148,7 @@ def fused_trajectory(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, con
         residual_px=reprojection_residual_px(evidence.undistorted_px, rig, evidence.fused_m),
         camera_names=rig.names,
         config=config,
+        implausible_frames=evidence.implausible_frames,
     )
 
 
@@ -159,7 +160,11 @@ def run_track(
     Returns:
         "online": the newest estimate after each update; "smoothed": the estimate of each frame one lag later, up to
         the last frame that is that old (no such trajectory when the recording is shorter than the lag).
+
+    Raises:
+        ValueError: so many frames make no body that the calibration must be wrong.
     """
+    source.evidence(config)  # raises before any work
     observations, rig = source.observations, source.rig
     estimator = Estimator(rig, observations.skeleton, config)
     estimates, smoothed = [], {}
@@ -200,4 +205,5 @@ def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Tr
         residual_px=reprojection_residual_px(evidence.undistorted_px, source.rig, positions_m),
         camera_names=source.rig.names,
         config=config,
+        implausible_frames=evidence.implausible_frames,
     )

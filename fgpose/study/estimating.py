@@ -45,7 +45,7 @@ def estimate(job: Job) -> None:
     if isinstance(source, PeopleSource):
         smoothed = smooth_people(source.people, source.rig, config)
         if not smoothed.trajectories:
-            raise ValueError(f"{job.recording.source}: no two cameras agree on anybody")
+            raise ValueError(f"{job.recording.source}: {smoothed.association.why_nobody}")
         _save(
             smoothed.trajectories,
             job,

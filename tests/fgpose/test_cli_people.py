@@ -280,7 +280,7 @@ def test_nobody_is_an_error_of_one_line(
     save_people_observations(replace(scene.observations, images=tuple(empty)), tmp_path / "empty.parquet")
     arguments = ["smooth", str(tmp_path / "empty.parquet"), "--rig", str(folder / "Calib.toml")]
     assert main([*arguments, "--skeleton", "h36m_17", "--people", "all", "-o", str(tmp_path / "out")]) == 2
-    assert "no two cameras agree on anybody" in capsys.readouterr().err
+    assert "no camera shows anybody in any image" in capsys.readouterr().err
 
 
 @pytest.mark.slow
