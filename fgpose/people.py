@@ -243,6 +243,10 @@ class PeopleObservations:
             observations.skeleton, observations.camera_names, observations.time_s, **arrays
         )
 
+    def image(self, frame: int, camera: int) -> Detections:
+        """That of a camera, by its number, in a frame; there must be one."""
+        return self.by_camera[self.camera_names[camera]][self.frames.image[frame, camera]]
+
     @property
     def n_most(self) -> int:
         """People in the image that shows most."""
@@ -274,11 +278,10 @@ class PeopleObservations:
 
     def of_person(self, seen: Seen) -> Observations:
         """What the cameras saw of one person, in the frames of seen."""
-        image_of = self.frames.image[seen.frames]
         shapes = {name: array.shape[2:] for image in self.images for name, array in image.arrays.items()}
         arrays = {name: np.full((*seen.detection.shape, *shape), NOTHING[name]) for name, shape in shapes.items()}
         for t, c in np.argwhere((seen.detection != NOBODY).any(axis=-1)).tolist():
-            image = self.by_camera[self.camera_names[c]][image_of[t, c]]
+            image = self.image(seen.first_frame + t, c)
             for name, values in image.of_person(seen.detection[t, c], seen.joint[t, c]).items():
                 arrays[name][t, c] = values
         return Observations(

@@ -26,12 +26,12 @@ class Blind:
     """Which of the cameras are blind, from what they have shown so far."""
 
     def __init__(self, camera_names: Sequence[str]) -> None:
-        self._log_odds = dict.fromkeys(camera_names, np.log(_BLIND / (1 - _BLIND)))
+        self._log_odds = dict.fromkeys(camera_names, float(np.log(_BLIND / (1 - _BLIND))))
         self._told_s = dict.fromkeys(camera_names, -np.inf)
 
     def sees(self, camera_names: Sequence[str]) -> Float[np.ndarray, " camera"]:
         """Probability that each of these is not blind."""
-        return 1 / (1 + np.exp([self._log_odds[name] for name in camera_names]))
+        return 1 / (1 + np.exp(np.array([self._log_odds[name] for name in camera_names])))
 
     def learn(
         self,
@@ -51,7 +51,7 @@ class Blind:
             return
         # Of several bodies one tells, for a camera that misses one of them is not blind if it shows another.
         agreed = shown.sum(axis=1) >= 2
-        hit = shown.any(axis=0)
+        hit = np.asarray(shown.any(axis=0))
         missed = np.where((agreed[:, None] & ~shown), probability, 0.0).max(axis=0)
         for name, time_s, is_hit, share in zip(camera_names, times_s.tolist(), hit, missed.tolist(), strict=True):
             if not is_hit and not share:

@@ -175,10 +175,8 @@ class Follower:
             return begun
         moment = Moment.together(recent, self.rig)
         known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
-        if self.rig.n_cameras == 1:
-            people = found_alone(moment)
-        else:
-            people = found(moment, known, self._skeleton, self._blind)
+        alone = self.rig.n_cameras == 1
+        people = found_alone(moment) if alone else found(moment, known, self._skeleton, self._blind)
         for somebody in people:
             numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
             chosen = {name: number for name, number in numbers if number != NOBODY}

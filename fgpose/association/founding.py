@@ -50,9 +50,7 @@ class Founded:
     """Log of the ratio of probabilities, against that the detections have nothing to do with each other."""
 
 
-def found(
-    moment: Moment, known: PoseFilters | None, skeleton: Skeleton, blind: Blind | None = None
-) -> list[Founded]:
+def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton, blind: Blind | None = None) -> list[Founded]:
     """People on whom at least two cameras agree, then those of whom one alone tells the distance; of each kind the most
     probable first. No detection is of two of them.
 

@@ -112,7 +112,8 @@ class Evidence:
 
     def present(self, coast_s: float) -> Bool[np.ndarray, " frame"]:
         """The frames in which the person is there, see fgpose.estimation.presence."""
-        return present(self.seen.any(axis=1), self.located.any(axis=1), self.time_s, coast_s)
+        seen, located = (np.asarray(each.any(axis=1)) for each in (self.seen, self.located))
+        return present(seen, located, self.time_s, coast_s)
 
     @property
     def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:

@@ -15,7 +15,6 @@ from fgpose.estimation.delays import image_motion_px, motion_m
 from fgpose.estimation.error_components import covariance_of_errors_m2
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
-from fgpose.estimation.presence import present
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread

@@ -71,11 +71,23 @@ def load_source(
     }
     if rig.time_offsets_s.any():
         people = load_people(keypoints, rig, skeleton, **reading)
-        together, on_clock = on_common_clock(people, rig)
-        if together is not people:
-            return Source(on_clock, person_of(keypoints, together, on_clock, person), origin).subset(cameras)
-    seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
-    return Source(rig, seen, origin).subset(cameras)
+        people, rig = on_common_clock(people, rig)
+        return _one(keypoints, PeopleSource(rig, people, origin), person).subset(cameras)
+    if isinstance(person, int):
+        seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
+        return Source(rig, seen, origin).subset(cameras)
+    people = load_people(keypoints, rig, skeleton, **reading)
+    return _one(keypoints, PeopleSource(rig, people, origin), person).subset(cameras)
+
+
+def _one(path: Path, source: PeopleSource, person: Person) -> Source:
+    """The person wanted, see load_observations. Raises ValueError, which names the file."""
+    if isinstance(person, int):
+        return Source(source.rig, person_of(path, source.people, source.rig, person), source.origin)
+    try:
+        return source.one(0 if person == "consistent" else person)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def load_people_source(

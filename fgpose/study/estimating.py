@@ -43,7 +43,7 @@ def estimate(job: Job) -> None:
     source, config = job.source(), job.study.parameters
     origin = source.origin and _whole_origin(job, source.origin)
     if isinstance(source, PeopleSource):
-        smoothed = smooth_people(source.people, source.rig, config)
+        smoothed = smooth_people(source.people, source.rig, config, association=source.association)
         if not smoothed.trajectories:
             raise ValueError(f"{job.recording.source}: {smoothed.association.why_nobody}")
         _save(

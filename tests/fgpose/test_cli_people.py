@@ -311,7 +311,10 @@ def test_cameras_are_calibrated_on_everybody(
     assert "% of the joints in a camera, at most, belong to somebody else" in printed
     assert {path.name for path in tmp_path.iterdir()} == {"room.parquet", "room_calibration.toml"}
     observations = scene.observations.first_frames(30)
-    refined, alone = refine_rig(observations, scene.rig), refine_rig(main_person(observations, scene.rig), scene.rig)
+    refined, alone = (
+        refine_rig(observations, scene.rig),
+        refine_rig(observations.of_person(main_person(observations, scene.rig).seen), scene.rig),
+    )
     written = load_rig(tmp_path / "room_calibration.toml").projection_matrices
     # The file has 15 digits of a rotation vector, the table of keypoints 32 bits of a pixel.
     np.testing.assert_allclose(written, refined.rig.projection_matrices, rtol=1e-4, atol=1e-2)

@@ -100,13 +100,14 @@ def test_nobody_at_all(rig: CameraRig, skeleton: Skeleton) -> None:
     association = associate(people, rig)
     assert association.people == {}
     assert association.n_unused == 0
-    seen = main_person(people, rig)
+    seen = people.of_person(main_person(people, rig).seen)
     assert seen.n_frames == 5
     assert (seen.confidence == 0).all()
 
 
 def test_the_main_person_is_seen_most(rig: CameraRig, skeleton: Skeleton) -> None:
-    seen = main_person(recording(rig, skeleton), rig)
+    people = recording(rig, skeleton)
+    seen = people.of_person(main_person(people, rig).seen)
     true_px = rig.project(body_m(skeleton, HERE_M))
     np.testing.assert_allclose(seen.points2d_px, np.broadcast_to(true_px, seen.points2d_px.shape), atol=15.0)
 

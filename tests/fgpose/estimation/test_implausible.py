@@ -53,7 +53,7 @@ def test_a_garbage_frame_in_a_stream_is_left_out_and_said(scene: Scene, rig: fgp
     assert trajectory.implausible_frames == (BAD,)
     assert (trajectory.status[BAD] == fgpose.Status.PREDICTED).all()
     error_m = np.linalg.norm(trajectory.positions_m - scene.truth_m, axis=-1)
-    # 20 to 35 mm in the other tests; a frame is predicted over 1/15 s at about 1.3 m/s, limbs up to three times as fast.
+    # 20 to 35 mm in the other tests; one frame is predicted over 1/15 s at 1.3 m/s, limbs up to three times as fast.
     assert np.nanmean(error_m[BAD + 1 :]) < 0.04
     assert np.nanmean(error_m[BAD]) < 0.1
 
