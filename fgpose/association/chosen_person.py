@@ -138,15 +138,15 @@ class Candidate:
 
 
 def ranked(association: Association) -> list[Candidate]:
-    """The people of a recording, the main one first: of those seen about as much as the one seen most (by as many
-    cameras, for as long) the largest in the images, then the others by how much is seen of them. So somebody comes
-    before their reflection, which every camera sees farther away than them, and before by-standers."""
+    """The people of a recording, the main one first: of those seen about as much as the one seen most, that of whom
+    most is seen, weighted by the area that they take in the images; then the others by how much is seen of them. So
+    somebody comes before their reflection, which every camera sees farther away, and before by-standers."""
     candidates = [_candidate(association, person) for person in association.people]
     most = max((each.confidence for each in candidates), default=0.0)
 
     def order(each: Candidate) -> tuple[bool, float]:
         is_main = each.confidence >= _ABOUT_AS_MUCH * most
-        return not is_main, -(each.size_rad if is_main else each.confidence)
+        return not is_main, -each.confidence * (each.size_rad**2 if is_main else 1.0)
 
     return sorted(candidates, key=order)
 
@@ -176,17 +176,15 @@ def _candidate(association: Association, person: int) -> Candidate:
 def _reason(order: Sequence[Candidate], n_cameras: int) -> str:
     """Why the first of several is the main person."""
     first, second = order[0], order[1] if len(order) > 1 else None
-    own = f"{first.n_cameras:.1f} of {n_cameras} cameras for {first.seen_s:.1f} s"
+    own = f"by {first.n_cameras:.1f} of {n_cameras} cameras for {first.seen_s:.1f} s"
     if second is None:
-        return f"seen by {own}"
-    others = f"{second.n_cameras:.1f} for {second.seen_s:.1f} s"
-    if second.confidence >= _ABOUT_AS_MUCH * max(first.confidence, second.confidence):
-        smaller = 100 * (1 - second.size_rad / max(first.size_rad, 1e-9))
-        return (
-            f"nearest to the cameras, of those seen about as long ({own}); the next is {smaller:.0f} % smaller in "
-            "their images"
-        )
-    return f"seen most, by {own}; the next by {others}"
+        return f"seen {own}"
+    others = f"by {second.n_cameras:.1f} for {second.seen_s:.1f} s"
+    if second.confidence < _ABOUT_AS_MUCH * first.confidence:
+        return f"seen most, {own}; the next {others}"
+    larger = 100 * (first.size_rad / max(second.size_rad, 1e-9) - 1)
+    size = f"{larger:.0f} % larger" if larger >= 0 else f"{-larger:.0f} % smaller"
+    return f"seen {own}, {size} in the images than the next, who is seen {others}"
 
 
 def associate_somehow(people: PeopleObservations, rig: CameraRig) -> Association:

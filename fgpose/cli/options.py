@@ -33,8 +33,8 @@ _SKELETON = (
     "own TOML file."
 )
 PEOPLE = (
-    "all: tell everybody apart and estimate each. 1: only the main person: of those seen most, the one nearest to the "
-    "cameras. auto: all where an image shows more than one, or somebody comes after somebody else has gone."
+    "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
+    "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else has gone."
 )
 REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 
