@@ -34,7 +34,7 @@ _SKELETON = (
 )
 PEOPLE = (
     "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
-    "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else has gone."
+    "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else."
 )
 REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 

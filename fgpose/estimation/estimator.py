@@ -38,6 +38,8 @@ _REVISED_S, _REVISE_EVERY_S = 0.25, 0.2
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
 _CHANGED_SHARE = 0.15
 _FASTEST_MPS = 1e4  # frames that are microseconds apart hardly tell velocities
+# Somebody who was not seen for a moment and is farther away than people run is somebody else; so many joints tell it.
+_AWAY_S, _NEAR_M, _RUNS_MPS, _MIN_JOINTS = 0.2, 0.5, 6.0, 4
 # Of the first frames, and a quarter of all, so many that make no body are left out. Where more do not, it is the
 # calibration or the detector, and is not hidden.
 _MOST_IMPLAUSIBLE, _SHARE_IMPLAUSIBLE = 10, 0.25
@@ -324,8 +326,9 @@ class Estimator:
             moved_m = before.carried_on_m(step_s)
             gathered = corrected(gathered, moved_m, before.velocities_mps, self._visibility.bias, self._rig)
             given_up = self._last.before(time_s - self.config.motion.max_unseen_s)
-            if self._last.person_s < time_s - self.config.tracking.coast_s:
-                given_up[:] = True  # see fgpose.estimation.presence
+            if self._has_left(before, guess_m, time_s):
+                given_up[:] = True
+                self._lengths.forget()
             within = (np.abs(moved_m) < FARTHEST_M) & (np.abs(before.velocities_mps) < _FASTEST_MPS)
             kept = before.active & within.all(axis=-1) & ~given_up
             if self.config.motion.model != "none":
@@ -351,6 +354,18 @@ class Estimator:
             status=joint_status(active, evidence.observed[0]),
             unseen_before_s=time_s - self._last.seen_s,
         )
+
+    def _has_left(self, before: FrameState, guess_m: Float[np.ndarray, "joint 3"], time_s: float) -> bool:
+        """Whether the person has gone: not seen for too long (fgpose.estimation.presence), or not seen for a moment,
+        and now somebody is where nobody runs meanwhile. Who comes may be somebody else."""
+        unseen_s = time_s - self._last.person_s
+        if unseen_s > self.config.tracking.coast_s:
+            return True
+        both = before.active & np.isfinite(guess_m).all(axis=-1)
+        if unseen_s < _AWAY_S or np.count_nonzero(both) < _MIN_JOINTS:
+            return False
+        moved_m = np.median(guess_m[both], axis=0) - np.median(before.positions_m[both], axis=0)
+        return bool(np.linalg.norm(moved_m) > _NEAR_M + _RUNS_MPS * unseen_s)
 
     def _marginalise_old(self, time_s: float) -> None:
         """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""

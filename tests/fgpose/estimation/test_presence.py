@@ -96,3 +96,24 @@ def test_live_nobody_is_predicted_for_longer_than_tracking_coast_s(scene: Scene,
 def test_where_nobody_ever_is_everything_is_unobservable(scene: Scene, rig: fgpose.CameraRig):
     nobody = without(scene, np.ones_like(absences(scene)))
     assert fgpose.smooth(nobody, rig, FAST).absent.all()
+
+
+@pytest.mark.parametrize("gap_s", [0.4, 1.5])
+def test_live_a_child_who_comes_after_an_adult_has_bones_of_its_own(
+    gap_s: float, scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+):
+    """Also where the adult has just gone: nobody runs four metres in 0.4 s."""
+    aside_m = np.array([0.0, 2.0, 0.0])
+    adult_m, child_m = scene.truth_m[:60] - aside_m, 0.6 * scene.truth_m[:45] + aside_m
+    scenes = [simulate(each, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=4) for each in (adult_m, child_m)]
+    estimator = fgpose.Estimator(rig, skeleton, FAST)
+    for frame in scenes[0].observations:
+        estimator.update(frame)
+    errors_m = []
+    begin_s = 60 / FPS + gap_s
+    for seen, truth_m in zip(scenes[1].observations, child_m, strict=True):
+        estimate = estimator.update(replace(seen, time_s=seen.time_s + begin_s, points3d_m=None))
+        errors_m.append(np.linalg.norm(estimate.positions_m - truth_m, axis=-1))
+    # As of anybody; with the bones of the adult it is more than 100 mm.
+    assert np.nanmean(errors_m[15:]) < 0.04
+    assert np.nanmax(errors_m[15:]) < 0.15
