@@ -127,7 +127,8 @@ class MotionConfig:
     it carries its last movement on for longer."""
     max_unseen_s: float = 3.0
     """A joint that two cameras have not detected, or that probably no camera has seen, for longer than this is given up
-    (NaN) until two cameras probably see it again, seconds. One camera is enough if it tells the depth."""
+    (NaN) until two cameras probably see it again, seconds. One camera is enough if it tells the depth. Of somebody whom
+    no camera sees at all, see tracking.coast_s."""
 
 
 @dataclass(frozen=True)
@@ -243,8 +244,8 @@ class TrackingConfig:
     """How many people who do not exist may be reported in an hour. Raising it reports newcomers sooner, and more often
     views that agree by chance."""
     coast_s: float = 1.0
-    """Somebody whom no camera detects is predicted for this long, then lost, seconds. Raising it bridges longer
-    occlusions and reports people who have left for longer."""
+    """Somebody whom no camera detects is predicted for this long, then taken to have left, seconds; one person as
+    several. Raising it bridges longer occlusions and reports people who have left for longer."""
     forget_s: float = 600.0
     """Somebody who is lost may be recognised for this long, seconds."""
     max_processes: int = 4

@@ -246,10 +246,23 @@ class PeopleObservations:
         )
         return replace(people, remarks=observations.remarks)
 
+    def image(self, frame: int, camera: int) -> Detections:
+        """That of a camera, by its number, in a frame; there must be one."""
+        return self.by_camera[self.camera_names[camera]][self.frames.image[frame, camera]]
+
     @property
     def n_most(self) -> int:
         """People in the image that shows most."""
         return max(image.n_people for image in self.images)
+
+    @cached_property
+    def n_showing(self) -> Int[np.ndarray, " frame"]:
+        """How many cameras show somebody, in each frame."""
+        shows = np.zeros(self.frames.image.shape, dtype=bool)
+        for c, name in enumerate(self.camera_names):
+            n_people = np.array([image.n_people for image in self.by_camera[name]] + [0], dtype=int)
+            shows[:, c] = n_people[np.where(self.frames.image[:, c] == NO_IMAGE, -1, self.frames.image[:, c])] > 0
+        return shows.sum(axis=1)
 
     def only(self, number: int = 0) -> Seen:
         """One detection of every image: where no image shows more than one, that person.
@@ -268,11 +281,10 @@ class PeopleObservations:
 
     def of_person(self, seen: Seen) -> Observations:
         """What the cameras saw of one person, in the frames of seen."""
-        image_of = self.frames.image[seen.frames]
         shapes = {name: array.shape[2:] for image in self.images for name, array in image.arrays.items()}
         arrays = {name: np.full((*seen.detection.shape, *shape), NOTHING[name]) for name, shape in shapes.items()}
         for t, c in np.argwhere((seen.detection != NOBODY).any(axis=-1)).tolist():
-            image = self.by_camera[self.camera_names[c]][image_of[t, c]]
+            image = self.image(seen.first_frame + t, c)
             for name, values in image.of_person(seen.detection[t, c], seen.joint[t, c]).items():
                 arrays[name][t, c] = values
         return Observations(

@@ -78,6 +78,8 @@ class Trajectory:
     """The configuration that made this result."""
     visibility: np.ndarray | None = None
     """(T, C, J) probability that each detection is of its joint and not hallucinated; NaN where there is none."""
+    implausible_frames: tuple[int, ...] = ()
+    """Frames whose detections make no body (joints tens of metres apart) and were left out."""
 
     def __post_init__(self) -> None:
         n_frames, n_joints = np.shape(self.time_s)[0], self.skeleton.n_joints
@@ -129,6 +131,7 @@ class Trajectory:
             visibility=stacked("visibility") if camera_names else None,
             camera_names=camera_names,
             config=config,
+            implausible_frames=tuple(t for t, estimate in enumerate(frames) if estimate.is_implausible),
         )
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, "frame 3"]:
@@ -156,6 +159,7 @@ class Trajectory:
             time_s=time_s,
             positions_m=spread(self.positions_m),
             status=spread(self.status, Status.UNOBSERVABLE),
+            implausible_frames=tuple(int(frames[frame]) for frame in self.implausible_frames),
             **arrays,
         )
 
@@ -171,6 +175,11 @@ class Trajectory:
     @property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         return self.status == Status.OBSERVED
+
+    @property
+    def absent(self) -> Bool[np.ndarray, " frame"]:
+        """The frames in which nobody is there: nothing is known of any joint."""
+        return np.asarray((self.status == Status.UNOBSERVABLE).all(axis=1))
 
     def status_share(self, status: Status) -> float:
         """Share of all joints and frames that have this status, in [0, 1]."""
@@ -194,6 +203,9 @@ class Estimate:
     """The estimate of the frame that is one lag old, from all frames since. None until there is one."""
     visibility: Float[np.ndarray, "camera joint"] | None = None
     """Probability that each detection is of its joint and not hallucinated; NaN where there is none."""
+    is_implausible: bool = False
+    """Whether the detections of the newest frame, or those that came last, make no body (joints tens of metres apart)
+    and were left out."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, 3]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

@@ -64,6 +64,7 @@ ESTIMATION_FLOORS = (
         "initial_guess",
         "keys",
         "noise",
+        "presence",
         "process_noise",
         "uncertainty",
         "weights",

@@ -1,21 +1,25 @@
-"""One person, where several may be: the one who is seen most, or the one whom a region shows."""
+"""One person, where several may be: the main one, or the one whom a region shows."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.recording import Association, associate
+from fgpose.association.recording import Association, associate, total_confidence
+from fgpose.association.successive import successive
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
 from fgpose.people import NOBODY, PeopleObservations, Seen
+from fgpose.sampling import spread_evenly, usual_step_s
 
 # The person of a region has at least this share of its joints in it.
 _MIN_INSIDE = 0.5
+# Who is seen so much as the one who is seen most, may be the main person too. Of so many images their size is taken.
+_ABOUT_AS_MUCH, _SOME_IMAGES = 0.8, 200
 _REGION = re.compile(r"(?P<camera>.+):(?P<numbers>[^:]+)")
 
 
@@ -54,46 +58,133 @@ class PersonRegion:
         return inside.sum(axis=-1) / np.maximum(known.sum(axis=-1), 1)
 
 
-def chosen_person(people: PeopleObservations, rig: CameraRig, person: int | PersonRegion = 0) -> Seen:
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """One of the people in a recording."""
+
+    seen: Seen
+    """In all frames."""
+    n_people: int = 1
+    """How many were found."""
+    reason: str = ""
+    """Why this one; nothing where there is nobody else."""
+
+    def __str__(self) -> str:
+        return f"one of {self.n_people} people: {self.reason}" if self.n_people > 1 else ""
+
+
+def chosen_person(people: PeopleObservations, rig: CameraRig, person: int | PersonRegion = 0) -> Chosen:
     """One person in all frames.
 
-    People are followed through views and frames together, see associate; not needed where no image shows more than
-    one.
+    People are followed through views and frames together, see associate; where no image shows more than one, only if
+    there seems to be somebody after somebody else.
 
     Args:
         people: everybody.
         rig: the cameras.
-        person: 0 for the one who is seen most, 1 for the next, ...; or the one in a region.
+        person: 0 for the main person, 1 for the next, ... (see ranked); or the one in a region.
 
     Raises:
         ValueError: there is no such person.
     """
-    if person == 0 and people.n_most <= 1:
-        return people.only()
-    association = associate_somehow(people, rig)
-    n_frames = len(people.frames.image)
-    everybody = list(association.people.values())
+    association = _everybody(people, rig, person)
+    if association is None:
+        return Chosen(people.only())
+    n_frames, n_people = len(people.frames.image), len(association.people)
     if isinstance(person, PersonRegion):
         frame, camera, candidate = _in_region(people, rig, person)
-        whole = (seen.in_frames(n_frames) for seen in everybody)
+        whole = (seen.in_frames(n_frames) for seen in association.people.values())
         wanted = next((seen for seen in whole if (seen.detection[frame, camera] == candidate).any()), None)
         if wanted is None:
             raise ValueError(f"region {person}: no other camera agrees on the person who is there")
-        return wanted
-    if not 0 <= person < len(everybody):
-        raise ValueError(f"there is no person {person}: {len(everybody)} were found, counted from 0")
-    return everybody[person].in_frames(n_frames)
+        return Chosen(wanted, n_people, f"the one in {person}")
+    if not 0 <= person < n_people:
+        raise ValueError(f"there is no person {person}: {n_people} were found, counted from 0")
+    order = ranked(association)
+    seen = association.people[order[person].person].in_frames(n_frames)
+    return Chosen(seen, n_people, _reason(order, rig.n_cameras) if person == 0 else f"number {person} of them")
 
 
-def main_person(people: PeopleObservations, rig: CameraRig) -> Observations:
-    """What the cameras saw of the person who is seen most, in all frames; of nobody if nobody is seen."""
-    if people.n_most <= 1:
-        return people.of_person(people.only())
-    association = associate_somehow(people, rig)
-    if association.people:
-        return association.in_all_frames(next(iter(association.people)))
-    n_frames, n_cameras = people.frames.image.shape
-    return people.of_person(Seen.nothing(n_frames, n_cameras, people.skeleton.n_joints))
+def main_person(people: PeopleObservations, rig: CameraRig) -> Chosen:
+    """The main person in all frames, see ranked; nobody if nobody is seen."""
+    association = _everybody(people, rig, 0)
+    if association is not None and not association.people:
+        n_frames, n_cameras = people.frames.image.shape
+        return Chosen(Seen.nothing(n_frames, n_cameras, people.skeleton.n_joints), 0)
+    return chosen_person(people, rig)
+
+
+def _everybody(people: PeopleObservations, rig: CameraRig, person: int | PersonRegion) -> Association | None:
+    """None where there is one person only."""
+    if person == 0 and people.n_most <= 1:
+        succession = successive(people, rig)
+        return succession.association if succession and succession.n_people > 1 else None
+    return associate_somehow(people, rig)
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """How much is seen of somebody."""
+
+    person: int
+    confidence: float
+    """Of all joints that were seen, summed."""
+    seen_s: float
+    """For how long some camera sees them."""
+    n_cameras: float
+    """How many do, on average."""
+    size_rad: float
+    """How large they are in the images, as an angle; the median."""
+
+
+def ranked(association: Association) -> list[Candidate]:
+    """The people of a recording, the main one first: of those seen about as much as the one seen most, that of whom
+    most is seen, weighted by the area that they take in the images; then the others by how much is seen of them. So
+    somebody comes before their reflection, which every camera sees farther away, and before by-standers."""
+    candidates = [_candidate(association, person) for person in association.people]
+    most = max((each.confidence for each in candidates), default=0.0)
+
+    def order(each: Candidate) -> tuple[bool, float]:
+        is_main = each.confidence >= _ABOUT_AS_MUCH * most
+        return not is_main, -each.confidence * (each.size_rad**2 if is_main else 1.0)
+
+    return sorted(candidates, key=order)
+
+
+def _candidate(association: Association, person: int) -> Candidate:
+    people, seen = association.observations, association.people[person]
+    shown = (seen.detection != NOBODY).any(axis=-1)
+    time_s = association.frames.frame_time_s
+    step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
+    sizes_rad, images = [], np.argwhere(shown)
+    for t, c in images[spread_evenly(len(images), _SOME_IMAGES)].tolist():
+        known = seen.detection[t, c] != NOBODY
+        points_px = people.image(seen.first_frame + t, c).points2d_px[
+            seen.detection[t, c, known], seen.joint[t, c, known]
+        ]
+        sizes_rad.append(np.linalg.norm(np.ptp(points_px, axis=0)) / association.rig.cameras[c].K[0, 0])
+    n_frames = np.count_nonzero(shown.any(axis=1))
+    return Candidate(
+        person,
+        total_confidence(people, seen),
+        float(n_frames * step_s),
+        float(shown.sum() / max(n_frames, 1)),
+        float(np.median(sizes_rad)) if sizes_rad else 0.0,
+    )
+
+
+def _reason(order: Sequence[Candidate], n_cameras: int) -> str:
+    """Why the first of several is the main person."""
+    first, second = order[0], order[1] if len(order) > 1 else None
+    own = f"by {first.n_cameras:.1f} of {n_cameras} cameras for {first.seen_s:.1f} s"
+    if second is None:
+        return f"seen {own}"
+    others = f"by {second.n_cameras:.1f} for {second.seen_s:.1f} s"
+    if second.confidence < _ABOUT_AS_MUCH * first.confidence:
+        return f"seen most, {own}; the next {others}"
+    larger = 100 * (first.size_rad / max(second.size_rad, 1e-9) - 1)
+    size = f"{larger:.0f} % larger" if larger >= 0 else f"{-larger:.0f} % smaller"
+    return f"seen {own}, {size} in the images than the next, who is seen {others}"
 
 
 def associate_somehow(people: PeopleObservations, rig: CameraRig) -> Association:

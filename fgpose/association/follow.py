@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.association.appearance import Looks, Resemblance
+from fgpose.association.blind import Blind
 from fgpose.association.founding import MAX_GAIN, detection_probability, found, found_alone
 from fgpose.association.identity import Likeness
 from fgpose.association.lost import Lost
@@ -101,6 +102,7 @@ class Follower:
         self._n_tracks = self._n_people = 0
         self._lost = Lost(self._config.forget_s) if lost is None else lost
         self._resemblance = Resemblance()
+        self._blind = Blind(rig.names)
         self.person_of_track: dict[int, int] = {}
         """Who each track is that was ever confirmed; people are counted from 0 as they are confirmed."""
 
@@ -145,7 +147,9 @@ class Follower:
                         track.likeness.looks.add(image.appearance[chosen])
 
     def _score(self, people: PoseFilters, matches: Matches, moment: Moment) -> None:
-        missed = np.log1p(-detection_probability(people, people, moment.cameras))
+        probability = detection_probability(people, people, moment.cameras)
+        self._blind.learn(moment.cameras.names, moment.times_s, probability, matches.chosen.T != NOBODY)
+        missed = np.log1p(-self._blind.sees(moment.cameras.names) * probability)
         for k, track in enumerate(self.tracks):
             track.pose = people[k : k + 1]
             for c, (name, time_s) in enumerate(zip(moment.cameras.names, moment.times_s.tolist(), strict=True)):
@@ -171,20 +175,22 @@ class Follower:
             return begun
         moment = Moment.together(recent, self.rig)
         known = PoseFilters.stacked([track.pose for track in self.tracks]) if self.tracks else None
-        people = found_alone(moment) if self.rig.n_cameras == 1 else found(moment, known, self._skeleton)
+        alone = self.rig.n_cameras == 1
+        people = found_alone(moment) if alone else found(moment, known, self._skeleton, self._blind)
         for somebody in people:
             numbers = zip(moment.cameras.names, somebody.chosen.tolist(), strict=True)
             chosen = {name: number for name, number in numbers if number != NOBODY}
             # On whom several agree was searched for among all their pairs: that does not count again.
             score = min(somebody.score, MAX_GAIN) if len(chosen) == 1 else 0.0
-            track = self._begin(somebody.pose, score, set(chosen), now_s)
+            track = self._begin(somebody.pose, score, set(chosen), moment)
             for name, number in chosen.items():
                 self._free[name].points_px[0, number] = np.nan
                 begun[name].append(Begun(track, number, somebody.pose))
         return begun
 
-    def _begin(self, pose: PoseFilters, score: float, cameras: set[str], now_s: float) -> int:
+    def _begin(self, pose: PoseFilters, score: float, cameras: set[str], moment: Moment) -> int:
         """The number of the track: of the nearest who coasts near there, or a new one."""
+        now_s = moment.time_s
         coasting = [track for track in self.tracks if track.is_confirmed and track.seen_s < now_s - _SAME_MOMENT_S]
         middle_m = pose.middle_m[0]
         for track in sorted(coasting, key=lambda track: float(np.linalg.norm(track.middle_m - middle_m))):
@@ -196,7 +202,8 @@ class Follower:
                 return track.number
         likeness = Likeness(self._skeleton, Looks(self._resemblance))
         track = Track(self._n_tracks, pose, score, now_s, now_s, set(cameras), likeness)
-        track.scored_s = dict.fromkeys(cameras, now_s)
+        # Of the others too: that they do not show them was counted.
+        track.scored_s = dict(zip(moment.cameras.names, moment.times_s.tolist(), strict=True))
         self._n_tracks += 1
         self.tracks.append(track)
         return track.number

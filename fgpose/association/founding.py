@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.association.blind import Blind
 from fgpose.association.distances import Distances, log_ratio_of
 from fgpose.association.likelihood import score_of
 from fgpose.association.moment import Moment
@@ -49,7 +50,7 @@ class Founded:
     """Log of the ratio of probabilities, against that the detections have nothing to do with each other."""
 
 
-def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list[Founded]:
+def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton, blind: Blind | None = None) -> list[Founded]:
     """People on whom at least two cameras agree, then those of whom one alone tells the distance; of each kind the most
     probable first. No detection is of two of them.
 
@@ -58,7 +59,9 @@ def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list
             them.
         known: those who are followed already; they may hide somebody.
         skeleton: the joints.
+        blind: which cameras cannot be believed to see anybody; learns from what they show of those who are found.
     """
+    blind = blind or Blind(moment.cameras.names)
     people: list[Founded] = []
     free = _most_confident(np.asarray(np.isfinite(moment.points_px).all(axis=-1).any(axis=-1)), moment.confidence)
     for candidates, n_cameras, least, max_gain in ((_pairs, 2, _MIN_SCORE, np.inf), (_at_a_distance, 1, 0.0, MAX_GAIN)):
@@ -67,7 +70,7 @@ def found(moment: Moment, known: PoseFilters | None, skeleton: Skeleton) -> list
             bodies = candidates(rest, free, skeleton)
             if not len(bodies.score):
                 break
-            best = _best_supported(bodies, rest, known, max_gain)
+            best = _best_supported(bodies, rest, known, max_gain, blind)
             if best.score < least:
                 break
             people.append(best)
@@ -241,7 +244,9 @@ def _is_body(joints_m: Float[np.ndarray, "pair joint 3"], skeleton: Skeleton) ->
     return np.asarray((n_long <= n_bones / 4) & (reach_m > _SMALLEST_BODY_M) & (reach_m < _LARGEST_BODY_M))
 
 
-def _best_supported(bodies: _Bodies, moment: Moment, known: PoseFilters | None, max_gain: float) -> Founded:
+def _best_supported(
+    bodies: _Bodies, moment: Moment, known: PoseFilters | None, max_gain: float, blind: Blind
+) -> Founded:
     """The body of which the other cameras tell most, each at most max_gain in its favour."""
     people = PoseFilters.stacked([_first_guess(joints, moment.time_s) for joints in bodies.joints_m])
     chosen = bodies.chosen.copy()
@@ -254,9 +259,13 @@ def _best_supported(bodies: _Bodies, moment: Moment, known: PoseFilters | None, 
     chosen[supported] = best[supported]
     # Whom a camera shows there, but at another distance, is somebody else, or the distance is wrong.
     gain = np.where(likelihood.fits.any(axis=-1).T, gain, 0.0)
-    missed = np.log1p(-detection_probability(people, known, moment.cameras))
+    names = moment.cameras.names
+    probability = detection_probability(people, known, moment.cameras)
+    missed = np.log1p(-blind.sees(names) * probability)
     total = bodies.score + np.where(is_its_own, 0.0, np.where(supported, gain, missed)).sum(axis=1)
     first = int(np.argmax(total + bodies.preferred))
+    if bodies.score[first] >= _MIN_SCORE:
+        blind.learn(names, moment.times_s, probability[first : first + 1], chosen[first : first + 1] != NOBODY)
     pose = _updated(_first_guess(bodies.joints_m[first], moment.time_s), chosen[first : first + 1], moment)
     return Founded(pose, chosen[first], float(total[first]))
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -107,6 +109,16 @@ class Passage:
     end_s: float
     end_m: Float[np.ndarray, 3]
     likeness: Likeness
+
+    @staticmethod
+    def joined(passages: Sequence[Passage]) -> Passage:
+        """Of the same person, one at least."""
+        first, last = min(passages, key=lambda each: each.begin_s), max(passages, key=lambda each: each.end_s)
+        likeness = copy.deepcopy(first.likeness)
+        for each in passages:
+            if each is not first:
+                likeness.join(each.likeness)
+        return Passage(first.begin_s, first.begin_m, last.end_s, last.end_m, likeness)
 
     def log_ratio(self, later: Passage, room_m2: float) -> float:
         """Log of the ratio of probabilities that a later passage is of the same person, and that it is of anybody.

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from fgpose.association.follow import Follower
+from fgpose.association.identity import Passage
 from fgpose.association.linking import EverybodyLost, links
 from fgpose.association.look_back import look_back
 from fgpose.association.moment import Moment
@@ -34,6 +35,8 @@ class Association:
     """By the number of the person, those seen most first."""
     events: tuple[TrackEvent, ...]
     """Every change in the life of a track, and why, in the order of time."""
+    passages: Mapping[int, tuple[Passage, ...]] = field(default_factory=dict, repr=False)
+    """When and where each of them came and was lost, and what is known of their bodies."""
 
     def of(self, person: int) -> Observations:
         """What the cameras saw of one person, from the first to the last frame in which any saw them.
@@ -51,6 +54,20 @@ class Association:
     def frames(self) -> MatchedFrames:
         """Which images belong together."""
         return self.observations.frames
+
+    @property
+    def why_nobody(self) -> str:
+        """What is known of the reason, where nobody is found."""
+        n_showing = self.observations.n_showing
+        together = np.count_nonzero(n_showing >= min(2, self.rig.n_cameras))
+        if not n_showing.any():
+            return "no camera shows anybody in any image"
+        if not together:
+            return "no two cameras show somebody at the same time"
+        return (
+            f"no two cameras agree on anybody, although two or more show somebody in {together} of {len(n_showing)} "
+            "frames"
+        )
 
     @cached_property
     def n_unused(self) -> int:
@@ -95,7 +112,7 @@ def associate(
         if progress:
             progress(frame + 1, len(recording))
     follower.finish()
-    person_of, events = _recognised(follower, lost)
+    person_of, events, passages = _recognised(follower, lost)
     # Who was founded on images of frames before has no image of the first.
     first = {track: first[track] for track in person_of if track in first}
     used = {(t, c, int(p)) for own in seen.values() for t, c, detection, _ in own for p in detection}
@@ -107,12 +124,15 @@ def associate(
     for track, person in person_of.items():
         by_person.setdefault(person, []).extend(seen.get(track, []))
     people = {person: Seen.of_images(own, recording.rig.n_cameras) for person, own in by_person.items() if own}
-    ordered = dict(sorted(people.items(), key=lambda item: -recording.confidence(item[1])))
-    return Association(observations, recording.rig, ordered, tuple(events))
+    ordered = dict(sorted(people.items(), key=lambda item: -total_confidence(observations, item[1])))
+    return Association(observations, recording.rig, ordered, tuple(events), passages)
 
 
-def _recognised(follower: Follower, lost: EverybodyLost) -> tuple[dict[int, int], list[TrackEvent]]:
-    """Who each track is, once it is known who comes back, and all that has happened to them, in the order of time."""
+def _recognised(
+    follower: Follower, lost: EverybodyLost
+) -> tuple[dict[int, int], list[TrackEvent], dict[int, tuple[Passage, ...]]]:
+    """Who each track is, once it is known who comes back, all that has happened to them, in the order of time, and when
+    each person was there."""
     tracks = [*lost.tracks, *(track for track in follower.tracks if track.is_confirmed)]
     passages = {track.person: track.passage for track in tracks}
     identity = {person: person for person in follower.person_of_track.values()}
@@ -125,7 +145,21 @@ def _recognised(follower: Follower, lost: EverybodyLost) -> tuple[dict[int, int]
         events.append(TrackEvent(begin_s, link.after, "recognised", reason))
     known = [replace(event, person=identity.get(event.person, event.person)) for event in events]
     known.sort(key=lambda event: event.time_s)
-    return {track: identity[person] for track, person in follower.person_of_track.items()}, known
+    of_person: dict[int, tuple[Passage, ...]] = {}
+    for number, passage in passages.items():
+        person = identity.get(number, number)
+        of_person[person] = (*of_person.get(person, ()), passage)
+    return {track: identity[person] for track, person in follower.person_of_track.items()}, known, of_person
+
+
+def total_confidence(observations: PeopleObservations, seen: Seen) -> float:
+    """Sum over all joints that were seen of somebody."""
+    total = 0.0
+    for t, c in np.argwhere((seen.detection != NOBODY).any(axis=-1)).tolist():
+        image = observations.image(seen.first_frame + t, c)
+        known = seen.detection[t, c] != NOBODY
+        total += float(image.confidence[seen.detection[t, c, known], seen.joint[t, c, known]].sum())
+    return total
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,16 +178,6 @@ class _Frames:
         image_of = self.frames.image[frame]
         cameras = np.flatnonzero(image_of != NO_IMAGE).tolist()
         return cameras, [self.images[self.rig.names[c]][image_of[c]] for c in cameras]
-
-    def confidence(self, seen: Seen) -> float:
-        """Sum over all joints that were seen of somebody."""
-        images = np.argwhere((seen.detection != NOBODY).any(axis=-1)).tolist()
-        total = 0.0
-        for t, c in images:
-            image = self.images[self.rig.names[c]][self.frames.image[seen.first_frame + t, c]]
-            known = seen.detection[t, c] != NOBODY
-            total += float(image.confidence[seen.detection[t, c, known], seen.joint[t, c, known]].sum())
-        return total
 
     def free(self, frame: int, used: set[tuple[int, int, int]]) -> Moment:
         """The detections of a frame that are nobody's."""

@@ -28,7 +28,7 @@ def calibrated(
     prints what has changed.
     """
     from fgpose.calibration.self_calibration import calibrate_cameras
-    from fgpose.pipeline import PeopleSource, Source
+    from fgpose.pipeline import PeopleSource
     from fgpose.pipeline.origin import recalibrated
 
     if source.origin is not None:
@@ -41,12 +41,12 @@ def calibrated(
             everybody = calibrate_cameras(source.people, source.rig, config, poses=poses, clocks=clocks)
         origin = source.origin and recalibrated(source.origin, source.rig, everybody)
         _save_and_print(everybody, origin, source.people.frames.frame_time_s, outputs, console)
-        return PeopleSource(everybody.rig, everybody.observations, origin)
+        return replace(source, rig=everybody.rig, people=everybody.observations, origin=origin)
     with status:
         one = calibrate_cameras(source.observations, source.rig, config, poses=poses, clocks=clocks)
     origin = source.origin and recalibrated(source.origin, source.rig, one)
     _save_and_print(one, origin, source.observations.frame_time_s, outputs, console)
-    return Source(one.rig, one.observations, origin)
+    return replace(source, rig=one.rig, observations=one.observations, origin=origin)
 
 
 def _save_and_print(

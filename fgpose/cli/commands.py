@@ -164,10 +164,10 @@ class Info(RecordingOptions):
         source, console = self.load_people(), new_console()
         everybody = None
         if isinstance(source, PeopleSource):
-            everybody = associated(source)
-            print_association(console, everybody)
-            console.print("Of the person who is seen most; late and moved cameras by everybody:")
+            everybody = source.association or associated(source)
+            print_association(console, everybody, source.succession)
             source = source.one()
+            console.print("Of the person who is seen most; late and moved cameras by everybody:")
         recording = everybody if everybody and everybody.people else source.observations
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)

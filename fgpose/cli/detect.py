@@ -151,13 +151,18 @@ class VideoOptions(NetworkOptions):
 
         region = wanted_region(self.people, self.person_region)
         one = self.people == "1" or region is not None
-        if self.people == "all" or (not one and detected.people.n_most > 1):
-            return first_frames(PeopleSource(detected.rig, detected.people), self.frames)
+        succession = None
+        if not one:
+            everybody = first_frames(PeopleSource(detected.rig, detected.people), self.frames)
+            wanted = everybody if self.people == "all" else everybody.one_or_all()
+            if isinstance(wanted, PeopleSource):
+                return wanted
+            succession = wanted.succession
         followed = detected.follow(0 if region is None else region)
         observations = first_frames(Source(detected.rig, followed.observations), self.frames).observations
         corrected = correct_flips(observations, detected.rig)
         print_views(console, corrected, followed.problems[: observations.n_frames])
-        return Source(detected.rig, corrected.observations)
+        return Source(detected.rig, corrected.observations, None, followed.chosen, succession)
 
 
 @dataclass(frozen=True, kw_only=True)

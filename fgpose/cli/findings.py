@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from fgpose.finding import Severity
+from fgpose.finding import Code, Severity
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,6 +19,8 @@ _MARKS = {Severity.WRONG: "!!", Severity.DOUBTFUL: "!", Severity.NOTE: "-"}
 def print_findings(console: Console, diagnosis: Diagnosis) -> None:
     """One paragraph for each finding, the severest first; then what was judged, and what was not."""
     for finding in diagnosis.findings:
+        if finding.code is Code.READ_WITH_REPAIRS:
+            continue  # said when the files were read
         console.print(f"{_MARKS[finding.severity]} {finding.text}", soft_wrap=True)
     if diagnosis.judged:
         only_notes = diagnosis.worst in (None, Severity.NOTE)

@@ -34,8 +34,8 @@ _SKELETON = (
     "own TOML file."
 )
 PEOPLE = (
-    "all: tell everybody apart and estimate each. 1: only the person who is seen most. auto: all where an image shows "
-    "more than one."
+    "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
+    "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else."
 )
 REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 
@@ -79,14 +79,15 @@ class RecordingOptions(KeypointOptions):
 
     def load_people(self) -> Source | PeopleSource:
         """Read the recording: of everybody, or of one person, as is wanted and as many as there are."""
-        from fgpose.pipeline import load_people_source
+        from fgpose.pipeline import PeopleSource, load_people_source
 
         if self.people == "1" or self._region() is not None:
             return self.prepared(self._one())
         everybody = first_frames(load_people_source(*self._files, **self._reading), self.frames)
-        if self.people == "auto" and everybody.people.n_most <= 1:
-            return self.prepared(everybody.one())
-        return self.prepared(everybody)
+        wanted = everybody.one_or_all() if self.people == "auto" else everybody
+        if isinstance(wanted, PeopleSource):
+            return self.prepared(wanted)
+        return self.prepared(wanted)
 
     def prepared(self, source: AnySource) -> AnySource:
         """What is done with a recording before anything else."""

@@ -67,7 +67,7 @@ def _deliver(
     result: PeopleResult, outputs: Outputs, viewer: PeopleRecording | None, display: Display, *, strict: bool
 ) -> int:
     if not result.main:
-        raise ValueError(f"no two cameras agree on anybody: {nothing_determined(result.source)}")
+        raise ValueError(f"{result.association.why_nobody}: {nothing_determined(result.source)}")
     return deliver_people(result, outputs, viewer, display, strict=strict)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from fgpose.association.recording import Association
+from fgpose.association.successive import Succession
 from fgpose.cli.tables import latency_table, new_table
 from fgpose.pipeline import PeopleResult
 from fgpose.sampling import frames_per_second
@@ -19,7 +20,7 @@ _MAX_EVENTS = 10
 
 def print_people(console: Console, result: PeopleResult, written: tuple[Path, ...]) -> None:
     """The motion of everybody, and the files that it is in."""
-    print_association(console, result.association)
+    print_association(console, result.association, result.source.succession)
     of_people = dict(sorted(result.main.items()))
     table = new_table("", *(f"person {person}" for person in of_people))
     trajectories = of_people.values()
@@ -27,6 +28,8 @@ def print_people(console: Console, result: PeopleResult, written: tuple[Path, ..
     for status in (Status.OBSERVED, Status.PREDICTED):
         shares = [f"{100 * each.status_share(status):.1f}" for each in trajectories]
         table.add_row(f"joints {status.name.lower()} [%]", *shares)
+    if any(each.absent.any() for each in trajectories):
+        table.add_row("frames away [%]", *(f"{100 * each.absent.mean():.1f}" for each in trajectories))
     console.print(table)
     if result.update_ms is not None:
         console.print(latency_table(result.update_ms))
@@ -42,7 +45,7 @@ def print_people(console: Console, result: PeopleResult, written: tuple[Path, ..
         console.print(f"wrote {path}", soft_wrap=True)
 
 
-def print_association(console: Console, association: Association) -> None:
+def print_association(console: Console, association: Association, succession: Succession | None = None) -> None:
     """Who is there and when, what no person was found for, and what has happened to whom."""
     people, frames = association.observations, association.frames
     time_s = frames.frame_time_s
@@ -58,6 +61,8 @@ def print_association(console: Console, association: Association) -> None:
         shares = [f"{100 * share:.0f}" for share in in_image.mean(axis=0)]
         table.add_row(f"person {person}", f"{own_s[0]:.2f}", f"{own_s[-1]:.2f}", *shares)
     console.print(table)
+    for change in succession.changes if succession else ():
+        console.print(f"No image shows more than one person, but {change}.", soft_wrap=True)
     n_detections = sum(image.n_people for image in people.images)
     console.print(f"{association.n_unused} of {n_detections} detections belong to nobody")
     for event in association.events[:_MAX_EVENTS]:

@@ -92,7 +92,10 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         if self.calibrate and found is None:
             return FAILED
         detected = detected.recalibrated(found.rig) if found is not None else detected
-        source = replace(self.wanted(detected, console), origin=self._origin(detected, found))
+        source, origin = self.wanted(detected, console), self._origin(detected, found)
+        if not isinstance(source, PeopleSource) and source.chosen is not None:
+            origin = replace(origin, chosen=str(source.chosen))
+        source = replace(source, origin=origin)
         if isinstance(source, PeopleSource):
             source = calibrated(source, self.parameters, outputs, console, **wanted)
             return self._of_everybody(source, detected, outputs)

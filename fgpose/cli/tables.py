@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from fgpose.pipeline import Result, Source
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
 
+_MAX_LISTED = 5
 _MEANING = {
     "fused": "fused",
     "refined": "each frame alone",
@@ -32,6 +33,8 @@ def print_result(console: Console, result: Result, written: tuple[Path, ...]) ->
     console.print(result_table(result))
     if result.update_ms is not None:
         console.print(latency_table(result.update_ms))
+    for line in presence_lines(result.main):
+        console.print(line, soft_wrap=True)
     if result.main.convergence is not None and not result.main.convergence.converged:
         console.print("Not converged: raise --solver.max-iterations, or look at the input with fgpose info.")
     for path in written:
@@ -46,6 +49,36 @@ def print_source(console: Console, source: Source) -> None:
         f"{observations.n_frames} frames{rate}, {observations.n_cameras} cameras, "
         f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
     )
+    if source.chosen is not None and source.chosen.n_people > 1:
+        console.print(f"Estimated is {source.chosen}.", soft_wrap=True)
+    for change in source.succession.changes if source.succession else ():
+        console.print(f"Nobody is there for a while: {change}.", soft_wrap=True)
+    if not source.observations.seen.any():
+        console.print("Nobody is detected in any image.")
+
+
+def presence_lines(trajectory: Trajectory) -> list[str]:
+    """When nobody is there, and which frames were left out."""
+    time_s, lines = trajectory.time_s, []
+    if trajectory.absent.any():
+        edges = np.flatnonzero(np.diff(trajectory.absent, prepend=False, append=False))
+        spans = [f"{time_s[begin]:.2f} to {time_s[end - 1]:.2f} s" for begin, end in edges.reshape(-1, 2).tolist()]
+        lines.append(
+            f"Nobody is there in {100 * trajectory.absent.mean():.0f} % of the frames, which are empty in the files: "
+            + _first_of(spans)
+        )
+    if trajectory.implausible_frames:
+        frames = [f"frame {frame} at {time_s[frame]:.2f} s" for frame in trajectory.implausible_frames]
+        lines.append(
+            f"Left out, because the detections make no body: {len(frames)} of {len(time_s)} frames: "
+            + _first_of(frames)
+        )
+    return lines
+
+
+def _first_of(items: Sequence[str]) -> str:
+    more = len(items) - _MAX_LISTED
+    return ", ".join(items[:_MAX_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
 def result_table(result: Result, names: Mapping[str, str] | None = None) -> Table:

@@ -21,6 +21,7 @@ from fgpose.diagnosis.result_checks import RESULT_CHECKS
 from fgpose.diagnosis.seen.confidence import low_confidence
 from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
+from fgpose.diagnosis.seen.succession import somebody_else
 from fgpose.finding import Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
@@ -40,7 +41,7 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "unit": (wrong_unit,),
     "which way is up": (wrong_up,),
     "sides": (mirrored_body, exchanged_sides),
-    "what is seen": (frozen_cameras, nobody, low_confidence, blind, never_seen),
+    "what is seen": (frozen_cameras, nobody, somebody_else, low_confidence, blind, never_seen),
 }
 """By what they judge, as it is printed."""
 
@@ -84,7 +85,7 @@ def diagnose(
     config = config or Config()
     if isinstance(recording, PeopleObservations):
         told_apart = associate(recording, rig, config.tracking)
-        recording = told_apart if told_apart.people else main_person(recording, rig)
+        recording = told_apart if told_apart.people else recording.of_person(main_person(recording, rig).seen)
     people = {0: result} if isinstance(result, Trajectory) else result
     finished = _standing(people, rig, world_up) if people else None
     return _diagnosed(Examined.of(recording, rig, config, finished, world_up))

@@ -34,15 +34,19 @@ class RunningLengths:
 
     def __init__(self, skeleton: Skeleton, config: Config) -> None:
         self._skeleton, self._config = skeleton, config
+        self.forget()
+        blas_libraries()  # so that no update stops to load them
+
+    def forget(self) -> None:
+        """Begin anew: who comes may be somebody else."""
         self._sample: dict[float, Evidence] = {}  # by time, in the order of time
         self._step_s = _FIRST_STEP_S
         self._n_estimated = 0
         self._estimation: _Estimation | None = None  # while it goes on
-        self.lengths_m = np.full(skeleton.n_lengths, np.nan)
+        self.lengths_m = np.full(self._skeleton.n_lengths, np.nan)
         """NaN where a bone has not been complete yet."""
-        self.sigma_m = np.full(skeleton.n_lengths, config.prior.length_sigma_m)
+        self.sigma_m = np.full(self._skeleton.n_lengths, self._config.prior.length_sigma_m)
         """Their standard deviation; that of the prior where a length is not known."""
-        blas_libraries()  # so that no update stops to load them
 
     def add(self, evidence: Evidence) -> None:
         """Take a frame, with what is known of its detections, if it is time for one."""

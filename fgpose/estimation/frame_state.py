@@ -127,6 +127,11 @@ class LastSeen:
         for last_s, which in ((self.seen_s, seen), (self.triangulated_s, triangulated)):
             last_s[which] = np.maximum(last_s[which], state.at.time_s)
 
+    @property
+    def person_s(self) -> float:
+        """When some joint was probably seen last."""
+        return float(self.seen_s.max())
+
     def before(self, time_s: float) -> Bool[np.ndarray, " joint"]:
         """Joints that were not seen, or not triangulated, since then."""
         return np.minimum(self.seen_s, self.triangulated_s) < time_s

@@ -70,6 +70,7 @@ def refine_evidence(
         camera_names=rig.names,
         convergence=Convergence.worst(solutions),
         config=config,
+        implausible_frames=evidence.implausible_frames,
     )
 
 

@@ -61,7 +61,9 @@ def smooth(
         progress: told after each window.
 
     Returns:
-        The trajectory of all frames; its convergence says whether the optimiser settled in every window.
+        The trajectory of all frames; its convergence says whether the optimiser settled in every window. Where nobody
+        is there (before the first and after the last sighting, and between sightings farther apart than
+        tracking.coast_s, see fgpose.estimation.presence) it is NaN: Trajectory.absent.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
@@ -78,8 +80,9 @@ def smooth_evidence(
     evidence: Evidence, skeleton: Skeleton, rig: CameraRig, config: Config, progress: Progress | None = None
 ) -> Trajectory:
     """smooth for a recording whose evidence is gathered already."""
-    recording = Segment.of_recording(evidence, rig, skeleton, config)
-    windows = cut_windows(evidence.time_s, config.solver.window_s, config.solver.overlap_s)
+    here = np.flatnonzero(evidence.present(config.tracking.coast_s))
+    recording = Segment.of_recording(evidence.frames(here) if len(here) else evidence, rig, skeleton, config)
+    windows = cut_windows(recording.evidence.time_s, config.solver.window_s, config.solver.overlap_s)
     if len(windows) > 1:
         recording = _with_learned_lengths(recording)
     solutions = []
@@ -96,7 +99,9 @@ def smooth_evidence(
             f"{sum(parts)} of {len(parts)} windows; the largest errors may be centimetres",
             stacklevel=4,  # past the decorator and smooth
         )
-    return _trajectory(recording, solution)
+    trajectory = _trajectory(recording, solution)
+    whole = trajectory.in_frames(evidence.time_s, here) if len(here) else trajectory
+    return replace(whole, implausible_frames=evidence.implausible_frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,7 +272,9 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
     evidence, rig, config = recording.evidence, recording.rig, recording.config
     evidence = replace(evidence, visibility=solution.visibility)
     unseen_s = time_to_known_s(evidence.seen, evidence.time_s)
-    active = recording.active & (unseen_s <= config.motion.max_unseen_s)
+    # Hallucinated detections, by what is known now, do not show that somebody is there.
+    here = evidence.present(config.tracking.coast_s)
+    active = recording.active & (unseen_s <= config.motion.max_unseen_s) & here[:, None]
     positions_m = np.where(active[..., None], solution.positions_m, np.nan)
     covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
     if covariance_m2 is not None:

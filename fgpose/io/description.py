@@ -29,6 +29,8 @@ def describe(trajectory: Trajectory) -> dict[str, str]:
     if trajectory.convergence is not None:
         convergence = dataclasses.asdict(trajectory.convergence)
         texts["convergence"] = json.dumps({name: _or_null(value) for name, value in convergence.items()})
+    if trajectory.implausible_frames:
+        texts["implausible_frames"] = json.dumps(trajectory.implausible_frames)
     if trajectory.config is not None:
         texts["config"] = config_to_toml(trajectory.config)
     return texts
@@ -48,6 +50,7 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
         "camera_names": lambda text: _names(_parsed(text)),
         "bone_lengths_m": _lengths_from_json,
         "convergence": _convergence_or_none,
+        "implausible_frames": lambda text: _indices(_parsed(text)),
         "config": _config_or_none,
     }
     values = {}

@@ -13,7 +13,7 @@ from fgpose.io.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 _ARRAYS = ("covariance_m2", "residual_px", "visibility")
-_TEXTS = ("skeleton", "camera_names", "bone_lengths_m", "convergence", "config")
+_TEXTS = ("skeleton", "camera_names", "bone_lengths_m", "convergence", "implausible_frames", "config")
 
 
 def write_npz(trajectory: Trajectory, path: Path, made_by: str = "") -> None:

@@ -61,6 +61,8 @@ class Origin:
     """What is probably wrong with the recording and the result."""
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of several people."""
+    chosen: str = ""
+    """Of how many people this is one, and why this one; nothing where there was nobody else."""
     fps: float | None = None
     """That the keypoints or images were read with, where that was given."""
     command: str = ""

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from fgpose.association.chosen_person import PersonRegion, chosen_person
+from fgpose.association.chosen_person import Chosen, PersonRegion, chosen_person
 from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.detection_cache import ViewDetections
@@ -28,6 +28,8 @@ class FollowedPerson:
     """With per-view 3D and its covariance in the world frame."""
     problems: Shaped[np.ndarray, "frame camera"]
     """Why the 3D of a view is missing or uncertain, see People.problems; empty also where the person is not seen."""
+    chosen: Chosen
+    """Who it is, of how many, and why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +97,9 @@ class Detected:
         Raises:
             ValueError: there is no such person, or no image was looked at.
         """
-        seen = chosen_person(self.people, self.rig, person)
-        return FollowedPerson(self.people.of_person(seen), self._problems(seen.main_detection))
+        chosen = chosen_person(self.people, self.rig, person)
+        seen = chosen.seen
+        return FollowedPerson(self.people.of_person(seen), self._problems(seen.main_detection), chosen)
 
     def _problems(self, chosen: Int[np.ndarray, "frame camera"]) -> Shaped[np.ndarray, "frame camera"]:
         problems = np.full(chosen.shape, "", dtype=object)

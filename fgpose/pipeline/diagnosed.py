@@ -7,8 +7,9 @@ from typing import TypeVar
 
 import numpy as np
 
-from fgpose.association.chosen_person import main_person
+from fgpose.association.chosen_person import Chosen
 from fgpose.diagnosis.diagnose import diagnose
+from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.pipeline.people import PeopleResult, PeopleSource
 from fgpose.pipeline.results import Result
@@ -34,12 +35,21 @@ def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyRe
         recording, rig = result.association, result.association.rig
     else:
         recording, rig = result.source.observations, result.source.rig
-    return replace(result, diagnosis=diagnose(recording, rig, people, result.config, world_up))
+    diagnosis = diagnose(recording, rig, people, result.config, world_up)
+    chosen = result.source.chosen if isinstance(result.source, Source) else None
+    if chosen is not None and chosen.n_people > 1:
+        diagnosis = replace(diagnosis, findings=(*diagnosis.findings, _of_several(chosen)))
+    return replace(result, diagnosis=diagnosis)
+
+
+def _of_several(chosen: Chosen) -> Finding:
+    remedy = "With --people all everybody has a result; --person-region chooses somebody else."
+    return Finding(Code.SEVERAL_PEOPLE, Severity.NOTE, f"This is {chosen}", remedy, 0.2)
 
 
 def nothing_determined(source: Source | PeopleSource) -> str:
     """Why there is no result, and what to do."""
-    seen = source.observations if isinstance(source, Source) else main_person(source.people, source.rig)
-    findings = diagnose(seen, source.rig).findings
+    one = source if isinstance(source, Source) else source.one()
+    findings = diagnose(one.observations, one.rig).findings
     what = "no joint is determined in any frame, so nothing is written"
     return "; ".join([what, *(finding.text for finding in findings[:1])])

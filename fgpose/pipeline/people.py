@@ -9,14 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.chosen_person import main_person
+from fgpose.association.chosen_person import PersonRegion, chosen_person, main_person
 from fgpose.association.recording import Association, Progress
+from fgpose.association.successive import Succession, successive
 from fgpose.association.track import TrackEvent
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
+from fgpose.parameters import TrackingConfig
 from fgpose.people import Detections, PeopleObservations, Seen, SeenInImage
 from fgpose.pipeline.source import Source, with_findings
 from fgpose.sampling import nearest
@@ -36,19 +38,37 @@ class PeopleSource:
     origin: Origin | None = None
     """Where it is from, if that is known."""
 
-    def one(self) -> Source:
-        """The person who is seen most."""
-        return Source(self.rig, main_person(self.people, self.rig), self.origin)
+    association: Association | None = None
+    """Who is who, where that is known already."""
+    succession: Succession | None = None
+    """Who comes after whom, where no image shows more than one person."""
+
+    def one(self, person: int | PersonRegion = 0) -> Source:
+        """The main person, see chosen_person; or another one. Raises ValueError if there is no such person."""
+        chosen = main_person(self.people, self.rig) if person == 0 else chosen_person(self.people, self.rig, person)
+        origin = self.origin and replace(self.origin, chosen=str(chosen))
+        return Source(self.rig, self.people.of_person(chosen.seen), origin, chosen)
+
+    def one_or_all(self, config: TrackingConfig | None = None) -> Source | PeopleSource:
+        """Everybody where an image shows more than one, or where somebody comes after somebody else has gone; else the
+        one who is there."""
+        if self.people.n_most > 1:
+            return self
+        succession = successive(self.people, self.rig, config)
+        if succession is None or succession.n_people == 1:
+            one = self.people.of_person(self.people.only())
+            return Source(self.rig, one, self.origin, succession=succession)
+        return replace(self, association=succession.association, succession=succession)
 
     def subset(self, cameras: tuple[str, ...]) -> PeopleSource:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
         if not cameras:
             return self
-        return replace(self, rig=self.rig.subset(cameras), people=self.people.subset(cameras))
+        return PeopleSource(self.rig.subset(cameras), self.people.subset(cameras), self.origin)
 
     def first_frames(self, n_frames: int) -> PeopleSource:
         """The beginning of the recording."""
-        return replace(self, people=self.people.first_frames(n_frames))
+        return PeopleSource(self.rig, self.people.first_frames(n_frames), self.origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +105,11 @@ class PeopleResult:
 
 def run_smooth_people(source: PeopleSource, config: Config, progress: Progress | None = None) -> PeopleResult:
     """The batch smoother over a whole recording of several people."""
-    smoothed = smooth_people(source.people, source.rig, config, progress)
+    known = source.association
+    if known is not None:
+        # The cameras may have been calibrated since.
+        known = replace(known, rig=source.rig.subset(source.people.camera_names), observations=source.people)
+    smoothed = smooth_people(source.people, source.rig, config, progress, known)
     return PeopleResult(source, config, smoothed.association, {"smoothed": smoothed.trajectories}, ("smoothed",))
 
 

@@ -11,7 +11,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fgpose.association.chosen_person import main_person
 from fgpose.association.common_clock import on_common_clock
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
@@ -19,6 +18,7 @@ from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.refinement import refine_evidence
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import is_changing
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.camera_names import counted_otherwise, seen_cameras
@@ -81,12 +81,26 @@ def load_source(
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     if rig.time_offsets_s.any():
         people = load_people(keypoints, rig, skeleton, **reading)
-        together, on_clock = on_common_clock(people, rig)
-        if together is not people:
-            seen = person_of(keypoints, together, on_clock, person)
-            return Source(on_clock, seen, replace(origin, remarks=seen.remarks)).subset(cameras)
-    seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
-    return Source(rig, seen, replace(origin, remarks=seen.remarks)).subset(cameras)
+    if rig.time_offsets_s.any() or is_changing(rig):
+        people, rig = on_common_clock(load_people(keypoints, rig, skeleton, **reading), rig)
+        origin = replace(origin, remarks=people.remarks)
+        return _one(keypoints, PeopleSource(rig, people, origin), person).subset(cameras)
+    if isinstance(person, int):
+        seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
+        return Source(rig, seen, replace(origin, remarks=seen.remarks)).subset(cameras)
+    people = load_people(keypoints, rig, skeleton, **reading)
+    origin = replace(origin, remarks=people.remarks)
+    return _one(keypoints, PeopleSource(rig, people, origin), person).subset(cameras)
+
+
+def _one(path: Path, source: PeopleSource, person: Person) -> Source:
+    """The person wanted, see load_observations. Raises ValueError, which names the file."""
+    if isinstance(person, int):
+        return Source(source.rig, person_of(path, source.people, source.rig, person), source.origin)
+    try:
+        return source.one(0 if person == "consistent" else person)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
 def load_people_source(
@@ -109,7 +123,9 @@ def load_people_source(
         "ignore_other_cameras": bool(cameras),
     }
     rig = as_detected(
-        rig, calibration, lambda each: main_person(load_people(keypoints, each, skeleton, **reading), each)
+        rig,
+        calibration,
+        lambda each: PeopleSource(each, load_people(keypoints, each, skeleton, **reading)).one().observations,
     )
     people = load_people(keypoints, rig, skeleton, **reading)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
@@ -164,6 +180,7 @@ def fused_trajectory(evidence: Evidence, skeleton: Skeleton, rig: CameraRig, con
         residual_px=reprojection_residual_px(evidence.undistorted_px, rig, evidence.fused_m),
         camera_names=rig.names,
         config=config,
+        implausible_frames=evidence.implausible_frames,
     )
 
 
@@ -175,7 +192,11 @@ def run_track(
     Returns:
         "online": the newest estimate after each update; "smoothed": the estimate of each frame one lag later, up to
         the last frame that is that old (no such trajectory when the recording is shorter than the lag).
+
+    Raises:
+        ValueError: so many frames make no body that the calibration must be wrong.
     """
+    source.evidence(config)  # raises before any work
     observations, rig = source.observations, source.rig
     estimator = Estimator(rig, observations.skeleton, config)
     estimates, smoothed = [], {}
@@ -216,4 +237,5 @@ def _lagged(smoothed: dict[int, Estimate], source: Source, config: Config) -> Tr
         residual_px=reprojection_residual_px(evidence.undistorted_px, source.rig, positions_m),
         camera_names=source.rig.names,
         config=config,
+        implausible_frames=evidence.implausible_frames,
     )

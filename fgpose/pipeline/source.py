@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 
+from fgpose.association.chosen_person import Chosen
+from fgpose.association.successive import Succession
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence import Evidence, gather
@@ -20,6 +22,10 @@ class Source:
     observations: Observations
     origin: Origin | None = field(default=None, repr=False)
     """Where it is from, if that is known."""
+    chosen: Chosen | None = field(default=None, repr=False)
+    """Who it is of how many, where somebody was chosen."""
+    succession: Succession | None = field(default=None, repr=False)
+    """Who comes after whom, where it was looked whether it is one person throughout."""
     _evidence: dict[Config, Evidence] = field(default_factory=dict, init=False, repr=False)
 
     def evidence(self, config: Config) -> Evidence:

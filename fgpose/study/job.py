@@ -66,8 +66,7 @@ class Job:
         if self.study.steps.people == "1":
             return load_source(*given, **self.reading)
         everybody = load_people_source(*given, **self.reading)
-        one = self.study.steps.people == "auto" and everybody.people.n_most <= 1
-        return everybody.one() if one else everybody
+        return everybody.one_or_all() if self.study.steps.people == "auto" else everybody
 
     @property
     def reading(self) -> dict[str, Any]:

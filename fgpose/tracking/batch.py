@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Bool
 
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
-from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
 from fgpose.trajectory import Trajectory
 
@@ -59,26 +54,14 @@ def smooth_people(
     trajectories: dict[int, Trajectory] = {}
     for person in association.people:
         own = association.of(person)
-        here = present(own, config.tracking.coast_s)
         before = n_done
 
         def told(done: int, _: int, before: int = before) -> None:
             if progress:
                 progress(before + done, n_frames)
 
-        smoothed = smooth(own.frames(here), association.rig, config, told)
-        trajectories[person] = smoothed.in_frames(own.frame_time_s, np.flatnonzero(here))
+        trajectories[person] = smooth(own, association.rig, config, told)
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)
     return SmoothedPeople(trajectories, association)
-
-
-def present(observations: Observations, coast_s: float) -> Bool[np.ndarray, " frame"]:
-    """The frames in which a person is there: all but those between detections that are farther apart than coast_s."""
-    seen = np.flatnonzero(observations.seen.any(axis=(1, 2)))
-    here = np.ones(observations.n_frames, dtype=bool)
-    for before, after in itertools.pairwise(seen.tolist()):
-        if observations.frame_time_s[after] - observations.frame_time_s[before] > coast_s:
-            here[before + 1 : after] = False
-    return here

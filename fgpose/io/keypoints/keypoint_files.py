@@ -151,9 +151,16 @@ def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Pe
     """What the cameras saw of the person wanted, see load_observations. Raises ValueError, which names the file."""
     try:
         if person == "consistent":
-            return main_person(people, rig)
+            chosen = main_person(people, rig)
+            if chosen.n_people > 1 and people.n_most <= 1:
+                warnings.warn(
+                    f"{path}: {chosen.n_people} people come one after the other; this is {chosen}. "
+                    "load_people and smooth_people take them all",
+                    stacklevel=3,
+                )
+            return people.of_person(chosen.seen)
         if isinstance(person, PersonRegion):
-            return people.of_person(chosen_person(people, rig, person))
+            return people.of_person(chosen_person(people, rig, person).seen)
         if person >= max(people.n_most, 1):
             raise ValueError(f"there is no person {person}: at most {people.n_most} in an image, counted from 0")
         return people.of_person(people.only(person))

@@ -100,13 +100,14 @@ def test_nobody_at_all(rig: CameraRig, skeleton: Skeleton) -> None:
     association = associate(people, rig)
     assert association.people == {}
     assert association.n_unused == 0
-    seen = main_person(people, rig)
+    seen = people.of_person(main_person(people, rig).seen)
     assert seen.n_frames == 5
     assert (seen.confidence == 0).all()
 
 
 def test_the_main_person_is_seen_most(rig: CameraRig, skeleton: Skeleton) -> None:
-    seen = main_person(recording(rig, skeleton), rig)
+    people = recording(rig, skeleton)
+    seen = people.of_person(main_person(people, rig).seen)
     true_px = rig.project(body_m(skeleton, HERE_M))
     np.testing.assert_allclose(seen.points2d_px, np.broadcast_to(true_px, seen.points2d_px.shape), atol=15.0)
 
@@ -158,3 +159,31 @@ def test_who_comes_back_is_one_person_from_the_beginning_to_the_end(rig: CameraR
     assert [event.person for event in recognised] == [tall]
     assert "away for 4." in recognised[0].reason
     assert {event.person for event in association.events} == set(association.people)
+
+
+@pytest.mark.parametrize(("n_cameras", "showing"), [(4, (0, 1)), (8, (0, 2)), (6, (0, 1, 2)), (12, (0, 2, 3, 5))])
+def test_cameras_that_never_show_anybody_do_not_hide_somebody_from_the_others(
+    n_cameras: int, showing: tuple[int, ...], skeleton: Skeleton
+) -> None:
+    """Their detector does not work, or a wall is before them: they have images, and nobody in any."""
+    rig, rng, person_m = ring_rig(n_cameras), np.random.default_rng(0), body_m(skeleton, HERE_M)
+    images = tuple(
+        image(rig, c, t / FPS, [person_m] if c in showing else [], rng) for t in range(40) for c in range(n_cameras)
+    )
+    association = associate(PeopleObservations(skeleton, rig.names, images), rig)
+    (seen,) = association.people.values()
+    # Also in the second in which it was not known yet that the others are blind.
+    assert (seen.main_detection[:, showing] == 0).all()
+    assert len(seen.main_detection) == 40
+
+
+def test_a_camera_that_shows_somebody_else_tells_against_who_is_not_there(skeleton: Skeleton) -> None:
+    """Where rays of two people meet, two more cameras see both of them and nobody there, for as long as it lasts."""
+    rig, rng = ring_rig(4), np.random.default_rng(0)
+    across = (rig.cameras[0].position_m - rig.cameras[1].position_m)[:2]
+    across /= np.linalg.norm(across)
+    one_m, other_m = (body_m(skeleton, (aside_m * across).tolist()) for aside_m in (0.4, -0.4))
+    shown = [[one_m], [other_m], [one_m, other_m], [one_m, other_m]]
+    images = tuple(image(rig, c, t / FPS, shown[c], rng) for t in range(60) for c in range(4))
+    association = associate(PeopleObservations(skeleton, rig.names, images), rig)
+    assert len(association.people) == 2

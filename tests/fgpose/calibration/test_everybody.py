@@ -45,7 +45,7 @@ def bumped_hall() -> fgpose.CameraRig:
 
 def test_a_camera_that_sees_only_somebody_else_is_put_right_too(scene: CrowdScene, motion: CrowdMotion) -> None:
     wrong, points_m = bumped_hall(), motion.truth_m[:, ::10].reshape(-1, 17, 3)
-    one = main_person(scene.observations, wrong)
+    one = scene.observations.of_person(main_person(scene.observations, wrong).seen)
     assert not one.seen[:, RIGHT].any(), "the person who is seen most is in the left half"
     alone = fgpose.refine_rig(one, wrong)
     together = fgpose.refine_rig(scene.observations, wrong)
@@ -72,7 +72,9 @@ def test_clocks_that_nobody_alone_tells(motion: CrowdMotion) -> None:
     """Cameras of 25 and 30 Hz, not synchronised, whose clocks are off by 30 ms."""
     times = CameraTimes(fps=(25.0, 30.0), random_phases=True)
     scene = filmed(motion, hall().with_time_offsets(OFFSETS_S), 0, times)
-    alone = fgpose.estimate_time_offsets(main_person(scene.observations, hall()), hall())
+    alone = fgpose.estimate_time_offsets(
+        scene.observations.of_person(main_person(scene.observations, hall()).seen), hall()
+    )
     together = fgpose.estimate_time_offsets(scene.observations, hall())
     prior_s = CONFIG.calibration.offset_sigma_s
     np.testing.assert_allclose(alone.sigma_s[list(RIGHT)], prior_s, rtol=1e-3)

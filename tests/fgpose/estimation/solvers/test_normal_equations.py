@@ -361,6 +361,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         rays=np.zeros((1, 0, 17, 3)),
         depth_sigma_m=np.zeros((1, 0, 17)),
         delay_s=np.zeros((1, 2)),
+        implausible=np.zeros(1, dtype=bool),
     )
     ours = NormalEquations(
         Segment(pair, skeleton, config, evidence, active, np.full(skeleton.n_lengths, np.nan), 0.3, np.ones((1, 17)))

@@ -1,0 +1,195 @@
+"""Several people one after the other, where no image shows more than one.
+
+Such a recording looks like that of one person. Who comes is somebody else where nobody can have run so far, or where
+bones, looks and place are far more probable of two people than of one: by the odds at which somebody is recognised, the
+other way round. Otherwise the one who is there is taken to have come back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.association.identity import RECOGNISED, Passage
+from fgpose.association.recording import Association, Progress, associate
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.parameters import TrackingConfig
+from fgpose.people import NOBODY, PeopleObservations, Seen
+
+# Who is located without such a gap, and never farther away than somebody can run meanwhile, is one person.
+_GAP_S, _RUNS_MPS, _NEAR_M = 0.25, 6.0, 0.5
+_SOME_JOINTS, _SOME_FRAMES = 6, 3  # their median tells where somebody is
+# Who is there for less is a false detection, or not worth a result.
+_LEAST_S = 1.0
+# Two whose times overlap by more of the shorter time are not one after the other: cameras disagree about one person.
+_LEAST_ALONE = 0.75
+
+
+@dataclass(frozen=True)
+class Change:
+    """Somebody comes after somebody has gone."""
+
+    gone_s: float
+    come_s: float
+    before: int
+    after: int
+    """Numbers of the people; the same where it is taken to be the same person."""
+    is_somebody_else: bool
+    """Whether it is nobody who was there before."""
+    away_m: float
+    """How far from where somebody was seen last the next one is seen first."""
+    log_odds: float
+    """That it is the same person, against that it is another one, by bones, looks and place."""
+
+    @property
+    def is_too_far(self) -> bool:
+        """Whether nobody can have run so far meanwhile."""
+        return self.away_m > _NEAR_M + _RUNS_MPS * (self.come_s - self.gone_s)
+
+    def __str__(self) -> str:
+        when = f"who comes at {self.come_s:.1f} s, after somebody has gone at {self.gone_s:.1f} s,"
+        why = f"{self.away_m:.1f} m away; log odds of the same person, by bones and place: {self.log_odds:.1f}"
+        if self.is_somebody_else:
+            return f"{when} is somebody else ({why})"
+        if self.after != self.before:
+            return f"{when} is person {self.after} again ({why})"
+        if self.log_odds >= RECOGNISED:
+            return f"{when} is the same person ({why})"
+        return f"{when} is taken for the same person, but may be somebody else ({why})"
+
+
+@dataclass(frozen=True, eq=False)
+class Succession:
+    """Who is there one after the other."""
+
+    association: Association
+    """Of these people."""
+    changes: tuple[Change, ...]
+
+    @property
+    def n_people(self) -> int:
+        return len(self.association.people)
+
+
+def successive(
+    people: PeopleObservations,
+    rig: CameraRig,
+    config: TrackingConfig | None = None,
+    progress: Progress | None = None,
+) -> Succession | None:
+    """Who is there one after the other, where no image shows more than one; None where nobody comes after somebody has
+    gone.
+
+    Args:
+        people: at most one in each image.
+        rig: their cameras.
+        config: how people are told apart.
+        progress: told after every frame, if it takes a look at each.
+    """
+    if rig.n_cameras < 2:
+        return None
+    places = _Places.of(people, rig)
+    if not places.may_change:
+        return None
+    association = associate(people, rig, config, progress)
+    groups, changes = _grouped(association, places)
+    if not changes:
+        return None
+    merged = {person: _together(association, numbers) for person, numbers in groups.items()}
+    numbers = {own: person for person, group in groups.items() for own in group}
+    events = tuple(
+        replace(event, person=numbers[event.person]) for event in association.events if event.person in numbers
+    )
+    return Succession(replace(association, people=merged, events=events), changes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where somebody is, in the frames in which two cameras agree."""
+
+    time_s: Float[np.ndarray, " located"]
+    middle_m: Float[np.ndarray, "located 3"]
+
+    @staticmethod
+    def of(people: PeopleObservations, rig: CameraRig) -> _Places:
+        observations = people.of_person(people.only())
+        joints = np.unique(np.linspace(0, people.skeleton.n_joints - 1, _SOME_JOINTS).astype(int))
+        points_px = rig.undistort(observations.points2d_px[:, :, joints])
+        some_m = triangulate_robust(points_px, observations.confidence[:, :, joints], rig).positions_m
+        located = np.flatnonzero(np.isfinite(some_m).all(axis=-1).any(axis=-1))
+        middle_m = np.nanmedian(some_m[located], axis=1) if len(located) else np.zeros((0, 3))
+        return _Places(observations.frame_time_s[located], middle_m)
+
+    @property
+    def may_change(self) -> bool:
+        """Whether somebody is away for a moment, or farther away from one frame to the next than a person can be."""
+        step_s, moved_m = np.diff(self.time_s), np.linalg.norm(np.diff(self.middle_m, axis=0), axis=-1)
+        return bool(((step_s > _GAP_S) | (moved_m > _NEAR_M + _RUNS_MPS * step_s)).any())
+
+    def away_m(self, gone_s: float, come_s: float) -> float:
+        """Distance between the last places until somebody has gone and the first of who comes; 0 if unknown."""
+        before, after = self.middle_m[self.time_s <= gone_s], self.middle_m[self.time_s >= come_s]
+        if not len(before) or not len(after):
+            return 0.0
+        ends_m = np.median(before[-_SOME_FRAMES:], axis=0), np.median(after[:_SOME_FRAMES], axis=0)
+        return float(np.linalg.norm(ends_m[1] - ends_m[0]))
+
+
+def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[int]], tuple[Change, ...]]:
+    """The people of an association as numbers of those who are one person, and who came after whom."""
+    time_s = association.frames.frame_time_s
+    spans_s = {person: _span_s(seen, time_s) for person, seen in association.people.items()}
+    in_order = sorted((n for n, (begin, end) in spans_s.items() if end - begin >= _LEAST_S), key=lambda n: spans_s[n])
+    groups: dict[int, list[int]] = {}
+    changes = []
+    newest: int | None = None
+    for person in in_order:
+        begin_s, end_s = spans_s[person]
+        if newest is not None:
+            gone_s = max(spans_s[own][1] for group in groups.values() for own in group)
+            if gone_s - begin_s > (1 - _LEAST_ALONE) * (end_s - begin_s):
+                continue
+            odds = {who: _log_odds(association.passages, group, person) for who, group in groups.items()}
+            likely = max(odds, key=lambda who: odds[who])
+            change = Change(gone_s, begin_s, newest, likely, False, places.away_m(gone_s, begin_s), odds[likely])
+            # Who has just gone cannot be far away; somebody who was here before that may have come back.
+            if change.log_odds <= -RECOGNISED or (likely == newest and change.is_too_far):
+                change = replace(change, after=len(groups), is_somebody_else=True)
+            changes.append(change)
+            newest = change.after
+        else:
+            newest = 0
+        groups.setdefault(newest, []).append(person)
+    return groups, tuple(changes)
+
+
+def _span_s(seen: Seen, time_s: Float[np.ndarray, " frame"]) -> tuple[float, float]:
+    own_s = time_s[seen.frames]
+    return float(own_s[0]), float(own_s[-1])
+
+
+def _log_odds(passages: Mapping[int, tuple[Passage, ...]], before: list[int], after: int) -> float:
+    """That somebody is one who was there before, against that it is anybody."""
+    places_m = np.array(
+        [place_m for own in passages.values() for each in own for place_m in (each.begin_m, each.end_m)]
+    )
+    extent_m = np.sort(np.ptp(places_m, axis=0))
+    earlier = Passage.joined([passage for person in before for passage in passages[person]])
+    return earlier.log_ratio(Passage.joined(passages[after]), float(extent_m[1] * extent_m[2]))
+
+
+def _together(association: Association, numbers: list[int]) -> Seen:
+    """What is seen of several who are one person."""
+    own = [association.people[number] for number in numbers]
+    first, last = min(seen.first_frame for seen in own), max(seen.frames.stop for seen in own)
+    whole = Seen.nothing(last - first, *own[0].detection.shape[1:])
+    joined = replace(whole, first_frame=first)
+    for seen in own:
+        frames = slice(seen.first_frame - first, seen.frames.stop - first)
+        known = seen.detection != NOBODY
+        joined.detection[frames][known], joined.joint[frames][known] = seen.detection[known], seen.joint[known]
+    return joined

@@ -1,0 +1,37 @@
+"""When a person is there, and when nobody is: nothing is estimated of somebody who has left.
+
+A person whom no camera sees is predicted, as long as they can hardly have gone anywhere else. After tracking.coast_s
+(1 s: a step, or half a turn) they are taken to have left, as several people are: they may be anywhere, or come back as
+somebody else.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+
+def present(
+    seen: Bool[np.ndarray, " frame"],
+    located: Bool[np.ndarray, " frame"],
+    time_s: Float[np.ndarray, " frame"],
+    coast_s: float,
+) -> Bool[np.ndarray, " frame"]:
+    """The frames in which a person is there.
+
+    A stay lasts from the first to the last of sightings that are not farther apart than coast_s. Where no joint is ever
+    located in it, one camera alone believes in somebody: that tells neither where they are nor that there is anybody.
+
+    Args:
+        seen: whether some camera sees the person.
+        located: whether two cameras do, or one that tells how far they are.
+        time_s: of each frame, increasing.
+        coast_s: how long a person is predicted whom no camera sees.
+    """
+    here = np.zeros(len(time_s), dtype=bool)
+    sightings = np.flatnonzero(seen)
+    ends = np.flatnonzero(np.diff(time_s[sightings]) > coast_s) + 1
+    for stay in np.split(sightings, ends):
+        if located[stay].any():
+            here[stay[0] : stay[-1] + 1] = True
+    return here
