@@ -27,9 +27,10 @@ from fgpose.geometry.reprojection import linearized_projection
 # What is usual counts as so many well-determined biases, for all cameras and for one against all; each camera has two
 # for each joint.
 _PRIOR_BIASES = 4.0
-# Standard deviation along each axis of the image that is usual; BlazePose and OpenPose have 9 to 12 mm on a recording
-# (fgpose.synthetic.real_errors), calibrations add theirs.
-_USUAL_M, _LEAST_M = 0.01, 0.002
+USUAL_M = 0.01
+"""Standard deviation along each axis of the image that is usual; BlazePose and OpenPose have 9 to 12 mm on a recording
+(fgpose.synthetic.real_errors), calibrations add theirs."""
+_LEAST_M = 0.002
 _TURNS = 10  # of the re-estimation: three times as many change no error on the tuning clips of the benchmark by 0.1 %
 _LEAST_MEASUREMENTS = 1.0
 # Online biases follow a person who turns, and a camera that is moved.
@@ -111,7 +112,7 @@ class ResidualSums:
         n = np.where(enough, self.measurements, 1.0)
         mean_m, jacobian = self.offset_m / n[..., None], self.jacobian / n[..., None, None]
         noise_m2 = (spread_m[:, None] ** 2 + self.timing_m2) / n
-        variance_m2, bias_m = np.full(len(n), _USUAL_M**2), np.zeros_like(mean_m)
+        variance_m2, bias_m = np.full(len(n), USUAL_M**2), np.zeros_like(mean_m)
         for _ in range(_TURNS):
             precision = np.where(enough, 1 / (variance_m2[:, None] + noise_m2), 0.0)
             covariance_m2, weighted = _of_moves(precision, jacobian)
@@ -123,7 +124,7 @@ class ResidualSums:
             determined = np.maximum(determined, 1e-9)
             own_m2 = np.maximum(np.sum(bias_m**2, axis=(1, 2)) / determined, _LEAST_M**2)
             of_all_m2 = np.exp(np.average(np.log(own_m2), weights=determined))
-            usual_m2 = shrunk(of_all_m2, determined.sum(), _USUAL_M**2, _PRIOR_BIASES)
+            usual_m2 = shrunk(of_all_m2, determined.sum(), USUAL_M**2, _PRIOR_BIASES)
             variance_m2 = shrunk(own_m2, determined, usual_m2, _PRIOR_BIASES)
         common_m2, _ = _of_moves(np.where(enough, 1 / variance_m2[:, None], 0.0), jacobian)
         several = enough.sum(axis=0) >= 2

@@ -21,6 +21,7 @@ from fgpose.estimation.images import corrected, fits_better
 from fgpose.estimation.online_covariance import online_covariance_m2
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime
+from fgpose.estimation.sole_views import RunningSoleViews
 from fgpose.estimation.visibility import RunningVisibility
 from fgpose.estimation.window_graph import WindowGraph
 from fgpose.geometry.camera import CameraRig
@@ -71,6 +72,7 @@ class Estimator:
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._graph = WindowGraph(self._lengths, self._density, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
+        self._sole_views = RunningSoleViews(skeleton)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
@@ -230,6 +232,7 @@ class Estimator:
         pose = state.positions_m, self._rig
         if is_newest:
             evidence = self._visibility.predicted(gathered, *pose)
+            gathered, evidence = self._sole_views.with_distances(gathered, evidence, *pose)
         else:
             evidence = self._visibility.with_image(at, is_own, state.evidence, gathered, *pose)
         entering = evidence.located[0] & ~state.active & is_newest
@@ -300,6 +303,7 @@ class Estimator:
         """From the newest frame, all images of which are there that will be used."""
         self._lengths.add(self._window[-1].evidence)
         self._lengths.improve(self._rig)
+        self._sole_views.learn(self._window[-1], self._lengths.lengths_m, self._rig)
         self._learn_offsets()
 
     def _learn_offsets(self) -> None:
@@ -336,6 +340,7 @@ class Estimator:
             positions_m = np.where(kept[:, None], moved_m, guess_m)
             velocities_mps = np.where(kept[:, None], before.velocities_mps, 0.0)
         evidence = self._visibility.predicted(gathered, positions_m, self._rig)
+        gathered, evidence = self._sole_views.with_distances(gathered, evidence, positions_m, self._rig)
         better = fits_better(guess_m, positions_m, evidence, self._rig, self.config.projection)
         positions_m = np.where(better[:, None], guess_m, positions_m)
         active = linked | evidence.located[0]

@@ -74,6 +74,9 @@ class Evidence:
     """Unit vectors from each camera to views_m."""
     depth_sigma_m: Float[np.ndarray, "frame view joint"]
     """Standard deviation of views_m along the ray; NaN where it is not used."""
+    from_bones: Bool[np.ndarray, "frame joint"]
+    """Whether the depth of a joint, which one camera alone sees, follows from bone lengths; see
+    fgpose.estimation.sole_views."""
     delay_s: Float[np.ndarray, "frame camera"]
     """How much later than its frame each image was taken."""
     implausible: Bool[np.ndarray, " frame"]
@@ -98,7 +101,23 @@ class Evidence:
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
         position."""
-        return np.sum(self.detected & (self.visibility > PROBABLE), axis=1) >= 2
+        return self.believed.sum(axis=1) >= 2
+
+    @property
+    def believed(self) -> Bool[np.ndarray, "frame camera joint"]:
+        """Where a detection is probably of its joint."""
+        return self.detected & (self.visibility > PROBABLE)
+
+    @property
+    def sole_view(self) -> Bool[np.ndarray, "frame camera joint"]:
+        """Where a detection is probably of its joint, but no other of this joint is."""
+        believed = self.believed
+        return believed & (believed.sum(axis=1, keepdims=True) == 1)
+
+    @property
+    def has_measured_depth(self) -> Bool[np.ndarray, "frame joint"]:
+        """Whether some view's own 3D tells the depth of the joint."""
+        return np.isfinite(self.depth_sigma_m).any(axis=1) & ~self.from_bones
 
     @property
     def located(self) -> Bool[np.ndarray, "frame joint"]:
@@ -173,6 +192,33 @@ class Evidence:
             undistorted_px=self.measured_px - bias_px,
             bias_px=bias_px,
             common_bias_m2=np.broadcast_to(bias.common_m2, (*self.common_bias_m2.shape[:1], *bias.common_m2.shape)),
+        )
+
+    def with_distances(
+        self,
+        points_m: Float[np.ndarray, "frame camera joint 3"],
+        sigma_m: Float[np.ndarray, "frame camera joint"],
+        rig: CameraRig,
+    ) -> Evidence:
+        """With the distances of joints from cameras that alone see them, as depths of these views.
+
+        Args:
+            points_m: on the rays of detections; NaN where a distance is not known.
+            sigma_m: standard deviation of these distances.
+            rig: the cameras.
+        """
+        known = np.asarray(np.isfinite(points_m).all(axis=-1))
+        if not known.any():
+            return self
+        own = self if self.views_m.shape[1] else self._with_views(rig.n_cameras)
+        rays = points_m - np.array([camera.position_m for camera in rig.cameras])[:, None]
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        return replace(
+            own,
+            views_m=np.where(known[..., None], points_m, own.views_m),
+            rays=np.where(known[..., None], rays, own.rays),
+            depth_sigma_m=np.where(known, sigma_m, own.depth_sigma_m),
+            from_bones=known.any(axis=1),
         )
 
     def _with_views(self, n_views: int) -> Evidence:
@@ -335,6 +381,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         views_m=views_m,
         rays=rays,
         depth_sigma_m=depth_sigma_m,
+        from_bones=np.zeros(triangulated_m.shape[:2], dtype=bool),
         delay_s=delays_s(observations, rig),
         implausible=2 * far_outside.sum(axis=(1, 2)) > observations.seen.sum(axis=(1, 2)),
     )

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from fgpose.config import Config
 from fgpose.estimation.factors.projection import detection_information
+from fgpose.estimation.few_view_errors import widened
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.noise import ErrorCorrelation, with_correlated_errors
 from fgpose.estimation.uncertainty import distrust_factor_online, with_swing
@@ -44,7 +45,10 @@ def online_covariance_m2(
         )
         factor = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
-    return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
+    covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
+    widened_m2 = widened(covariance_m2, state.evidence, positions_m, rig, skeleton)
+    swing = unseen_s[None], skeleton, config.swing, widened_m2 - covariance_m2
+    return with_swing(widened_m2, positions_m, *swing)[0]
 
 
 def _probable_weight(state: FrameState) -> Float[np.ndarray, " joint"]:

@@ -14,9 +14,11 @@ from fgpose.config import Config
 from fgpose.estimation.delays import image_motion_px, motion_m
 from fgpose.estimation.error_components import covariance_of_errors_m2
 from fgpose.estimation.evidence import Evidence, gather
+from fgpose.estimation.few_view_errors import widened
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
+from fgpose.estimation.sole_views import with_distances
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
@@ -116,6 +118,8 @@ class Solution:
     """Probability that each detection is of its joint."""
     sigma_px: Float[np.ndarray, "frame camera joint"]
     """Standard deviation of each detection with which this was found, if it is of its joint."""
+    widening_m2: Float[np.ndarray, "frame joint 3 3"] | None = None
+    """What was added to the covariance of joints that fewer than two cameras see."""
 
     @staticmethod
     def of_nobody(segment: Segment) -> Solution:
@@ -125,19 +129,25 @@ class Solution:
         no_lengths_m = np.full(segment.skeleton.n_lengths, np.nan)
         settled = Convergence(True, 0, 0.0, 0.0)
         evidence = segment.evidence
-        return Solution(positions_m, covariance_m2, no_lengths_m, settled, evidence.visibility, evidence.sigma_px)
+        shown = evidence.visibility, evidence.sigma_px
+        return Solution(positions_m, covariance_m2, no_lengths_m, settled, *shown, np.zeros_like(covariance_m2))
 
     @staticmethod
     def joined(parts: list[Solution]) -> Solution:
         """Of parts that follow each other."""
-        covariances_m2 = [part.covariance_m2 for part in parts if part.covariance_m2 is not None]
+
+        def joined(covariances_m2: list[np.ndarray | None]) -> np.ndarray | None:
+            known_m2 = [each for each in covariances_m2 if each is not None]
+            return np.concatenate(known_m2) if len(known_m2) == len(parts) else None
+
         return Solution(
             positions_m=np.concatenate([part.positions_m for part in parts]),
-            covariance_m2=np.concatenate(covariances_m2) if len(covariances_m2) == len(parts) else None,
+            covariance_m2=joined([part.covariance_m2 for part in parts]),
             lengths_m=_first_known([part.lengths_m for part in parts]),
             convergence=Convergence.worst([part.convergence for part in parts]),
             visibility=np.concatenate([part.visibility for part in parts]),
             sigma_px=np.concatenate([part.sigma_px for part in parts]),
+            widening_m2=joined([part.widening_m2 for part in parts]),
         )
 
     def frames(self, frames: slice) -> Solution:
@@ -148,6 +158,7 @@ class Solution:
             covariance_m2=None if self.covariance_m2 is None else self.covariance_m2[frames],
             visibility=self.visibility[frames],
             sigma_px=self.sigma_px[frames],
+            widening_m2=None if self.widening_m2 is None else self.widening_m2[frames],
         )
 
 
@@ -199,11 +210,12 @@ def _informed(
     positions_m, config = solution.positions_m, segment.config
     known = informed(evidence, positions_m, segment.rig, segment.skeleton, config, visibility)
     information = known.information(positions_m, segment.rig)
+    lengths_m = _first_known([solution.lengths_m, segment.lengths_m])
     return replace(
         segment,
-        evidence=known,
+        evidence=with_distances(known, positions_m, lengths_m, segment.rig, segment.skeleton),
         initial_m=np.where(np.isnan(positions_m), evidence.guess_m, positions_m),
-        lengths_m=_first_known([solution.lengths_m, segment.lengths_m]),
+        lengths_m=lengths_m,
         process_density=process_density(positions_m, evidence.time_s, information, config.motion),
     )
 
@@ -264,8 +276,9 @@ def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     if not segment.active.any():
         return solution
     covariance_m2 = covariance_of_errors_m2(segment, solution.positions_m)
-    factor = distrust_factor(segment.evidence.total_weight)
-    return replace(solution, covariance_m2=factor[..., None, None] * covariance_m2)
+    covariance_m2 = distrust_factor(segment.evidence.total_weight)[..., None, None] * covariance_m2
+    widened_m2 = widened(covariance_m2, segment.evidence, solution.positions_m, segment.rig, segment.skeleton)
+    return replace(solution, covariance_m2=widened_m2, widening_m2=widened_m2 - covariance_m2)
 
 
 def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
@@ -278,7 +291,8 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
     positions_m = np.where(active[..., None], solution.positions_m, np.nan)
     covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
     if covariance_m2 is not None:
-        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, recording.skeleton, config.swing)
+        swing = recording.skeleton, config.swing, solution.widening_m2
+        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, *swing)
         covariance_m2 = np.where(active[..., None, None], covariance_m2, np.nan)
     return Trajectory(
         skeleton=recording.skeleton,

@@ -19,9 +19,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import SwingConfig
+from fgpose.estimation.noise import surely_positive
 from fgpose.skeleton import Skeleton
 
 _TRUSTED_VIEWS = 1.5
+_ROUNDING = 1e-12  # of the largest variance of a joint; less would be negative or zero by rounding
 # Fitted to the newest pose on the tuning clips of the benchmark, clean and occluded.
 _CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 0.9, 25.0, 2.5
 
@@ -48,21 +50,52 @@ def distrust_factor_online(
     return _CAUTION_ONLINE * (1.0 + _DISTRUST_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
 
 
+def at_least(
+    covariance_m2: Float[np.ndarray, "*joints 3 3"], least_m2: Float[np.ndarray, "*joints 3 3"]
+) -> Float[np.ndarray, "*joints 3 3"]:
+    """The covariances widened in the directions in which another one is larger.
+
+    Args:
+        covariance_m2: positive definite; NaN where a joint is not estimated.
+        least_m2: the others; may be 0.
+    """
+    widened_m2, known = (
+        covariance_m2.copy(),
+        np.isfinite(covariance_m2).all(axis=(-1, -2)) & least_m2.any(axis=(-1, -2)),
+    )
+    variance_m2, own = np.linalg.eigh(surely_positive(covariance_m2[known]))
+    sigma_m = np.sqrt(np.maximum(variance_m2, _ROUNDING * variance_m2[..., -1:]))[..., None, :]
+    own, whitening = own * sigma_m, own / sigma_m
+    ratio, axes = np.linalg.eigh(whitening.swapaxes(-1, -2) @ least_m2[known] @ whitening)
+    axes = own @ axes
+    widened_m2[known] = np.einsum("jik,jk,jlk->jil", axes, np.maximum(ratio, 1.0), axes)
+    return widened_m2
+
+
 def with_swing(
     covariance_m2: Float[np.ndarray, "frame joint 3 3"],
     positions_m: Float[np.ndarray, "frame joint 3"],
     unseen_s: Float[np.ndarray, "frame joint"],
     skeleton: Skeleton,
     config: SwingConfig,
+    of_seen_m2: Float[np.ndarray, "frame joint 3 3"] | None = None,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """The covariance widened for the swing of every unseen joint and of those that hold it.
+
+    Args:
+        covariance_m2: of all joints.
+        positions_m: of all joints.
+        unseen_s: time to when any camera sees each joint.
+        skeleton: for the bones.
+        config: how far they swing.
+        of_seen_m2: by how much the covariance of seen joints was widened already; that of those that they hold is too.
 
     A bone of length L that has turned by an angle a has moved its end by L a across and L a^2 / 2 along itself.
     """
     if not (unseen_s > 0).any():
         return covariance_m2
     swing_m2 = np.zeros_like(covariance_m2)
-    for joint, holder in _holders(skeleton):
+    for joint, holder in holders(skeleton):
         bone_m = positions_m[:, joint] - positions_m[:, holder]
         length_m = np.linalg.norm(bone_m, axis=-1)
         direction = np.divide(bone_m, length_m[:, None], out=np.zeros_like(bone_m), where=length_m[:, None] > 0)
@@ -72,12 +105,15 @@ def with_swing(
         along_m2 = (length_m * angle**2 / 2) ** 2
         own_m2 = across_m2[:, None, None] * (np.eye(3) - along) + along_m2[:, None, None] * along
         swung = (unseen_s[:, joint] > 0)[:, None, None] & np.isfinite(own_m2)
-        swing_m2[:, joint] = np.where(swung, own_m2 + swing_m2[:, holder], 0.0)
+        of_holder_m2 = swing_m2[:, holder]
+        if of_seen_m2 is not None:
+            of_holder_m2 = of_holder_m2 + of_seen_m2[:, holder]
+        swing_m2[:, joint] = np.where(swung, own_m2 + of_holder_m2, 0.0)
     return covariance_m2 + swing_m2
 
 
 @lru_cache(maxsize=16)  # asked for at every update of the online estimator that has an unseen joint
-def _holders(skeleton: Skeleton) -> list[tuple[int, int]]:
+def holders(skeleton: Skeleton) -> list[tuple[int, int]]:
     """(joint, the joint that holds it), every holder before what it holds."""
     holder_of: dict[int, int] = {}
     for start, end in skeleton.bones:

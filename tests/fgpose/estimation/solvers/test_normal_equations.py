@@ -360,6 +360,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
         views_m=np.zeros((1, 0, 17, 3)),
         rays=np.zeros((1, 0, 17, 3)),
         depth_sigma_m=np.zeros((1, 0, 17)),
+        from_bones=np.zeros((1, 17), dtype=bool),
         delay_s=np.zeros((1, 2)),
         implausible=np.zeros(1, dtype=bool),
     )
