@@ -64,6 +64,7 @@ ESTIMATION_FLOORS = (
         "keys",
         "noise",
         "process_noise",
+        "rig_errors",
         "uncertainty",
         "variance_components",
         "weights",

@@ -97,17 +97,23 @@ class TellingDetections:
             residual, jacobian: in standard deviations of the detections as they are weighted.
             weights: of the detections, small where they were rejected.
         """
-        seen = np.asarray(jacobian.any(axis=(-2, -1)))
-        accepted = np.asarray(seen & (weights > _GOOD_WEIGHT))
+        seen, good = np.asarray(jacobian.any(axis=(-2, -1))), accepted(jacobian, weights)
         # As if a rejected one had the weight of others.
-        usual = float(weights[accepted].mean()) if accepted.any() else 1.0
-        scale = np.where(seen & ~accepted, np.sqrt(usual / np.where(seen, weights, 1.0)), 1.0)
+        usual = float(weights[good].mean()) if good.any() else 1.0
+        scale = np.where(seen & ~good, np.sqrt(usual / np.where(seen, weights, 1.0)), 1.0)
         residual, jacobian = scale[..., None] * residual, scale[..., None, None] * jacobian
-        rejected = np.where(seen & ~accepted, np.linalg.norm(np.where(seen[..., None], residual, 0.0), axis=-1), np.inf)
+        rejected = np.where(seen & ~good, np.linalg.norm(np.where(seen[..., None], residual, 0.0), axis=-1), np.inf)
         near, far = rejected < _MAY_BE_VISIBLE, rejected < _RING * _MAY_BE_VISIBLE
-        alone = Parity.of(residual, jacobian, accepted)
-        both = Parity.of(residual, jacobian, accepted | near) if near.any() else alone
+        alone = Parity.of(residual, jacobian, good)
+        both = Parity.of(residual, jacobian, good | near) if near.any() else alone
         return TellingDetections((alone, both), int(near.sum()), int(far.sum() - near.sum()))
+
+
+def accepted(
+    jacobian: Float[np.ndarray, "frame camera joint 2 3"], weights: Float[np.ndarray, "frame camera joint"]
+) -> Bool[np.ndarray, "frame camera joint"]:
+    """The detections that are probably of their joints; one that is not seen has a Jacobian of zero."""
+    return np.asarray(jacobian.any(axis=(-2, -1)) & (weights > _GOOD_WEIGHT))
 
 
 def share_of_visible(within: float, around: float) -> float:

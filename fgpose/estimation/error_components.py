@@ -16,8 +16,15 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.detection_errors import ErrorProducts, TellingDetections, lags_of, share_of_visible
+from fgpose.estimation.detection_errors import (
+    ErrorProducts,
+    TellingDetections,
+    accepted,
+    lags_of,
+    share_of_visible,
+)
 from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.rig_errors import MEMORY_S, CameraMoves
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
@@ -42,27 +49,66 @@ def covariance_of_errors_m2(
     linearized, step_s = NormalEquations(segment).linearized(positions_m), usual_step_s(segment.evidence.time_s)
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
-        components = _components(segment, linearized, step_s)
+        residual = _with_bias(segment, linearized)
+        components = _components(segment, linearized, residual, step_s)
         mixing, rng = _root(components.correlation), np.random.default_rng(0)
         deviations_m2 = np.stack([_simulated_m2(linearized, time_s, step_s, mixing, rng) for time_s in TIMES_S])
-    deviations_m2[-1] *= segment.evidence.bias_share[:, segment.joints]
+        of_cameras_m2 = _of_cameras_m2(segment, linearized, residual, positions_m, step_s)
+    bias_share = segment.evidence.bias_share[:, segment.joints]
+    deviations_m2[-1] *= bias_share
     of_graph_m2 = _averaged(np.nan_to_num(np.trace(covariance_m2[:, segment.joints], axis1=-2, axis2=-1)), step_s)
     of_bones_and_motion_m2 = np.maximum(of_graph_m2 - deviations_m2[0], 0.0)  # the graph takes all errors for white
     total_m2 = of_bones_and_motion_m2 + np.einsum("jk,ktj->tj", components.variances, deviations_m2)
     factor = np.divide(total_m2, of_graph_m2, out=np.ones_like(total_m2), where=of_graph_m2 > 0)
     covariance_m2[:, segment.joints] *= np.maximum(factor, _LEAST_FACTOR)[..., None, None]
+    covariance_m2[:, segment.joints] += bias_share[..., None, None] * of_cameras_m2
     return covariance_m2
 
 
-def _components(segment: Segment, linearized: Linearized, step_s: float) -> ErrorComponents:
-    """Of the errors of the detections, biases included."""
-    evidence, joints = segment.evidence, segment.joints
-    bias = np.nan_to_num(evidence.bias_px / evidence.detection_sigma_px[..., None])[:, :, joints]
-    telling = TellingDetections.of(linearized.residual - bias, linearized.jacobian, evidence.weights[:, :, joints])
+def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "frame camera slot 2"]:
+    """The residuals against the detections themselves."""
+    evidence = segment.evidence
+    bias = np.nan_to_num(evidence.bias_px / evidence.detection_sigma_px[..., None])
+    return linearized.residual - bias[:, :, segment.joints]
+
+
+def _components(
+    segment: Segment, linearized: Linearized, residual: Float[np.ndarray, "frame camera slot 2"], step_s: float
+) -> ErrorComponents:
+    """Of the errors of the detections, by these residuals."""
+    telling = TellingDetections.of(residual, linearized.jacobian, segment.evidence.weights[:, :, segment.joints])
     lags, spread = lags_of(segment.n_frames, step_s), spread_evenly(segment.n_frames, _CORRELATION_FRAMES)
-    accepted, all_of_them = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
-    found = accepted.mixed(all_of_them, share_of_visible(telling.within, telling.around))
+    of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
+    found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
     return ErrorComponents.of(found, lags * step_s, step_s)
+
+
+def _of_cameras_m2(
+    segment: Segment,
+    linearized: Linearized,
+    residual: Float[np.ndarray, "frame camera slot 2"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    step_s: float,
+) -> Float[np.ndarray, "frame slot 3 3"]:
+    """What is uncertain because a camera may not be where the rig has it, if that were not found by its bias. Stretches
+    overlap by half."""
+    jacobian, weights = linearized.jacobian, segment.evidence.weights[:, :, segment.joints]
+    moves = CameraMoves.of(residual, jacobian, accepted(jacobian, weights), positions_m[:, segment.joints], segment.rig)
+    half = max(int(MEMORY_S / 2 / step_s), 1)
+    starts = range(0, segment.n_frames, half)
+    without = residual.copy()
+    for start in starts:
+        frames = slice(start, start + half)
+        camera, move = moves.sums(slice(max(start - half, 0), start + half)).most_likely()
+        without[frames] -= moves.explained(camera, move, frames)
+    independent = _components(segment, linearized, without, step_s).independent(MEMORY_S, step_s)
+    found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
+    for start in starts:
+        frames = slice(start, start + half)
+        stretches = (slice(max(start - half, 0), start + half), slice(start, start + 2 * half))
+        moments = [moves.sums(stretch).moments(independent) for stretch in stretches]
+        found_m2[frames] = moves.covariance_m2(np.mean(moments, axis=0), frames)
+    return found_m2
 
 
 def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slot slot"]:

@@ -26,6 +26,7 @@ _FEWEST = 3  # joints that tell how much joints differ
 _LEAST_FREEDOM = 0.5
 # The t distribution with fewer has hardly a variance.
 _LEAST_TOTAL_FREEDOM = 4.0
+_MOST_FRAMES = 1000.0  # of one sum; frames may be nanoseconds apart
 _STEPS = 200  # of the integral over the squared correlation
 
 
@@ -66,6 +67,18 @@ class ErrorComponents:
         variances = total / (total - 2) * (share * own + (1 - share) * of_all)
         frames_as_one = products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12)
         return ErrorComponents(variances, _shrunk(products.correlation, products.others_dimensions / frames_as_one))
+
+
+    def independent(self, duration_s: float, step_s: float) -> float:
+        """How much of an independent measurement, in the variance of the graph, each detection is of what all joints
+        and all frames of so long have in common."""
+        of_all = self.variances.mean(axis=0)
+        after_s = step_s * np.arange(1, max(int(min(duration_s / step_s, _MOST_FRAMES)), 1))
+        weight = 1 - after_s / duration_s
+        lasting = [np.sum(weight * correlation_after(time_s, after_s)) for time_s in TIMES_S[1:]]
+        frames_as_one = 1 + 2 * float(of_all[1:] @ lasting) / max(float(of_all.sum()), 1e-12)
+        joints_as_one = max(float(self.correlation.sum()) / len(self.correlation), 1.0)
+        return 1 / (max(float(of_all.sum()), 1e-12) * frames_as_one * joints_as_one)
 
 
 def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float[np.ndarray, " lag"]:
