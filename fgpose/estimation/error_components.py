@@ -24,7 +24,7 @@ from fgpose.estimation.detection_errors import (
     share_of_visible,
 )
 from fgpose.estimation.noise import surely_positive
-from fgpose.estimation.rig_errors import MEMORY_S, CameraMoves
+from fgpose.estimation.rig_errors import MEMORY_S, CameraMoves, without_move
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
@@ -93,14 +93,15 @@ def _of_cameras_m2(
     """What is uncertain because a camera may not be where the rig has it, if that were not found by its bias. Stretches
     overlap by half."""
     jacobian, weights = linearized.jacobian, segment.evidence.weights[:, :, segment.joints]
-    moves = CameraMoves.of(residual, jacobian, accepted(jacobian, weights), positions_m[:, segment.joints], segment.rig)
+    positions_m = positions_m[:, segment.joints]
+    moves = CameraMoves.of(residual, jacobian, accepted(jacobian, weights), positions_m, segment.rig)
     half = max(int(MEMORY_S / 2 / step_s), 1)
     starts = range(0, segment.n_frames, half)
     without = residual.copy()
     for start in starts:
         frames = slice(start, start + half)
-        camera, move = moves.sums(slice(max(start - half, 0), start + half)).most_likely()
-        without[frames] -= moves.explained(camera, move, frames)
+        moved = moves.sums(slice(max(start - half, 0), start + half)).most_likely()
+        without[frames] = without_move(residual[frames], jacobian[frames], positions_m[frames], moved, segment.rig)
     independent = _components(segment, linearized, without, step_s).independent(MEMORY_S, step_s)
     found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
     for start in starts:

@@ -67,7 +67,7 @@ class Estimator:
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._graph = WindowGraph(self._lengths, self._density, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
-        self._errors = RunningErrors(skeleton.n_joints)
+        self._errors = RunningErrors(rig.n_cameras, skeleton.n_joints)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
@@ -380,4 +380,4 @@ class Estimator:
 
     def _covariance_m2(self, state: FrameState, linear_m2: np.ndarray, unseen_s: np.ndarray) -> np.ndarray:
         step_s = usual_step_s(np.array([state.at.time_s for state in self._window]))
-        return online_covariance_m2(state, linear_m2, unseen_s, step_s, self._errors.components, self._rig, self.config)
+        return online_covariance_m2(state, linear_m2, unseen_s, step_s, self._errors, self._rig, self.config)

@@ -16,11 +16,12 @@ CORRELATION_S = 0.15
 CORRELATED_FACTOR = 1.2
 """The graph takes errors of consecutive frames for independent. They are not: so much larger must they seem. (6 px
 where errors are 5 px gave the least mean error on the tuning clips of the benchmark.)"""
-# The rest of the information of the graph is that of bones and motion, whose errors are others. Fitted to the coverage on
-# the tuning clips of the benchmark, clean and occluded.
+# The rest of the information of the graph is that of bones and motion, whose errors are others. Fitted to the coverage
+# on the tuning clips of the benchmark, clean and occluded.
 _SHARE_OF_DETECTIONS = 0.5
-# So much of the variance of the graph is that of bones and motion: white errors of the variance that the graph takes for
-# them make the rest (fgpose.estimation.error_components, on all families of the benchmark 0.37 to 0.42).
+# So much of the variance of the graph is that of bones and motion: white errors of the variance that the graph takes
+# for them make the rest (simulated by fgpose.estimation.error_components in four families of the benchmark: 0.37 to
+# 0.42).
 _VARIANCE_OF_MOTION = 0.4
 # Keep the formula finite where a frame alone knows nothing, or after a pause; both are beyond any real recording.
 _MAX_FRAMES = 1e4

@@ -32,8 +32,6 @@ class CameraMoves:
 
     moved: Float[np.ndarray, "frame joint camera 3 6"]
     """By how much the joints follow."""
-    by_pose: Float[np.ndarray, "frame camera joint 2 6"]
-    """By how much the detections would be moved, in their standard deviations."""
     information: Float[np.ndarray, "frame camera 6 6"]
     """On the numbers, in parity space."""
     gradient: Float[np.ndarray, "frame camera 6"]
@@ -69,20 +67,12 @@ class CameraMoves:
         own = np.einsum("tcjin,tcjim->tcnm", by_pose, by_pose, optimize=True)
         shared = np.einsum("tjcan,tjcam->tcnm", on_joint, moved, optimize=True)
         return CameraMoves(
-            moved, by_pose, own + shared, np.einsum("tcjin,tcji->tcn", by_pose, residual - explained, optimize=True)
+            moved, own + shared, np.einsum("tcjin,tcji->tcn", by_pose, residual - explained, optimize=True)
         )
 
     def sums(self, frames: slice) -> MoveSums:
         """Over some of the frames."""
         return MoveSums(self.information[frames].sum(axis=0), self.gradient[frames].sum(axis=0))
-
-    def explained(
-        self, camera: int, move: Float[np.ndarray, " 6"], frames: slice
-    ) -> Float[np.ndarray, "frame camera joint 2"]:
-        """By how much the residuals of some of the frames are larger because a camera has moved."""
-        explained = np.zeros((*self.by_pose[frames].shape[:3], 2))
-        explained[:, camera] = -self.by_pose[frames, camera] @ move
-        return explained
 
     def covariance_m2(
         self, moments: Float[np.ndarray, "camera 6 6"], frames: slice
@@ -135,6 +125,21 @@ class MoveSums:
         most = max(float(odds.max()), 0.0)
         probability = np.exp(odds - most) / (np.exp(-most) + np.exp(odds - most).sum())
         return np.einsum("sc,scnm->cnm", probability, np.stack(moments))
+
+
+def without_move(
+    residual: Float[np.ndarray, "frame camera joint 2"],
+    jacobian: Float[np.ndarray, "frame camera joint 2 3"],
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    moved: tuple[int, Float[np.ndarray, " 6"]],
+    rig: CameraRig,
+) -> Float[np.ndarray, "frame camera joint 2"]:
+    """The residuals as they would be if this camera had not moved; see MoveSums.most_likely."""
+    camera, move = moved
+    without = residual.copy()
+    moved_m = _by_pose(rig.cameras[camera], np.nan_to_num(positions_m)) @ move
+    without[:, camera] += np.einsum("tjia,tja->tji", jacobian[:, camera], moved_m)
+    return without
 
 
 def _by_pose(camera: Camera, positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3 6"]:

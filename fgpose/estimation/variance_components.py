@@ -68,7 +68,6 @@ class ErrorComponents:
         frames_as_one = products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12)
         return ErrorComponents(variances, _shrunk(products.correlation, products.others_dimensions / frames_as_one))
 
-
     def independent(self, duration_s: float, step_s: float) -> float:
         """How much of an independent measurement, in the variance of the graph, each detection is of what all joints
         and all frames of so long have in common."""
