@@ -80,9 +80,9 @@ class TellingDetections:
 
     parities: tuple[Parity, Parity]
     """Of the accepted ones alone, and of all."""
-    within: int
+    within: float
     """Number of the rejected ones that are near."""
-    around: int
+    around: float
     """Of those in a ring around them, in whose place no visible joint is seen."""
 
     @staticmethod
@@ -106,7 +106,7 @@ class TellingDetections:
         near, far = rejected < _MAY_BE_VISIBLE, rejected < _RING * _MAY_BE_VISIBLE
         alone = Parity.of(residual, jacobian, good)
         both = Parity.of(residual, jacobian, good | near) if near.any() else alone
-        return TellingDetections((alone, both), int(near.sum()), int(far.sum() - near.sum()))
+        return TellingDetections((alone, both), float(near.sum()), float(far.sum() - near.sum()))
 
 
 def accepted(
@@ -119,7 +119,7 @@ def accepted(
 def share_of_visible(within: float, around: float) -> float:
     """Of the rejected detections that are near, how many are more than hallucinations would be, which are as dense in
     the ring around them."""
-    return max(1 - around / (_RING**2 - 1) / within, 0.0) if within else 0.0
+    return max(1.0 - around / (_RING**2 - 1) / within, 0.0) if within else 0.0
 
 
 @dataclass(frozen=True, eq=False)

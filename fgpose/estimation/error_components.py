@@ -24,7 +24,7 @@ from fgpose.estimation.detection_errors import (
     share_of_visible,
 )
 from fgpose.estimation.noise import surely_positive
-from fgpose.estimation.rig_errors import MEMORY_S, CameraMoves, without_move
+from fgpose.estimation.rig_errors import MEMORY_S, SURELY_M, CameraMoves, without_move
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
@@ -49,11 +49,10 @@ def covariance_of_errors_m2(
     linearized, step_s = NormalEquations(segment).linearized(positions_m), usual_step_s(segment.evidence.time_s)
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
-        residual = _with_bias(segment, linearized)
+        of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
         components = _components(segment, linearized, residual, step_s)
         mixing, rng = _root(components.correlation), np.random.default_rng(0)
         deviations_m2 = np.stack([_simulated_m2(linearized, time_s, step_s, mixing, rng) for time_s in TIMES_S])
-        of_cameras_m2 = _of_cameras_m2(segment, linearized, residual, positions_m, step_s)
     bias_share = segment.evidence.bias_share[:, segment.joints]
     deviations_m2[-1] *= bias_share
     of_graph_m2 = _averaged(np.nan_to_num(np.trace(covariance_m2[:, segment.joints], axis1=-2, axis2=-1)), step_s)
@@ -83,33 +82,29 @@ def _components(
     return ErrorComponents.of(found, lags * step_s, step_s)
 
 
-def _of_cameras_m2(
-    segment: Segment,
-    linearized: Linearized,
-    residual: Float[np.ndarray, "frame camera slot 2"],
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    step_s: float,
-) -> Float[np.ndarray, "frame slot 3 3"]:
-    """What is uncertain because a camera may not be where the rig has it, if that were not found by its bias. Stretches
-    overlap by half."""
-    jacobian, weights = linearized.jacobian, segment.evidence.weights[:, :, segment.joints]
-    positions_m = positions_m[:, segment.joints]
-    moves = CameraMoves.of(residual, jacobian, accepted(jacobian, weights), positions_m, segment.rig)
+def _of_cameras(
+    segment: Segment, linearized: Linearized, positions_m: Float[np.ndarray, "frame joint 3"], step_s: float
+) -> tuple[Float[np.ndarray, "frame slot 3 3"], Float[np.ndarray, "frame camera slot 2"]]:
+    """What is uncertain because a camera may not be where the rig has it, were that not found by its bias; and the
+    residuals without what a camera explains that has surely moved. Stretches overlap by half."""
+    jacobian, positions_m = linearized.jacobian, positions_m[:, segment.joints]
+    residual, good = _with_bias(segment, linearized), accepted(jacobian, segment.evidence.weights[:, :, segment.joints])
+    moves = CameraMoves.of(residual, jacobian, good, positions_m, segment.rig)
     half = max(int(MEMORY_S / 2 / step_s), 1)
-    starts = range(0, segment.n_frames, half)
+    parts = [slice(start, start + half) for start in range(0, segment.n_frames, half)]
+    around = [(slice(max(part.start - half, 0), part.stop), slice(part.start, part.stop + half)) for part in parts]
     without = residual.copy()
-    for start in starts:
-        frames = slice(start, start + half)
-        moved = moves.sums(slice(max(start - half, 0), start + half)).most_likely()
-        without[frames] = without_move(residual[frames], jacobian[frames], positions_m[frames], moved, segment.rig)
+    for part, (before, _) in zip(parts, around, strict=True):
+        moved = moves.sums(before).most_likely()
+        without[part] = without_move(residual[part], jacobian[part], positions_m[part], moved, segment.rig)
     independent = _components(segment, linearized, without, step_s).independent(MEMORY_S, step_s)
     found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
-    for start in starts:
-        frames = slice(start, start + half)
-        stretches = (slice(max(start - half, 0), start + half), slice(start, start + 2 * half))
-        moments = [moves.sums(stretch).moments(independent) for stretch in stretches]
-        found_m2[frames] = moves.covariance_m2(np.mean(moments, axis=0), frames)
-    return found_m2
+    for part, stretches in zip(parts, around, strict=True):
+        moments_m2 = np.mean([moves.sums(stretch).moments(independent) for stretch in stretches], axis=0)
+        found_m2[part] = moves.covariance_m2(moments_m2, part)
+        if np.trace(moments_m2, axis1=-2, axis2=-1).max() > SURELY_M**2:
+            residual[part] = without[part]
+    return found_m2, residual
 
 
 def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slot slot"]:

@@ -75,7 +75,7 @@ def with_correlated_errors(
     n_frames, step_s = np.maximum(n_frames, 1.0), min(step_s, _MAX_STEP_S)  # less than one frame cannot be averaged
     factor = np.full(n_frames.shape, _VARIANCE_OF_MOTION)
     for component, time_s in enumerate(times_s):
-        of_mean = n_frames * _mean_correlation(n_frames * step_s / time_s) if time_s > 0 else 1.0
+        of_mean = np.maximum(n_frames * _mean_correlation(n_frames * step_s / time_s), 1.0) if time_s > 0 else 1.0
         factor = factor + variances[..., component] * (of_mean - _VARIANCE_OF_MOTION)
     return covariance_m2 * np.maximum(factor, _LEAST_FACTOR)[..., None, None]
 

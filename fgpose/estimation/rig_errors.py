@@ -23,6 +23,8 @@ _MOVED_M, _PROBABILITY = (0.03, 0.1, 0.3), 0.01
 MEMORY_S = 5.0
 """A camera may be moved at any time: its pose is judged by the frames of so long. In less, people stand where the
 views contradict each other too little."""
+SURELY_M = 0.005
+"""A camera that has moved farther, over all hypotheses, has moved: calibrations are seldom worse."""
 _ROUNDING = 1e-9
 
 

@@ -23,7 +23,7 @@ from fgpose.skeleton import Skeleton
 
 _TRUSTED_VIEWS = 1.5
 # Fitted to the newest pose on the tuning clips of the benchmark, clean and occluded.
-_DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 5.0, 2.5
+_DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 15.0, 2.5
 
 
 def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:

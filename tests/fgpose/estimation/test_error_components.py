@@ -14,6 +14,7 @@ from fgpose.estimation.evidence import gather
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
+from fgpose.estimation.variance_components import correlation_after
 from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
@@ -82,7 +83,7 @@ def test_joints_deviate_as_the_detections_do(rig: fgpose.CameraRig, skeleton: fg
 
 @pytest.mark.parametrize("time_s", [0.0, 0.15, np.inf])
 def test_simulated_errors_have_the_correlation_of_their_component(time_s: float) -> None:
-    correlation = error_components._correlation(time_s, 0.05)
+    correlation = float(correlation_after(time_s, np.array([0.05]))[0])
     errors = error_components._samples((100, 4, 17), correlation, np.random.default_rng(0))
     lags = np.array([0, 1, 3, 10])
     found = [np.mean(errors[:, : 100 - lag] * errors[:, lag:]) for lag in lags]
