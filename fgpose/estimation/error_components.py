@@ -35,6 +35,7 @@ from fgpose.sampling import spread_evenly, usual_step_s
 # deviations to some 5 %.
 _SAMPLES, _AVERAGED_S = 8, 1.0
 _LEAST_FACTOR = 0.05  # what is left of a variance where nothing errs
+_LONGEST_STEP_S = 1e3  # beyond any recording; a single frame has no next one
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
 
@@ -46,7 +47,8 @@ def covariance_of_errors_m2(
     Raises:
         ValueError: a joint is not held by any factor.
     """
-    linearized, step_s = NormalEquations(segment).linearized(positions_m), usual_step_s(segment.evidence.time_s)
+    linearized = NormalEquations(segment).linearized(positions_m)
+    step_s = min(usual_step_s(segment.evidence.time_s), _LONGEST_STEP_S)
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
         of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
