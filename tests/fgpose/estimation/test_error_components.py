@@ -15,8 +15,6 @@ from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.estimation.variance_components import correlation_after
-from fgpose.estimation.variance_components import correlation_after
-from fgpose.estimation.variance_components import correlation_after
 from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
