@@ -31,8 +31,8 @@ def test_a_move_of_the_joint_is_in_no_parity_space() -> None:
     known = np.ones(SHAPE, dtype=bool)
     known[:, 3, 0] = False
     moved = errors + np.einsum("tcjia,tja->tcji", jacobian, rng.standard_normal((FRAMES, 6, 3)))
-    residuals = [Parity.of(e, jacobian, known).residual for e in (errors, moved)]
-    np.testing.assert_allclose(*residuals, atol=1e-6)  # the information is regularised by 1e-9 of its trace
+    before, after = (Parity.of(e, jacobian, known).residual for e in (errors, moved))
+    np.testing.assert_allclose(before, after, atol=1e-6)  # the information is regularised by 1e-9 of its trace
 
 
 def test_the_variances_and_times_of_errors_are_found() -> None:
