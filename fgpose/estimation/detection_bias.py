@@ -45,12 +45,13 @@ class Bias(NamedTuple):
 
     bias_m: Float[np.ndarray, "camera joint 2"]
     """Along the axes of the image, in metres at the joint; 0 where nothing is known of it."""
-    common_m2: Float[np.ndarray, "joint 3 3"]
-    """Covariance of d: biases that all cameras have in common are errors of the joint. 0 where nothing is known."""
+    common_share: Float[np.ndarray, " joint"]
+    """Variance of d, which is what biases do to the joint, in that which it would have if all cameras were as bad as
+    they are on average: of one bad camera the others know. 1 where nothing is known."""
 
     @staticmethod
     def none(n_cameras: int, n_joints: int) -> Bias:
-        return Bias(np.zeros((n_cameras, n_joints, 2)), np.zeros((n_joints, 3, 3)))
+        return Bias(np.zeros((n_cameras, n_joints, 2)), np.ones(n_joints))
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +127,12 @@ class ResidualSums:
             of_all_m2 = np.exp(np.average(np.log(own_m2), weights=determined))
             usual_m2 = shrunk(of_all_m2, determined.sum(), USUAL_M**2, _PRIOR_BIASES)
             variance_m2 = shrunk(own_m2, determined, usual_m2, _PRIOR_BIASES)
-        common_m2, _ = _of_moves(np.where(enough, 1 / variance_m2[:, None], 0.0), jacobian)
+        of_known_m2, of_mean_m2 = (
+            np.trace(_of_moves(np.where(enough, 1 / of_camera_m2[:, None], 0.0), jacobian)[0], axis1=-2, axis2=-1)
+            for of_camera_m2 in (variance_m2, np.full_like(variance_m2, variance_m2.mean()))
+        )
         several = enough.sum(axis=0) >= 2
-        return Bias(bias_m, np.where(several[:, None, None], common_m2, 0.0))
+        return Bias(bias_m, np.where(several, np.minimum(of_known_m2 / of_mean_m2, 1.0), 1.0))
 
 
 def _of_moves(

@@ -1,12 +1,12 @@
-"""The errors of a recording's detections as a sum of components, and what each of them does to the joints.
+"""What the errors of a recording's detections do to the joints.
 
-Pose networks have all of these: white noise; errors that are correlated for some time (first-order Gauss-Markov
-processes); and a constant for each joint in each camera, which no number of frames averages out. How large each is
-cannot be read from the residuals. The pose follows the detections, slow errors the most, and with two cameras little of
-those is left in the residuals. So each component is simulated with variance 1, and the joints deviate as the linearised
-problem says. Then the variances are those with which the simulated residuals have the autocovariance of the real ones
-(non-negative least squares: a method of moments for variance components). And the covariance of the joints is that of
-their simulated deviations with these variances, plus what bones and motion leave uncertain.
+Pose networks have white noise, errors that are correlated for some time, and a constant for each joint in each camera
+(fgpose.estimation.variance_components). How large each is cannot be read from the residuals of the graph: the pose
+follows the detections, slow errors the most, and detections that do not agree with it were rejected. So it is taken
+from what the views of each frame contradict each other by (fgpose.estimation.detection_errors), with the detections
+that were rejected although a visible joint might have given them. Then each component is simulated, with the
+correlation between joints that was found, and the joints deviate as the linearised problem says. The covariance of the
+joints is that of their simulated deviations, plus what bones and motion leave uncertain.
 """
 
 from __future__ import annotations
@@ -14,31 +14,29 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float
 
-from fgpose.estimation.noise import (
-    CORRELATED_FACTOR,
-    CORRELATION_S,
-    ErrorCorrelation,
-    correlated_frames,
-    surely_positive,
+from fgpose.estimation.detection_errors import (
+    ErrorProducts,
+    TellingDetections,
+    accepted,
+    lags_of,
+    share_of_visible,
 )
+from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.rig_errors import MEMORY_S, SURELY_M, CameraMoves, without_move
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
-from fgpose.sampling import usual_step_s
+from fgpose.estimation.variance_components import TIMES_S, ErrorComponents, correlation_after
+from fgpose.sampling import spread_evenly, usual_step_s
 
-# Correlation times of the components, from white to constant. Others in between look like two of them.
-_TIMES_S = (0.0, 0.05, CORRELATION_S, 0.5, np.inf)
 # Deviations are averaged over the axes of a joint and over so much time as well. Then so few samples give standard
 # deviations to some 5 %.
 _SAMPLES, _AVERAGED_S = 8, 1.0
-# The autocovariance is taken up to this lag, at so many of them.
-_LONGEST_LAG_S, _MOST_LAGS = 1.0, 12
-_GOOD_WEIGHT = 0.3  # detections with less are left out: hallucinations have correlations of their own
-# So many pairs of detections, counted as independent, outweigh what is usual. One camera and one joint give 7 a second.
-_PRIOR_PAIRS = 10.0
 _LEAST_FACTOR = 0.05  # what is left of a variance where nothing errs
+_LONGEST_STEP_S = 1e3  # beyond any recording; a single frame has no next one
+_CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
 
 def covariance_of_errors_m2(
@@ -49,60 +47,88 @@ def covariance_of_errors_m2(
     Raises:
         ValueError: a joint is not held by any factor.
     """
-    linearized, step_s = NormalEquations(segment).linearized(positions_m), usual_step_s(segment.evidence.time_s)
+    linearized = NormalEquations(segment).linearized(positions_m)
+    step_s = min(usual_step_s(segment.evidence.time_s), _LONGEST_STEP_S)
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
-        known = _known(segment, linearized)
-        lags = _lags(segment.n_frames, step_s)
-        rng, residuals, deviations_m2 = np.random.default_rng(0), [], []
-        for time_s in _TIMES_S:
-            residual, deviation_m2 = _simulated(linearized, known, lags, _correlation(time_s, step_s), rng)
-            residuals.append(residual)
-            deviations_m2.append(_averaged(deviation_m2, step_s))
-    real, pairs = _autocovariance(linearized.residual, known, lags)
-    independent = pairs / correlated_frames(step_s, CORRELATION_S)
-    variances = _variances(np.stack(residuals, axis=1), real, independent)
+        of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
+        components = _components(segment, linearized, residual, step_s)
+        mixing, rng = _root(components.correlation), np.random.default_rng(0)
+        deviations_m2 = np.stack([_simulated_m2(linearized, time_s, step_s, mixing, rng) for time_s in TIMES_S])
+    bias_share = segment.evidence.bias_share[:, segment.joints]
+    deviations_m2[-1] *= bias_share
     of_graph_m2 = _averaged(np.nan_to_num(np.trace(covariance_m2[:, segment.joints], axis1=-2, axis2=-1)), step_s)
     of_bones_and_motion_m2 = np.maximum(of_graph_m2 - deviations_m2[0], 0.0)  # the graph takes all errors for white
-    total_m2 = of_bones_and_motion_m2 + np.tensordot(variances, np.stack(deviations_m2), axes=1)
+    total_m2 = of_bones_and_motion_m2 + np.einsum("jk,ktj->tj", components.variances, deviations_m2)
     factor = np.divide(total_m2, of_graph_m2, out=np.ones_like(total_m2), where=of_graph_m2 > 0)
     covariance_m2[:, segment.joints] *= np.maximum(factor, _LEAST_FACTOR)[..., None, None]
-    return covariance_m2 + segment.evidence.common_bias_m2
+    covariance_m2[:, segment.joints] += bias_share[..., None, None] * of_cameras_m2
+    return covariance_m2
 
 
-def _known(segment: Segment, linearized: Linearized) -> Bool[np.ndarray, "frame camera slot"]:
-    """Detections that are probably of their joints."""
-    weights = segment.evidence.weights[:, :, segment.joints]
-    return np.asarray(linearized.jacobian.any(axis=(-2, -1)) & (weights > _GOOD_WEIGHT))
+def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "frame camera slot 2"]:
+    """The residuals against the detections themselves."""
+    evidence = segment.evidence
+    bias = np.nan_to_num(evidence.bias_px / evidence.detection_sigma_px[..., None])
+    return linearized.residual - bias[:, :, segment.joints]
 
 
-def _lags(n_frames: int, step_s: float) -> Int[np.ndarray, " lag"]:
-    """In frames; the first is none."""
-    longest = min(int(_LONGEST_LAG_S / step_s), n_frames - 1)
-    return np.unique([0, *np.geomspace(1, max(longest, 1), _MOST_LAGS).astype(int)]) if longest else np.zeros(1, int)
+def _components(
+    segment: Segment, linearized: Linearized, residual: Float[np.ndarray, "frame camera slot 2"], step_s: float
+) -> ErrorComponents:
+    """Of the errors of the detections, by these residuals."""
+    telling = TellingDetections.of(residual, linearized.jacobian, segment.evidence.weights[:, :, segment.joints])
+    lags, spread = lags_of(segment.n_frames, step_s), spread_evenly(segment.n_frames, _CORRELATION_FRAMES)
+    of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
+    found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
+    return ErrorComponents.of(found, lags * step_s, step_s)
 
 
-def _correlation(time_s: float, step_s: float) -> float:
-    """Of errors of consecutive frames."""
-    return 1.0 if np.isinf(time_s) else float(np.exp(-step_s / max(time_s, 1e-9)))
+def _of_cameras(
+    segment: Segment, linearized: Linearized, positions_m: Float[np.ndarray, "frame joint 3"], step_s: float
+) -> tuple[Float[np.ndarray, "frame slot 3 3"], Float[np.ndarray, "frame camera slot 2"]]:
+    """What is uncertain because a camera may not be where the rig has it, were that not found by its bias; and the
+    residuals without what a camera explains that has surely moved. Stretches overlap by half."""
+    jacobian, positions_m = linearized.jacobian, positions_m[:, segment.joints]
+    residual, good = _with_bias(segment, linearized), accepted(jacobian, segment.evidence.weights[:, :, segment.joints])
+    moves = CameraMoves.of(residual, jacobian, good, positions_m, segment.rig)
+    half = max(int(MEMORY_S / 2 / step_s), 1)
+    parts = [slice(start, start + half) for start in range(0, segment.n_frames, half)]
+    around = [(slice(max(part.start - half, 0), part.stop), slice(part.start, part.stop + half)) for part in parts]
+    without = residual.copy()
+    for part, (before, _) in zip(parts, around, strict=True):
+        moved = moves.sums(before).most_likely()
+        without[part] = without_move(residual[part], jacobian[part], positions_m[part], moved, segment.rig)
+    independent = _components(segment, linearized, without, step_s).independent(MEMORY_S, step_s)
+    found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
+    for part, stretches in zip(parts, around, strict=True):
+        moments_m2 = np.mean([moves.sums(stretch).moments(independent) for stretch in stretches], axis=0)
+        found_m2[part] = moves.covariance_m2(moments_m2, part)
+        if np.trace(moments_m2, axis1=-2, axis2=-1).max() > SURELY_M**2:
+            residual[part] = without[part]
+    return found_m2, residual
 
 
-def _simulated(
+def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slot slot"]:
+    values, vectors = np.linalg.eigh(correlation)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _simulated_m2(
     linearized: Linearized,
-    known: Bool[np.ndarray, "frame camera slot"],
-    lags: Int[np.ndarray, " lag"],
-    correlation: float,
+    time_s: float,
+    step_s: float,
+    mixing: Float[np.ndarray, "slot slot"],
     rng: np.random.Generator,
-) -> tuple[Float[np.ndarray, " lag"], Float[np.ndarray, "frame slot"]]:
-    """Autocovariance of the residuals, and variance of the joints (sum over the axes), of errors of variance 1."""
-    residual, deviation_m2 = np.zeros(len(lags)), np.zeros((len(known), known.shape[-1]))
-    samples = _samples(known.shape, correlation, rng)
+) -> Float[np.ndarray, "frame slot"]:
+    """Variance of the joints (sum over the axes) from errors of variance 1 that are correlated over this time, and
+    between joints by the product of the mixing matrix with its transpose."""
+    correlation = float(correlation_after(time_s, np.array([step_s]))[0])
+    samples = _samples(linearized.weight.shape, correlation, rng)
+    deviation_m2 = np.zeros((len(linearized.weight), len(mixing)))
     for errors in samples:
-        deviation_m = linearized.deviation_m(errors)
-        left = errors - np.einsum("tcjia,tja->tcji", linearized.jacobian, deviation_m)
-        residual += _autocovariance(left, known, lags)[0] / len(samples)
-        deviation_m2 += np.sum(deviation_m**2, axis=-1) / len(samples)
-    return residual, deviation_m2
+        deviation_m2 += np.sum(linearized.deviation_m(mixing @ errors) ** 2, axis=-1) / len(samples)
+    return _averaged(deviation_m2, step_s)
 
 
 def _samples(
@@ -123,32 +149,6 @@ def _samples(
     for earlier, later in itertools.pairwise(errors):
         later += correlation * earlier
     return np.broadcast_to(errors.transpose(2, 0, 3, 1, 4), (_SAMPLES, *shape, 2))
-
-
-def _autocovariance(
-    residuals: Float[np.ndarray, "frame camera slot 2"],
-    known: Bool[np.ndarray, "frame camera slot"],
-    lags: Int[np.ndarray, " lag"],
-) -> tuple[Float[np.ndarray, " lag"], Float[np.ndarray, " lag"]]:
-    """Per axis of the image, and of how many pairs of detections."""
-    residuals, n_frames = np.where(known[..., None], residuals, 0.0), len(residuals)
-    products = [np.sum(residuals[: n_frames - lag] * residuals[lag:]) for lag in lags.tolist()]
-    pairs = np.array([np.sum(known[: n_frames - lag] & known[lag:]) for lag in lags.tolist()], dtype=float)
-    return np.array(products) / np.maximum(2 * pairs, 1.0), pairs
-
-
-def _variances(
-    simulated: Float[np.ndarray, "lag component"], real: Float[np.ndarray, " lag"], pairs: Float[np.ndarray, " lag"]
-) -> Float[np.ndarray, " component"]:
-    """Of the components, in those of the graph."""
-    from scipy.optimize import nnls
-
-    usual = ErrorCorrelation()
-    shares = {0.0: 1 - usual.share, usual.time_s: usual.share}
-    prior = np.array([shares.get(time_s, 0.0) for time_s in _TIMES_S]) / CORRELATED_FACTOR**2
-    weight = np.sqrt(pairs)[:, None]
-    rows = np.concatenate([weight * simulated, np.sqrt(_PRIOR_PAIRS) * np.eye(len(prior))])
-    return nnls(rows, np.append(weight[:, 0] * real, np.sqrt(_PRIOR_PAIRS) * prior))[0]
 
 
 def _averaged(values: Float[np.ndarray, "frame slot"], step_s: float) -> Float[np.ndarray, "frame slot"]:

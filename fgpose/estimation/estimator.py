@@ -20,6 +20,7 @@ from fgpose.estimation.frame_state import FrameState, LastSeen
 from fgpose.estimation.images import corrected, fits_better
 from fgpose.estimation.online_covariance import online_covariance_m2
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
+from fgpose.estimation.running_errors import RunningErrors
 from fgpose.estimation.segment import FrameTime
 from fgpose.estimation.sole_views import RunningSoleViews
 from fgpose.estimation.visibility import RunningVisibility
@@ -73,6 +74,7 @@ class Estimator:
         self._graph = WindowGraph(self._lengths, self._density, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._sole_views = RunningSoleViews(skeleton)
+        self._errors = RunningErrors(rig.n_cameras, skeleton.n_joints)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
@@ -379,6 +381,8 @@ class Estimator:
             self._graph.drop_oldest()
             oldest = self._graph.read(self._window[0])
             self._visibility.marginalise(oldest.unjudged, oldest.positions_m, oldest.velocities_mps, self._rig)
+            if self.config.online.covariance:
+                self._errors.add(oldest.evidence, oldest.positions_m, oldest.step_s, self._rig)
             if is_adaptive(self.config.motion):
                 velocities_mps = np.where(oldest.active[:, None], oldest.velocities_mps, np.nan)
                 information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
@@ -425,4 +429,4 @@ class Estimator:
 
     def _covariance_m2(self, state: FrameState, linear_m2: np.ndarray, unseen_s: np.ndarray) -> np.ndarray:
         step_s = usual_step_s(np.array([state.at.time_s for state in self._window]))
-        return online_covariance_m2(state, linear_m2, unseen_s, step_s, self._rig, self.config)
+        return online_covariance_m2(state, linear_m2, unseen_s, step_s, self._errors, self._rig, self.config)

@@ -52,8 +52,8 @@ class Evidence:
     """Detections, less what is known of their errors: that of the time of their image, and their bias."""
     bias_px: Float[np.ndarray, "frame camera joint 2"]
     """Bias that was taken from undistorted_px; see fgpose.estimation.detection_bias."""
-    common_bias_m2: Float[np.ndarray, "frame joint 3 3"]
-    """Covariance of the error of each joint that comes from bias that all cameras have in common, after that."""
+    bias_share: Float[np.ndarray, "frame joint"]
+    """How much of the constant errors of all cameras is left in each joint after that; see Bias.common_share."""
     weights: Float[np.ndarray, "frame camera joint"]
     """Weight in (0, 1] of each detection; see fgpose.estimation.weights and visibility."""
     sigma_px: Float[np.ndarray, "frame camera joint"]
@@ -191,7 +191,7 @@ class Evidence:
             self,
             undistorted_px=self.measured_px - bias_px,
             bias_px=bias_px,
-            common_bias_m2=np.broadcast_to(bias.common_m2, (*self.common_bias_m2.shape[:1], *bias.common_m2.shape)),
+            bias_share=np.broadcast_to(bias.common_share, self.bias_share.shape),
         )
 
     def with_distances(
@@ -370,7 +370,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
         bias_px=np.zeros_like(undistorted_px),
-        common_bias_m2=np.zeros((*triangulated_m.shape, 3)),
+        bias_share=np.ones(triangulated_m.shape[:2]),
         weights=detection_weights(fusion, observations.confidence, config.projection),
         sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
         visibility=np.ones(observations.confidence.shape),

@@ -5,6 +5,7 @@ Used wherever errors are counted: covariances, bone lengths, time offsets, the d
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,25 +19,27 @@ where errors are 5 px gave the least mean error on the tuning clips of the bench
 # The rest of the information of the graph is that of bones and motion, whose errors are others. Fitted to the coverage
 # on the tuning clips of the benchmark, clean and occluded.
 _SHARE_OF_DETECTIONS = 0.5
+# So much of the variance of the graph is that of bones and motion: white errors of the variance that the graph takes
+# for them make the rest (simulated by fgpose.estimation.error_components in four families of the benchmark: 0.37 to
+# 0.42).
+_VARIANCE_OF_MOTION = 0.4
 # Keep the formula finite where a frame alone knows nothing, or after a pause; both are beyond any real recording.
 _MAX_FRAMES = 1e4
 _MAX_STEP_S = 1e3
 # Of the total variance of a joint. A point next to a camera is known to micrometres in two directions and to a metre in
 # the third; rounding errors would make the least variance negative.
 _ROUNDING = 1e-12
+_LEAST_FACTOR = 0.05  # what is left of a variance where nothing errs
 _SHORT = 1e-4  # there both forms of the mean correlation are good to 1e-7
 
 
 @dataclass(frozen=True)
 class ErrorCorrelation:
-    """Errors of detections as white noise, a first-order Gauss-Markov process, and a constant for each joint in each
-    camera."""
+    """Errors of detections as white noise and a first-order Gauss-Markov process."""
 
     share: float = 0.64
     """Of the variance that is correlated as exp(-t / time_s); by default as measured on a network (4 of 5 px)."""
     time_s: float = CORRELATION_S
-    constant_share: float = 0.0
-    """Of the variance that is constant."""
 
 
 def correlated_frames(
@@ -50,28 +53,31 @@ def with_correlated_errors(
     covariance_m2: Float[np.ndarray, "*joints 3 3"],
     frame_information: Float[np.ndarray, "*joints 3 3"],
     step_s: float,
-    errors: ErrorCorrelation,
+    variances: Float[np.ndarray, "*joints component"],
+    times_s: Sequence[float],
 ) -> Float[np.ndarray, "*joints 3 3"]:
     """The covariance of the graph, scaled to what it would be with correlated errors.
 
-    The mean of n frames, h apart, of which a share s of the variance is correlated as exp(-t / tau) and a share b is
-    constant, has the variance (1 - s - b + s n g(n h / tau) + b n) / n instead of 1 / n, with
-    g(u) = 2 (u - 1 + exp(-u)) / u^2.
+    The mean of n frames, h apart, of errors of variance 1 that are correlated as exp(-t / tau) has the variance
+    g(n h / tau) instead of 1 / n, with g(u) = 2 (u - 1 + exp(-u)) / u^2.
 
     Args:
         covariance_m2: of the graph, in which errors are independent.
         frame_information: of the detections of each frame alone, 1/m^2.
         step_s: time from frame to frame.
-        errors: how they are correlated.
+        variances: of the components of the errors, in those of the graph.
+        times_s: over which each component is correlated; 0: white noise, inf: constant.
     """
     covariance_m2 = surely_positive(covariance_m2)
     information = np.trace(np.linalg.inv(covariance_m2), axis1=-2, axis2=-1)
     alone = np.trace(frame_information, axis1=-2, axis2=-1)
     n_frames = _SHARE_OF_DETECTIONS * information / np.maximum(alone, information / _MAX_FRAMES)
-    step_s = min(step_s, _MAX_STEP_S)
-    correlated = errors.share * _mean_correlation(n_frames * step_s / errors.time_s) + errors.constant_share
-    factor = 1 - errors.share - errors.constant_share + n_frames * correlated
-    return covariance_m2 * np.maximum(factor, 1.0)[..., None, None]  # less than one frame cannot be averaged
+    n_frames, step_s = np.maximum(n_frames, 1.0), min(step_s, _MAX_STEP_S)  # less than one frame cannot be averaged
+    factor = np.full(n_frames.shape, _VARIANCE_OF_MOTION)
+    for component, time_s in enumerate(times_s):
+        of_mean = np.maximum(n_frames * _mean_correlation(n_frames * step_s / time_s), 1.0) if time_s > 0 else 1.0
+        factor = factor + variances[..., component] * (of_mean - _VARIANCE_OF_MOTION)
+    return covariance_m2 * np.maximum(factor, _LEAST_FACTOR)[..., None, None]
 
 
 def shrunk(

@@ -12,8 +12,10 @@ from fgpose.config import Config
 from fgpose.estimation.factors.projection import detection_information
 from fgpose.estimation.few_view_errors import widened
 from fgpose.estimation.frame_state import FrameState
-from fgpose.estimation.noise import ErrorCorrelation, with_correlated_errors
+from fgpose.estimation.noise import with_correlated_errors
+from fgpose.estimation.running_errors import RunningErrors
 from fgpose.estimation.uncertainty import distrust_factor_online, with_swing
+from fgpose.estimation.variance_components import TIMES_S
 from fgpose.geometry.camera import CameraRig
 
 
@@ -22,6 +24,7 @@ def online_covariance_m2(
     linear_m2: Float[np.ndarray, "active_joint 3 3"],
     unseen_s: Float[np.ndarray, " joint"],
     step_s: float,
+    errors: RunningErrors,
     rig: CameraRig,
     config: Config,
 ) -> Float[np.ndarray, "joint 3 3"]:
@@ -34,17 +37,20 @@ def online_covariance_m2(
         linear_m2: marginal covariances in the graph.
         unseen_s: time to when any camera sees each joint.
         step_s: usual time from frame to frame.
+        errors: of the detections and of the cameras, as learned so far.
         rig: the cameras.
         config: all parameters.
     """
     skeleton = state.observations.skeleton
     covariance_m2 = np.full((skeleton.n_joints, 3, 3), np.nan)
     if state.joints:
-        correlated_m2 = with_correlated_errors(
-            linear_m2, _frame_information(state, rig, config), step_s, ErrorCorrelation()
-        )
+        variances = errors.components.variances[state.joints].copy()
+        variances[:, -1] *= state.evidence.bias_share[0, state.joints]
+        information = _frame_information(state, rig, config)
+        correlated_m2 = with_correlated_errors(linear_m2, information, step_s, variances, TIMES_S)
         factor = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
+        covariance_m2 += errors.of_cameras_m2(state.evidence, state.positions_m, rig)
     covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
     widened_m2 = widened(covariance_m2, state.evidence, positions_m, rig, skeleton)
     swing = unseen_s[None], skeleton, config.swing, widened_m2 - covariance_m2

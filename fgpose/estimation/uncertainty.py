@@ -25,7 +25,7 @@ from fgpose.skeleton import Skeleton
 _TRUSTED_VIEWS = 1.5
 _ROUNDING = 1e-12  # of the largest variance of a joint; less would be negative or zero by rounding
 # Fitted to the newest pose on the tuning clips of the benchmark, clean and occluded.
-_CAUTION_ONLINE, _DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 0.9, 25.0, 2.5
+_DISTRUST_ONLINE, _TRUSTED_VIEWS_ONLINE = 15.0, 2.5
 
 
 def distrust_factor(trust: Float[np.ndarray, "*joints"]) -> Float[np.ndarray, "*joints"]:
@@ -47,7 +47,7 @@ def distrust_factor_online(
         weight: of all its detections; the factor grows with the share of it that is not in trust.
     """
     enough = np.maximum(np.minimum(weight, _TRUSTED_VIEWS_ONLINE), 1e-9)
-    return _CAUTION_ONLINE * (1.0 + _DISTRUST_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2)
+    return 1.0 + _DISTRUST_ONLINE * np.clip(1.0 - trust / enough, 0.0, 1.0) ** 2
 
 
 def at_least(

@@ -96,24 +96,20 @@ def test_nothing_is_known_of_one_camera_or_of_none(rig: CameraRig, skeleton: Ske
     nothing = ResidualSums.none(4, 17).bias(SPREAD_M)
     np.testing.assert_array_equal(nothing.bias_m, 0.0)
     for bias in (alone.bias(SPREAD_M), nothing):
-        np.testing.assert_array_equal(bias.common_m2, 0.0)
+        np.testing.assert_array_equal(bias.common_share, 1.0)
 
 
 def test_what_all_cameras_have_in_common_stays_unknown(rig: CameraRig, skeleton: Skeleton) -> None:
-    """Over 200 draws of biases, the covariance holds as many moves of the joints as it should."""
-    positions_m, rng, known = walking(1, FPS, skeleton), np.random.default_rng(0), []
-    step_m = 1e-6
-    moved_px = np.stack([rig.project(positions_m + step) - rig.project(positions_m) for step in step_m * np.eye(3)], -1)
-    jacobian = moved_px[0] / rig.px_per_m(positions_m)[0][..., None, None] / step_m
-    for _ in range(200):
-        bias_m = 0.02 * rng.normal(size=(4, 17, 2))
-        bias = sums_of(bias_m, positions_m, rig, count=1e6).bias(SPREAD_M)
-        # Joints follow what is left of the detections, whatever the weights: nothing of it contradicts.
-        left_m = (bias_m - bias.bias_m).swapaxes(0, 1).reshape(17, 8)
-        stacked = jacobian.swapaxes(0, 1).reshape(17, 8, 3)
-        off_m = np.stack([np.linalg.lstsq(a, b, rcond=None)[0] for a, b in zip(stacked, left_m, strict=True)])
-        known.append(np.einsum("ja,jab,jb->j", off_m, np.linalg.inv(bias.common_m2), off_m))
-    assert np.mean(known) == pytest.approx(3.0, rel=0.3)  # as chi-square; variances come from 17 joints: 3.7
+    """Of equally bad cameras all of it is left in the joints; of one bad camera the others know it."""
+    positions_m, rng = walking(1, FPS, skeleton), np.random.default_rng(0)
+    bias_m = 0.02 * rng.normal(size=(4, 17, 2))
+    alike = sums_of(bias_m, positions_m, rig, count=1e6).bias(SPREAD_M)
+    # The variances of the cameras come from some 20 numbers each, so they differ by chance: by 30 %.
+    assert np.all(alike.common_share > 0.8)
+    one_bad_m = np.where(np.arange(4)[:, None, None] == 1, 0.06, 0.003) * rng.normal(size=(4, 17, 2))
+    one_bad = sums_of(one_bad_m, positions_m, rig, count=1e6).bias(SPREAD_M)
+    # Three good cameras leave a few times their own variance, which is 0.01 of the mean one.
+    assert np.all(one_bad.common_share < 0.1)
 
 
 def test_an_error_of_timing_tells_little_of_a_bias(rig: CameraRig, skeleton: Skeleton) -> None:

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
-from fgpose.estimation.noise import ErrorCorrelation, with_correlated_errors
+from fgpose.estimation.noise import with_correlated_errors
 from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_swing
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
@@ -17,10 +17,23 @@ from fgpose.synthetic import Scene
 FRAME_M2 = np.diag([1.0, 4.0, 2.0]) * 1e-4
 
 
-def of_mean_m2(n_frames: int, step_s: float, errors: ErrorCorrelation | None = None) -> np.ndarray:
+USUAL = {0.0: 0.36, 0.15: 0.64}
+"""Variances of the components of errors, in that of the graph, by the time over which they are correlated."""
+
+
+USUAL = {0.0: 0.36, 0.15: 0.64}
+"""Variances of the components of errors, in that of the graph, by the time over which they are correlated."""
+
+
+USUAL = {0.0: 0.36, 0.15: 0.64}
+"""Variances of the components of errors, in that of the graph, by the time over which they are correlated."""
+
+
+def of_mean_m2(n_frames: int, step_s: float, variances: dict[float, float] | None = None) -> np.ndarray:
     """Covariance of the mean of so many equal frames; in the graph it is that of a frame by their number."""
-    in_graph_m2, errors = FRAME_M2 / n_frames, errors or ErrorCorrelation()
-    scaled_m2 = with_correlated_errors(in_graph_m2[None], np.linalg.inv(FRAME_M2)[None], step_s, errors)[0]
+    in_graph_m2, variances = FRAME_M2 / n_frames, variances or USUAL
+    components = np.array([list(variances.values())]), tuple(variances)
+    scaled_m2 = with_correlated_errors(in_graph_m2[None], np.linalg.inv(FRAME_M2)[None], step_s, *components)[0]
     factor = np.trace(scaled_m2) / np.trace(in_graph_m2)
     np.testing.assert_allclose(scaled_m2, factor * in_graph_m2, rtol=1e-10, atol=1e-18)  # the ellipsoid's shape
     return scaled_m2
@@ -39,17 +52,22 @@ def test_a_constant_error_is_not_averaged_out(step_s: float) -> None:
 
 
 @pytest.mark.parametrize(
-    "errors", [ErrorCorrelation(), ErrorCorrelation(0.3, 0.4, 0.5), ErrorCorrelation(0.0, 0.1, 0.0)]
+    "variances", [USUAL, {0.0: 0.2, 0.4: 0.3, np.inf: 0.5}, {0.0: 1.0}], ids=["usual", "constant", "white"]
 )
 @pytest.mark.parametrize("n_frames", [10, 50, 500])
-def test_the_covariance_is_that_of_the_mean_of_such_errors(errors: ErrorCorrelation, n_frames: int) -> None:
+def test_the_covariance_is_that_of_the_mean_of_such_errors(variances: dict[float, float], n_frames: int) -> None:
     """The mean of all elements of their covariance matrix; half of the graph's information is of detections."""
-    time_s = 0.01 * np.arange(n_frames)
-    correlation = errors.share * np.exp(-np.abs(time_s[:, None] - time_s) / errors.time_s) + errors.constant_share
-    correlation += (1 - errors.share - errors.constant_share) * np.eye(n_frames)
+    apart_s = 0.01 * np.abs(np.arange(n_frames)[:, None] - np.arange(n_frames))
+    correlation = sum(v * (np.exp(-apart_s / time_s) if time_s else apart_s == 0) for time_s, v in variances.items())
     # Sums are replaced by integrals: half a step of 0.01 s on both ends of a correlation of 0.15 s are 7 %.
-    half_m2 = of_mean_m2(2 * n_frames, 0.01, errors)
-    np.testing.assert_allclose(2 * half_m2, correlation.mean() * FRAME_M2, rtol=0.07, atol=1e-18)
+    half_m2 = of_mean_m2(2 * n_frames, 0.01, variances)
+    np.testing.assert_allclose(2 * half_m2, np.mean(correlation) * FRAME_M2, rtol=0.07, atol=1e-18)
+
+
+def test_errors_smaller_than_the_graph_believes_leave_what_bones_and_motion_do() -> None:
+    """Four tenths of the variance of the graph, as simulated errors say; a tenth of the rest is of detections."""
+    found = np.trace(of_mean_m2(100, 0.01, {0.0: 0.1})) / np.trace(FRAME_M2 / 100)
+    assert found == pytest.approx(0.4 + 0.1 * 0.6)
 
 
 def test_what_is_known_depends_on_the_time_and_not_on_the_rate() -> None:
@@ -63,7 +81,9 @@ def test_a_covariance_that_is_singular_to_rounding_becomes_positive() -> None:
     """That of a point next to a camera: micrometres in two directions and a metre in the third (seen in a soak)."""
     R = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     singular_m2 = (R * np.array([-1e-16, 4e-10, 2.0])) @ R.T
-    scaled_m2 = with_correlated_errors(singular_m2[None], np.eye(3)[None], 0.02, ErrorCorrelation())[0]
+    scaled_m2 = with_correlated_errors(
+        singular_m2[None], np.eye(3)[None], 0.02, np.array([list(USUAL.values())]), tuple(USUAL)
+    )[0]
     # 1e-12 of the total variance is far above the rounding errors of the eigenvalues, 1e-15.
     assert np.linalg.eigvalsh(scaled_m2).min() > 1e-12
     # Nothing else changes: the largest variance is scaled by at least 1 and by at most a constant error's factor.
@@ -88,8 +108,8 @@ def test_online_covariances_widen_with_the_share_that_does_not_fit() -> None:
     share = np.linspace(0.0, 1.0, 11)
     factor = distrust_factor_online(2.0 * share, np.full(11, 2.0))
     assert (np.diff(factor) < 0).all()
-    # Hallucinated detections keep their weight: the pose is off by far more than the graph says.
-    assert factor[0] > 9 * factor[-1]
+    # Hallucinated detections keep their weight: the pose is off by more than the graph says.
+    assert factor[0] > 4 * factor[-1]
     assert distrust_factor_online(np.zeros(1), np.zeros(1)) == pytest.approx(factor[0]), "nothing seen is not trusted"
 
 
