@@ -62,6 +62,7 @@ ESTIMATION_FLOORS = (
         "initial_guess",
         "keys",
         "noise",
+        "plausibility",
         "presence",
         "process_noise",
         "uncertainty",
