@@ -389,8 +389,10 @@ def test_a_frame_of_garbage_is_left_out_and_said(tmp_path: Path, capsys: pytest.
 
 
 def test_keypoints_of_one_person_warn_of_another(tmp_path: Path) -> None:
-    path = relay(tmp_path)[0]
+    relay(tmp_path)
+    rig, path = load_rig(tmp_path / "Calib.toml"), tmp_path / "people.npz"
+    save_people_observations(load_people(tmp_path / "relay.npz", rig, "h36m_17"), path)
     with pytest.warns(UserWarning, match="2 people come one after the other; this is one of 2 people: seen most"):
-        seen = load_observations(path, load_rig(tmp_path / "Calib.toml"), "h36m_17")
+        seen = load_observations(path, rig, "h36m_17")
     assert seen.seen[:30].any()
     assert not seen.seen[30:].any()
