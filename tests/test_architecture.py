@@ -66,6 +66,7 @@ ESTIMATION_FLOORS = (
         "initial_guess",
         "keys",
         "noise",
+        "plausibility",
         "posture",
         "presence",
         "process_noise",

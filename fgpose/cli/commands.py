@@ -158,6 +158,7 @@ class Info(RecordingOptions):
         from fgpose.cli.info_tables import print_info
         from fgpose.cli.people import associated
         from fgpose.cli.people_tables import print_association
+        from fgpose.cli.tables import print_who
         from fgpose.diagnosis.diagnose import diagnose
         from fgpose.pipeline import PeopleSource
 
@@ -168,6 +169,8 @@ class Info(RecordingOptions):
             print_association(console, everybody, source.succession)
             source = source.one()
             console.print("Of the person who is seen most; late and moved cameras by everybody:")
+        else:
+            print_who(console, source)
         recording = everybody if everybody and everybody.people else source.observations
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)

@@ -49,6 +49,11 @@ def print_source(console: Console, source: Source) -> None:
         f"{observations.n_frames} frames{rate}, {observations.n_cameras} cameras, "
         f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
     )
+    print_who(console, source)
+
+
+def print_who(console: Console, source: Source) -> None:
+    """Who of several people it is, and who comes after whom."""
     if source.chosen is not None and source.chosen.n_people > 1:
         console.print(f"Estimated is {source.chosen}.", soft_wrap=True)
     for change in source.succession.changes if source.succession else ():

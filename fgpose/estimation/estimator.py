@@ -14,11 +14,13 @@ from fgpose.config import Config
 from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose.estimation.evidence import FARTHEST_M, Bodies, Evidence, concatenated, gather_frame
+from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gather_frame
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
 from fgpose.estimation.images import corrected, fits_better
 from fgpose.estimation.online_covariance import online_covariance_m2
+from fgpose.estimation.plausibility import Bodies, RunningPlausibility
+from fgpose.estimation.presence import has_left
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.running_errors import RunningErrors
 from fgpose.estimation.segment import FrameTime
@@ -40,11 +42,6 @@ _REVISED_S, _REVISE_EVERY_S = 0.25, 0.2
 # twice as much, the mean errors on the tuning clips are 1 to 2 % larger.
 _CHANGED_SHARE = 0.15
 _FASTEST_MPS = 1e4  # frames that are microseconds apart hardly tell velocities
-# Somebody who was not seen for a moment and is farther away than people run is somebody else; so many joints tell it.
-_AWAY_S, _NEAR_M, _RUNS_MPS, _MIN_JOINTS = 0.2, 0.5, 6.0, 4
-# Of the first frames, and a quarter of all, so many that make no body are left out. Where more do not, it is the
-# calibration or the detector, and is not hidden.
-_MOST_IMPLAUSIBLE, _SHARE_IMPLAUSIBLE = 10, 0.25
 
 
 class Estimator:
@@ -80,9 +77,7 @@ class Estimator:
         self._revised_s = -np.inf
         self._is_tidy = True
         self._arrivals = Arrivals(rig.names)
-        self._n_plausible = 0
-        self.n_implausible = 0
-        """In how many frames what was detected makes no body; those are left out, see Estimate.is_implausible."""
+        self._plausibility = RunningPlausibility()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -99,6 +94,11 @@ class Estimator:
     def newest(self) -> Estimate | None:
         """The pose of the newest frame, as the last update gave it; None: there was none."""
         return self._estimate() if self._window else None
+
+    @property
+    def n_implausible(self) -> int:
+        """In how many frames what was detected makes no body; those are left out, see Estimate.is_implausible."""
+        return self._plausibility.n_implausible
 
     @property
     def repairs(self) -> int:
@@ -190,7 +190,7 @@ class Estimator:
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
         gathered, bodies = self._gathered(frame)
-        self._count(bodies)
+        self._plausibility.count(bodies)
         self._arrivals.took(image_time_s)
         if not self._is_tidy:
             self._learn()
@@ -205,18 +205,7 @@ class Estimator:
         return self._estimate()
 
     def _gathered(self, frame: Observations) -> tuple[Evidence, Bodies]:
-        n_judged = self._n_plausible + self.n_implausible
-        may_leave_out = self.n_implausible < max(_MOST_IMPLAUSIBLE, _SHARE_IMPLAUSIBLE * n_judged)
-        return gather_frame(frame, self._rig, self.config, may_leave_out=may_leave_out)
-
-    def _count(self, bodies: Bodies) -> None:
-        """Count a frame that is implausible. Raises ValueError where that is the fault of the calibration."""
-        if not bodies.implausible[0]:
-            self._n_plausible += bool(bodies.known[0])
-            return
-        if not self._n_plausible and self.n_implausible + 1 >= _MOST_IMPLAUSIBLE:
-            bodies.refuse_millimetres()
-        self.n_implausible += 1
+        return gather_frame(frame, self._rig, self.config, may_leave_out=self._plausibility.may_leave_out)
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
@@ -226,7 +215,7 @@ class Estimator:
         gathered, bodies = self._gathered(observations)
         self._arrivals.took(np.where(is_own, image_time_s, np.nan))
         if gathered.implausible[0] and not state.evidence.implausible[0]:
-            self._count(bodies)
+            self._plausibility.count(bodies)
             return replace(self._estimate(), is_implausible=True)
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
         gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
@@ -332,7 +321,11 @@ class Estimator:
             moved_m = before.carried_on_m(step_s)
             gathered = corrected(gathered, moved_m, before.velocities_mps, self._visibility.bias, self._rig)
             given_up = self._last.before(time_s - self.config.motion.max_unseen_s)
-            if self._has_left(before, guess_m, time_s):
+            unseen_s, known_m = (
+                time_s - self._last.person_s,
+                np.where(before.active[:, None], before.positions_m, np.nan),
+            )
+            if has_left(known_m, guess_m, unseen_s, self.config.tracking.coast_s):
                 given_up[:] = True
                 self._lengths.forget()
             within = (np.abs(moved_m) < FARTHEST_M) & (np.abs(before.velocities_mps) < _FASTEST_MPS)
@@ -361,18 +354,6 @@ class Estimator:
             status=joint_status(active, evidence.observed[0]),
             unseen_before_s=time_s - self._last.seen_s,
         )
-
-    def _has_left(self, before: FrameState, guess_m: Float[np.ndarray, "joint 3"], time_s: float) -> bool:
-        """Whether the person has gone: not seen for too long (fgpose.estimation.presence), or not seen for a moment,
-        and now somebody is where nobody runs meanwhile. Who comes may be somebody else."""
-        unseen_s = time_s - self._last.person_s
-        if unseen_s > self.config.tracking.coast_s:
-            return True
-        both = before.active & np.isfinite(guess_m).all(axis=-1)
-        if unseen_s < _AWAY_S or np.count_nonzero(both) < _MIN_JOINTS:
-            return False
-        moved_m = np.median(guess_m[both], axis=0) - np.median(before.positions_m[both], axis=0)
-        return bool(np.linalg.norm(moved_m) > _NEAR_M + _RUNS_MPS * unseen_s)
 
     def _marginalise_old(self, time_s: float) -> None:
         """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""

@@ -12,6 +12,7 @@ from fgpose.config import Config, DepthConfig
 from fgpose.estimation.delays import delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
+from fgpose.estimation.plausibility import Bodies, far_outside_images
 from fgpose.estimation.presence import present
 from fgpose.estimation.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
@@ -21,14 +22,6 @@ from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 
 _FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
-# Median distance of the joints from their middle: 0.3 to 0.7 m, so 300 "metres" in millimetres. A few wrong
-# triangulations do not change the median of some joints.
-_LARGEST_BODY_M, _MILLIMETRES_M, _MIN_JOINTS = 1.5, 30.0, 4
-_LONGEST_BONE_M = 0.75  # no bone of a person is longer
-# Where two cameras agree on fewer of the joints that two detect, they do not see the same body.
-_LEAST_AGREEMENT = 0.25
-# Where more frames make no body, it is not a detector that fails now and then.
-_MANY_IMPLAUSIBLE = 0.25
 _LEAST_SHARE = 1e-6  # keeps standard deviations finite
 _FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
 # So many depths of a view tell their spread: 17 joints for 30 frames. The depths of a body share most of their error,
@@ -243,7 +236,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [observations.frames(slice(start, start + _FRAMES_AT_ONCE)) for start in starts]
     evidence = concatenated([_gather(part, rig, config) for part in parts])
-    bodies = Bodies.of(evidence, observations.skeleton)
+    bodies = _bodies(evidence, observations.skeleton)
     bodies.refuse_millimetres()
     if not bodies.implausible.any() or bodies.are_mostly_implausible:
         return evidence
@@ -255,7 +248,7 @@ def gather_frame(
 ) -> tuple[Evidence, Bodies]:
     """As gather, of one frame of a stream, which alone does not tell whether the calibration is wrong."""
     evidence = _gather(frame, rig, config)
-    bodies = Bodies.of(evidence, frame.skeleton)
+    bodies = _bodies(evidence, frame.skeleton)
     if may_leave_out and bodies.implausible.any():
         evidence = _without(evidence, frame, bodies.implausible, rig, config)
     return evidence, bodies
@@ -270,57 +263,8 @@ def concatenated(parts: Sequence[Evidence]) -> Evidence:
     return Evidence(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
 
 
-@dataclass(frozen=True, eq=False)
-class Bodies:
-    """Whether what is detected in each frame makes a body."""
-
-    size_m: Float[np.ndarray, " frame"]
-    """Median distance of the joints from their middle; NaN where fewer than two are known."""
-    implausible: Bool[np.ndarray, " frame"]
-    """Where most joints are metres from their middle, most bones longer than anybody's, most detections far outside
-    their images, or no two cameras agree on most joints."""
-    known: Bool[np.ndarray, " frame"]
-    """Where there is anything to be judged."""
-
-    @staticmethod
-    def of(evidence: Evidence, skeleton: Skeleton) -> Bodies:
-        size_m, n_known = _sizes_m(evidence.guess_m), np.isfinite(evidence.guess_m).all(axis=-1).sum(axis=1)
-        bones_m = skeleton.bone_lengths(evidence.guess_m)
-        n_long, n_bones = (bones_m > _LONGEST_BONE_M).sum(axis=1), np.isfinite(bones_m).sum(axis=1)
-        n_seen = (evidence.n_views >= 2).sum(axis=1)
-        implausible = evidence.implausible | (size_m > np.where(n_known < _MIN_JOINTS, _MILLIMETRES_M, _LARGEST_BODY_M))
-        implausible |= (n_bones >= _MIN_JOINTS) & (2 * n_long > n_bones)
-        implausible |= (n_seen >= _MIN_JOINTS) & (n_known < _LEAST_AGREEMENT * n_seen)
-        return Bodies(size_m, implausible, (n_known > 1) | implausible)
-
-    @property
-    def are_mostly_implausible(self) -> bool:
-        return bool(np.count_nonzero(self.implausible) > _MANY_IMPLAUSIBLE * np.count_nonzero(self.known))
-
-    def refuse_millimetres(self) -> None:
-        """Raise ValueError where so many bodies are so large that the lengths of the rig are millimetres."""
-        n_large, n_known = np.count_nonzero(self.size_m > _MILLIMETRES_M), np.count_nonzero(self.known)
-        if n_large > _MANY_IMPLAUSIBLE * n_known:
-            size_m = float(np.median(self.size_m[self.size_m > _MILLIMETRES_M]))
-            raise ValueError(
-                f"the joints are {size_m:.0f} m apart in {n_large} of {n_known} frames: the calibration looks like "
-                "millimetres; divide its lengths by 1000"
-            )
-
-
-def _sizes_m(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, " frame"]:
-    """Median distance of the joints of each frame from their middle; where that is a body, only roughly."""
-    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
-    n_known = known.sum(axis=1)
-    some_m, of_all = np.where(known[..., None], positions_m, 0.0), np.maximum(n_known, 1)[:, None]
-    apart_m = np.linalg.norm(some_m - (some_m.sum(axis=1) / of_all)[:, None], axis=-1)
-    size_m = np.where(n_known > 1, np.where(known, apart_m, 0.0).sum(axis=1) / of_all[:, 0], np.nan)
-    large = size_m > _LARGEST_BODY_M / 2
-    if large.any():  # medians of all would take ten times as long
-        own_m = positions_m[large]
-        apart_m = np.linalg.norm(own_m - np.nanmedian(own_m, axis=1, keepdims=True), axis=-1)
-        size_m[large] = np.nanmedian(apart_m, axis=1)
-    return size_m
+def _bodies(evidence: Evidence, skeleton: Skeleton) -> Bodies:
+    return Bodies.of(evidence.guess_m, evidence.n_views, evidence.implausible, skeleton)
 
 
 def _without(
@@ -347,16 +291,8 @@ def _without(
     return Evidence(**values)
 
 
-def _far_outside(
-    points2d_px: Float[np.ndarray, "frame camera joint 2"], rig: CameraRig
-) -> Bool[np.ndarray, "frame camera joint"]:
-    """The detections that lie outside their image by more than its size."""
-    size_px = np.array([camera.size_px for camera in rig.cameras])[:, None]
-    return np.asarray(((points2d_px < -size_px) | (points2d_px > 2 * size_px)).any(axis=-1))
-
-
 def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
-    far_outside = _far_outside(observations.points2d_px, rig)
+    far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px = rig.undistort(observations.points2d_px)
     triangulated_m = triangulate_robust(
         np.where(far_outside[..., None], np.nan, undistorted_px), observations.confidence, rig, config.fusion.inlier_px

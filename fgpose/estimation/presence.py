@@ -10,6 +10,9 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+# Somebody who was not seen for a moment and is farther away than people run is somebody else; so many joints tell it.
+_AWAY_S, _NEAR_M, _RUNS_MPS, _MIN_JOINTS = 0.2, 0.5, 6.0, 4
+
 
 def present(
     seen: Bool[np.ndarray, " frame"],
@@ -35,3 +38,24 @@ def present(
         if located[stay].any():
             here[stay[0] : stay[-1] + 1] = True
     return here
+
+
+def has_left(
+    before_m: Float[np.ndarray, "joint 3"], now_m: Float[np.ndarray, "joint 3"], unseen_s: float, coast_s: float
+) -> bool:
+    """Whether a person has gone: not seen for too long, or not seen for a moment, and now somebody is where nobody runs
+    meanwhile.
+
+    Args:
+        before_m: the joints when the person was seen last; NaN: unknown.
+        now_m: what is triangulated now.
+        unseen_s: how long ago that was.
+        coast_s: how long a person is predicted whom no camera sees.
+    """
+    if unseen_s > coast_s:
+        return True
+    both = np.isfinite(before_m).all(axis=-1) & np.isfinite(now_m).all(axis=-1)
+    if unseen_s < _AWAY_S or np.count_nonzero(both) < _MIN_JOINTS:
+        return False
+    moved_m = np.median(now_m[both], axis=0) - np.median(before_m[both], axis=0)
+    return bool(np.linalg.norm(moved_m) > _NEAR_M + _RUNS_MPS * unseen_s)

@@ -17,8 +17,10 @@ from fgpose.calibration.rig_refinement import refine_rig
 from fgpose.cli import live, main, view
 from fgpose.config import Config
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.io.keypoints import load_people, save_people_observations
-from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people
+from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
+from fgpose.io.skeletons import load_skeleton
+from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people
+from fgpose.observations import Observations
 from fgpose.people import Detections
 from fgpose.pipeline import PeopleSource, run_smooth_people, run_track_people
 from fgpose.synthetic import (
@@ -31,6 +33,7 @@ from fgpose.synthetic import (
     embedded_motion,
     ring_rig,
     simulate_crowd,
+    walking,
 )
 from fgpose.tracking import Tracked, Tracker
 
@@ -328,3 +331,68 @@ def test_help_says_on_whom_cameras_are_calibrated(command: str, capsys: pytest.C
         main([command, "--help"])
     printed = " ".join(capsys.readouterr().out.replace("│", " ").split())
     assert printed.count("all people together") == 2
+
+
+def relay(folder: Path) -> list[str]:
+    """An adult for 2 s, nobody for 1 s, and a child for 1.5 s, at 15 Hz; how to read it."""
+    rig, skeleton, fps = ring_rig(), load_skeleton("h36m_17"), 15.0
+    adult_m = walking(30, fps, skeleton) - [0.0, 1.0, 0.0]
+    child_m = 0.6 * walking(22, fps, skeleton) + [0.0, 1.0, 0.0]
+    motion_m = np.concatenate([adult_m, np.full((15, *adult_m.shape[1:]), np.nan), child_m])
+    points2d_px = rig.project(motion_m) + np.random.default_rng(0).normal(scale=3, size=(len(motion_m), 4, 17, 2))
+    time_s = np.arange(len(motion_m)) / fps
+    save_observations(Observations(skeleton, time_s, points2d_px, camera_names=rig.names), folder / "relay.npz")
+    save_rig(rig, folder / "Calib.toml")
+    return [str(folder / "relay.npz"), "--rig", str(folder / "Calib.toml"), "--skeleton", "h36m_17", *FAST]
+
+
+def test_somebody_who_comes_after_somebody_else_is_another_person(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wanted = ["--formats", "parquet", "-o", str(tmp_path)]
+    source = relay(tmp_path)
+    assert main(["smooth", *source, *wanted, "--name", "auto"]) == 0
+    printed = capsys.readouterr().out
+    assert "No image shows more than one person, but who comes at 3.0 s" in printed
+    assert "is somebody else" in printed
+    adult, child = load_people_trajectories(tmp_path / "auto.parquet").values()
+    assert adult.bone_lengths_m is not None
+    assert child.bone_lengths_m is not None
+    # Errors of detections make bones of some centimetres longer by up to a tenth.
+    np.testing.assert_allclose(np.nansum(child.bone_lengths_m), 0.6 * np.nansum(adult.bone_lengths_m), rtol=0.1)
+    assert main(["smooth", *source, *wanted, "--name", "one", "--people", "1"]) == 0
+    printed = capsys.readouterr().out
+    assert (
+        "Estimated is one of 2 people: seen most, by 4.0 of 4 cameras for 2.0 s; the next by 4.0 for 1.5 s." in printed
+    )
+    assert "Nobody is there in 55 % of the frames, which are empty in the files: 2.00 to 4.40 s" in printed
+    one = load_trajectory(tmp_path / "one.parquet")
+    np.testing.assert_array_equal(np.flatnonzero(~one.absent), np.arange(30))
+    origin = load_origin(tmp_path / "one.parquet")
+    assert origin is not None
+    assert origin.chosen.startswith("one of 2 people: seen most")
+
+
+def test_a_frame_of_garbage_is_left_out_and_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    rig, skeleton = ring_rig(), load_skeleton("h36m_17")
+    points2d_px = rig.project(walking(30, 15.0, skeleton))
+    points2d_px[20] *= 1e6
+    seen = Observations(skeleton, np.arange(30) / 15.0, points2d_px, camera_names=rig.names)
+    save_observations(seen, tmp_path / "walk.npz")
+    save_rig(rig, tmp_path / "Calib.toml")
+    source = [str(tmp_path / "walk.npz"), "--rig", str(tmp_path / "Calib.toml"), "--skeleton", "h36m_17", *FAST]
+    for command, result in (("track", "walk_online"), ("smooth", "walk")):
+        assert main([command, *source, "--formats", "parquet", "-o", str(tmp_path / command)]) == 0
+        printed = capsys.readouterr().out
+        assert "Left out, because the detections make no body: 1 of 30 frames: frame 20 at 1.33 s" in printed
+        assert load_trajectory(tmp_path / command / f"{result}.parquet").implausible_frames == (20,)
+
+
+def test_keypoints_of_one_person_warn_of_another(tmp_path: Path) -> None:
+    relay(tmp_path)
+    rig, path = load_rig(tmp_path / "Calib.toml"), tmp_path / "people.npz"
+    save_people_observations(load_people(tmp_path / "relay.npz", rig, "h36m_17"), path)
+    with pytest.warns(UserWarning, match="2 people come one after the other; this is one of 2 people: seen most"):
+        seen = load_observations(path, rig, "h36m_17")
+    assert seen.seen[:30].any()
+    assert not seen.seen[30:].any()

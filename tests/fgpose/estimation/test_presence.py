@@ -30,7 +30,7 @@ FAST = fgpose.Config(solver={"covariance": False})
 def test_a_stay_lasts_from_its_first_to_its_last_sighting(seen: str, located: str, expected: str):
     flags = [np.array([each == "1" for each in text]) for text in (seen, located, expected)]
     # Frames are a second apart: three seconds pass between sightings that have two frames between them.
-    np.testing.assert_array_equal(present(*flags[:2], np.arange(7.0), coast_s=3.0), flags[2])
+    np.testing.assert_array_equal(present(flags[0], flags[1], np.arange(7.0), coast_s=3.0), flags[2])
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_who_is_seen_by_one_camera_in_an_empty_room_is_nobody(scene: Scene, rig:
 
 
 def test_live_nobody_is_predicted_for_longer_than_tracking_coast_s(scene: Scene, rig: fgpose.CameraRig):
-    gone = absences(scene).all(axis=1)
+    gone = np.asarray(absences(scene).all(axis=1))
     estimator = fgpose.Estimator(rig, scene.observations.skeleton, FAST)
     estimates = [estimator.update(frame) for frame in without(scene, absences(scene))]
     absent = np.array([(each.status == fgpose.Status.UNOBSERVABLE).all() for each in estimates])
