@@ -17,6 +17,7 @@ _FRAMES = 120
 _FAR_M = 0.12
 # A camera with twice the error of the others has a systematic one of 1.7 times the random one (camera_checks.py).
 _STANDS_OUT = 2.5
+_FEW_NEAR = 0.4
 _NO_BODY = 0.8  # unsteadiness: limbs that change by nearly as much as they are long
 _DENSE_S, _DENSE_FRAMES = 60.0, 600
 
@@ -51,6 +52,8 @@ class Geometry:
         """Whether they disagree by more than hidden joints cause."""
         medians_m = self.state.medians_m
         far = bool((medians_m[~np.isnan(medians_m)] > _FAR_M).any()) or bool(np.isnan(medians_m).all())
+        if self.state.scene.n_cameras == 2:  # what either hallucinates, both miss
+            far &= bool((self.state.agreement.shares < _FEW_NEAR).any())
         return far or (self.state.scene.n_cameras == 2 and self.state.unsteadiness > _NO_BODY and self._parallax)
 
     @property

@@ -127,7 +127,7 @@ def _spread_m(joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
     return float(np.median(moved_m)) if moved_m else 0.0
 
 
-def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " frame"]) -> View:
+def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " wanted"]) -> View:
     """The nearest frames; nothing beyond the ends."""
     after = np.clip(np.searchsorted(time_s, wanted_s), 1, len(time_s) - 1)
     frames = np.where(wanted_s - time_s[after - 1] < time_s[after] - wanted_s, after - 1, after)
