@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,9 +84,15 @@ class Geometry:
 
 def examine(scene: Scene) -> Geometry:
     """Of a recording of one person: all frames, limbs at least."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of what is not known: infinite, or NaN
+        return _examined(scene)
+
+
+def _examined(scene: Scene) -> Geometry:
     sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
     first = Geometry(State(sample))
-    if first.state.is_clean or scene.n_cameras < 2:
+    if first.state.is_clean or scene.n_cameras < 2 or not first.state.agreement.judged.any():
         return first
     explanation = explain(sample)
     if explanation is not None or not (first.wrong or first.stands_out):

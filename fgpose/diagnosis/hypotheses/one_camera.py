@@ -122,8 +122,8 @@ def _fits_at_another_time(
 def _spread_m(joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
     """How far joints move, root mean square; 0 where they are not known."""
     known = np.asarray(np.isfinite(joints_m).all(axis=-1))
-    centred = [joints_m[known[:, j], j] - joints_m[known[:, j], j].mean(axis=0) for j in range(known.shape[1])]
-    moved_m = [np.sqrt(np.mean(np.sum(each**2, axis=-1))) for each in centred if len(each) > 1]
+    tracks_m = [joints_m[known[:, j], j] for j in range(known.shape[1]) if known[:, j].sum() > 1]
+    moved_m = [np.sqrt(np.mean(np.sum((each - each.mean(axis=0)) ** 2, axis=-1))) for each in tracks_m]
     return float(np.median(moved_m)) if moved_m else 0.0
 
 

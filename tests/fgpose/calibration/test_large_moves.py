@@ -12,7 +12,7 @@ import fgpose
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.synthetic import DetectionNoise, ring_rig, simulate, walking
+from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 from tests.fgpose.turned_cameras import turned
 
 SKELETON = fgpose.load_skeleton("h36m_17")
@@ -25,7 +25,7 @@ def rig() -> CameraRig:
 
 @pytest.fixture(scope="module")
 def seen(rig: CameraRig) -> Observations:
-    walk = simulate(walking(60, 20.0), SKELETON, rig, 20.0, DetectionNoise(), seed=1).observations
+    walk = simulate(walking(60, 20.0), SKELETON, rig, 20.0, DetectionNoise(), NO_OCCLUSION, 1).observations
     return replace(walk, points3d_m=None, covariance3d_m2=None)
 
 
