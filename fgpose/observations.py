@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.sampling import mean_times_s
 from fgpose.skeleton import Skeleton
@@ -164,7 +164,7 @@ class Observations:
         """Whether each camera detected each joint in each frame."""
         return np.asarray(np.isfinite(self.points2d_px).all(axis=-1))
 
-    def frames(self, frames: slice | Bool[np.ndarray, " frame"]) -> Observations:
+    def frames(self, frames: slice | Bool[np.ndarray, " frame"] | Int[np.ndarray, " sample"]) -> Observations:
         """Some of the frames, as a recording of its own. Raises ValueError when there is none."""
         if not len(self.time_s[frames]):
             raise ValueError(f"no frame is left: {frames} of {self.n_frames} frames")

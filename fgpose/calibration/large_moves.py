@@ -66,5 +66,6 @@ def _growth(before: CameraRig, found: Adjusted, skeleton: Skeleton, config: Conf
         length_m = np.linalg.norm(joints_m[:, start] - joints_m[:, end], axis=-1)
         length_m[:, np.isfinite(length_m).sum(axis=0) == 0] = np.inf  # never known
         lengths_m.append(np.nanmedian(length_m, axis=0))
-    ratio = lengths_m[1][np.isfinite(lengths_m).all(axis=0)] / lengths_m[0][np.isfinite(lengths_m).all(axis=0)]
-    return float(np.median(ratio)) - 1 if len(ratio) else np.nan
+    before_m, after_m = lengths_m
+    known = np.isfinite(before_m) & np.isfinite(after_m) & (before_m > 0)
+    return float(np.median(after_m[known] / before_m[known])) - 1 if known.any() else np.nan

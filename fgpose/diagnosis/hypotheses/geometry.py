@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ _FRAMES = 120
 _FAR_M = 0.12
 # A camera with twice the error of the others has a systematic one of 1.7 times the random one (camera_checks.py).
 _STANDS_OUT = 2.5
+_FEW_NEAR = 0.4
 _NO_BODY = 0.8  # unsteadiness: limbs that change by nearly as much as they are long
 _DENSE_S, _DENSE_FRAMES = 60.0, 600
 
@@ -51,6 +53,8 @@ class Geometry:
         """Whether they disagree by more than hidden joints cause."""
         medians_m = self.state.medians_m
         far = bool((medians_m[~np.isnan(medians_m)] > _FAR_M).any()) or bool(np.isnan(medians_m).all())
+        if self.state.scene.n_cameras == 2:  # what either hallucinates, both miss
+            far &= bool((self.state.agreement.shares < _FEW_NEAR).any())
         return far or (self.state.scene.n_cameras == 2 and self.state.unsteadiness > _NO_BODY and self._parallax)
 
     @property
@@ -80,9 +84,15 @@ class Geometry:
 
 def examine(scene: Scene) -> Geometry:
     """Of a recording of one person: all frames, limbs at least."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of what is not known: infinite, or NaN
+        return _examined(scene)
+
+
+def _examined(scene: Scene) -> Geometry:
     sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
     first = Geometry(State(sample))
-    if first.state.is_clean or scene.n_cameras < 2:
+    if first.state.is_clean or scene.n_cameras < 2 or not first.state.agreement.judged.any():
         return first
     explanation = explain(sample)
     if explanation is not None or not (first.wrong or first.stands_out):

@@ -84,8 +84,10 @@ def within_image(cause: Hypothesis, scene: Scene) -> bool:
 
 
 def is_common_size(cause: Hypothesis, scene: Scene) -> bool:
-    """Whether the images would be of a size that cameras and networks have."""
+    """Whether the images would be of a size that cameras and networks have, as wide for their height as before."""
     factor = cause.numbers["factor_x"], cause.numbers["factor_y"]
+    if abs(factor[0] / factor[1] - 1) > _SAME_SIZE:
+        return False
     return _probable_size(size_px(scene.views[cause.cameras[0]]), factor) in _turned_too(_SIZES_PX)
 
 

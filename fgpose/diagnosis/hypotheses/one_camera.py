@@ -122,12 +122,12 @@ def _fits_at_another_time(
 def _spread_m(joints_m: Float[np.ndarray, "frame joint 3"]) -> float:
     """How far joints move, root mean square; 0 where they are not known."""
     known = np.asarray(np.isfinite(joints_m).all(axis=-1))
-    centred = [joints_m[known[:, j], j] - joints_m[known[:, j], j].mean(axis=0) for j in range(known.shape[1])]
-    moved_m = [np.sqrt(np.mean(np.sum(each**2, axis=-1))) for each in centred if len(each) > 1]
+    tracks_m = [joints_m[known[:, j], j] for j in range(known.shape[1]) if known[:, j].sum() > 1]
+    moved_m = [np.sqrt(np.mean(np.sum((each - each.mean(axis=0)) ** 2, axis=-1))) for each in tracks_m]
     return float(np.median(moved_m)) if moved_m else 0.0
 
 
-def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " frame"]) -> View:
+def _at_other_times(view: View, time_s: Float[np.ndarray, " frame"], wanted_s: Float[np.ndarray, " wanted"]) -> View:
     """The nearest frames; nothing beyond the ends."""
     after = np.clip(np.searchsorted(time_s, wanted_s), 1, len(time_s) - 1)
     frames = np.where(wanted_s - time_s[after - 1] < time_s[after] - wanted_s, after - 1, after)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -80,7 +79,8 @@ class State:
         """Whether no cause need be looked for: nothing is hidden, and nothing wrong."""
         clean = (self.agreement.shares > _CLEAN_SHARE) | ~self.agreement.judged.any(axis=(0, 1))
         small = (self.medians_m < _CLEAN_M) | np.isnan(self.medians_m)
-        return self.is_normal and bool(clean.all()) and bool(small.all()) and not self.unsteadiness > STEADY
+        steady = self.scene.n_cameras > 2 or not self.unsteadiness > STEADY
+        return bool(self.agreement.judged.any() and clean.all() and small.all()) and steady
 
 
 def _of_cameras(found: Agreement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
@@ -105,18 +105,16 @@ def explain(scene: Scene) -> Explanation | None:
 
     Causes are looked for in one half of the time and judged in the other.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # means over what is not known
-        looked_at, held_out = _halves(len(scene.time_s))
-        coarse = scene.frames(looked_at[spread_evenly(len(looked_at), _COARSE_FRAMES)])
-        coarse = coarse.joints(_coarse_joints(scene))
-        fine = scene.frames(looked_at[spread_evenly(len(looked_at), _FINE_FRAMES)])
-        judge = scene.frames(held_out[spread_evenly(len(held_out), _FINE_FRAMES)])
-        for whom in ("odd", "everybody", "each") if scene.n_cameras > 2 else ("any",):
-            explanation = _found(coarse, fine, judge, whom)
-            if explanation is not None:
-                return explanation
-        return None
+    looked_at, held_out = _halves(len(scene.time_s))
+    coarse = scene.frames(looked_at[spread_evenly(len(looked_at), _COARSE_FRAMES)])
+    coarse = coarse.joints(_coarse_joints(scene))
+    fine = scene.frames(looked_at[spread_evenly(len(looked_at), _FINE_FRAMES)])
+    judge = scene.frames(held_out[spread_evenly(len(held_out), _FINE_FRAMES)])
+    for whom in ("odd", "everybody", "each") if scene.n_cameras > 2 else ("any",):
+        explanation = _found(coarse, fine, judge, whom)
+        if explanation is not None:
+            return explanation
+    return None
 
 
 def _halves(n_frames: int) -> tuple[Int[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:

@@ -188,6 +188,7 @@ def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> N
     assert "--refine-calibration" not in finding.remedy
 
 
+@pytest.mark.slow
 def test_a_bump_is_not_called_a_wrong_calibration(seen: Observations, rig: CameraRig) -> None:
     finding = only(seen, moved(rig, 1, 5.0, 0.02))
     assert (finding.code, finding.camera) == (Code.MOVED_CAMERA, "cam2")
