@@ -146,10 +146,10 @@ def _is_clear(fit: ClockFit | PoseFit) -> bool:
 
 def _matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
     if kind is Kind.OFFSET:
-        return abs(lag[0]) > _NOTICEABLE_FRAMES
+        return bool(abs(lag[0]) > _NOTICEABLE_FRAMES)
     if kind is Kind.JUMP:
         return bool(np.abs(np.diff(lag)).max() > _JUMP_FRAMES)
-    return abs(lag[-1] - lag[0]) > _RATE_FRAMES
+    return bool(abs(lag[-1] - lag[0]) > _RATE_FRAMES)
 
 
 def _placed(
