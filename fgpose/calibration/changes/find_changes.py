@@ -71,10 +71,11 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     changes: list[Change] = []
-    if rig.n_cameras >= 2 and np.isfinite(step_s) and _compared(people):
+    compared = rig.n_cameras >= 2 and bool(np.isfinite(step_s)) and _compared(people)
+    if compared:
         while len(changes) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
             changes += found
-    return Changes(tuple(changes), step_s, duration_s, _compared(people))
+    return Changes(tuple(changes), step_s, duration_s, compared)
 
 
 def _compared(people: Sequence[Observations]) -> bool:
