@@ -35,6 +35,6 @@ def _changed(camera: Camera, c: int, changes: Sequence[Change]) -> Camera:
         world_T_camera=first[2],
         moves=tuple((since_s, pose) for since_s, _, pose in later),
         time_offset_s=camera.time_offset_s + sum(each.offset_s for each in of_clock if not np.isfinite(each.at_s)),
-        clock_drift=sum(each.rate for each in of_clock),
+        clock_drift=sum((each.rate for each in of_clock), 0.0),
         clock_jumps=tuple(sorted((each.at_s, each.offset_s) for each in of_clock if np.isfinite(each.at_s))),
     )

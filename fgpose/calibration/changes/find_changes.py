@@ -71,10 +71,11 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     changes: list[Change] = []
-    if rig.n_cameras >= 2 and np.isfinite(step_s) and _compared(people):
+    compared = rig.n_cameras >= 2 and bool(np.isfinite(step_s)) and _compared(people)
+    if compared:
         while len(changes) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
             changes += found
-    return Changes(tuple(changes), step_s, duration_s, _compared(people))
+    return Changes(tuple(changes), step_s, duration_s, compared)
 
 
 def _compared(people: Sequence[Observations]) -> bool:
@@ -146,10 +147,10 @@ def _is_clear(fit: ClockFit | PoseFit) -> bool:
 
 def _matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
     if kind is Kind.OFFSET:
-        return abs(lag[0]) > _NOTICEABLE_FRAMES
+        return bool(abs(lag[0]) > _NOTICEABLE_FRAMES)
     if kind is Kind.JUMP:
         return bool(np.abs(np.diff(lag)).max() > _JUMP_FRAMES)
-    return abs(lag[-1] - lag[0]) > _RATE_FRAMES
+    return bool(abs(lag[-1] - lag[0]) > _RATE_FRAMES)
 
 
 def _placed(

@@ -86,8 +86,10 @@ class LagCosts:
 
 
 def angle(
-    one: Float[np.ndarray, "*shape 3"], other: Float[np.ndarray, "*shape 3"], baseline_m: Float[np.ndarray, "*shape 3"]
-) -> Float[np.ndarray, "*shape"]:
+    one: Float[np.ndarray, "*#shape 3"],
+    other: Float[np.ndarray, "*#shape 3"],
+    baseline_m: Float[np.ndarray, "*#shape 3"],
+) -> Float[np.ndarray, "*angles"]:
     """By how much two rays miss each other, signed, in standard deviations if both directions err by one."""
     from_one, from_other = np.cross(baseline_m, one), np.cross(baseline_m, other)
     length = np.sqrt(np.sum(from_one**2, axis=-1) + np.sum(from_other**2, axis=-1))

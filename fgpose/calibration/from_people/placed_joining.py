@@ -34,6 +34,8 @@ _DECISIVE = 3.0
 # simulated walk through a room fits 0.1 to 0.35 times as well, on a treadmill 0.67 to 1.0 times: there the strides
 # differ by little more than the errors of detectors, and these repeat themselves with the gait.
 _MAX_ALIKE = 0.6
+# One other moment is no repetition, unless it is the next stride, which even a slow walker makes within this time.
+_REPEATED, _STRIDE_S = 2, 1.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,6 +159,8 @@ class _Cameras:
             zip(moments_s, gain[np.round(np.array(moments_s) / _STEP_S).astype(int) - low].tolist(), strict=True)
         )
         alike_s = tuple(other_s for other_s in next_s if fits[other_s] > _MAX_ALIKE * fits[best_s])
+        if len(alike_s) < _REPEATED and not any(abs(each - best_s) < _STRIDE_S for each in alike_s):
+            alike_s = ()
         is_decisive = clear >= _DECISIVE and not alike_s
         clear = 0.0 if alike_s else clear
         joined = Joined(camera, best_s, second_s, outstanding >= _DECISIVE, is_decisive, alike_s)

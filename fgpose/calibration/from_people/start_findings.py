@@ -53,7 +53,7 @@ def not_joined(
     if joined is not None and joined.is_outstanding and joined.alike_s:
         return _ambiguous(camera, joined)
     if moves < _STILL:
-        reason = "the person hardly moves: there is nothing by which to find when the video begins"
+        reason = "the person hardly moves from the spot: what is done there does not tell when the video begins"
         return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
     if joined is None or not joined.is_outstanding:
         others = "any other camera" if nobody_joined else "the other cameras"
@@ -72,8 +72,8 @@ def _ambiguous(camera: str, joined: Joined) -> Finding:
     others = ", ".join(f"{each - joined.best_s:+.1f}" for each in moments_s if each != joined.best_s)
     repeats = ": the motion repeats itself" if apart_s < 5 else ""
     reason = (
-        f"when the video begins is ambiguous by {apart_s:.1f} s{repeats}; starts that differ from the best by "
-        f"{others} s fit nearly as well"
+        f"when the video begins is ambiguous by {apart_s:.1f} s{repeats}; starts that differ from the best by {others} "
+        "s fit nearly as well"
     )
     return Finding(camera, Grade.FAILED, reason, f"{AMBIGUOUS_REMEDY}, {_GIVE}")
 

@@ -1,0 +1,95 @@
+"""What changes in time, found in recordings in which it is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import fgpose
+from fgpose.calibration.changes.change import Change, Kind
+from fgpose.calibration.changes.find_changes import find_changes
+from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
+
+FOUR, THREE, TWO = RIG.names, RIG.names[:3], RIG.names[1:3]
+TURN = 420  # 14 s of 24
+
+
+def changes(seen: fgpose.Observations, names: tuple[str, ...], rig: fgpose.CameraRig = RIG) -> tuple[Change, ...]:
+    return find_changes([seen.subset(names)], rig.subset(names)).changes
+
+
+@pytest.mark.parametrize("names", [FOUR, TWO])
+def test_nothing_changes(names: tuple[str, ...]) -> None:
+    assert changes(filmed(walk_m(3)), names) == ()
+
+
+@pytest.mark.parametrize("names", [FOUR, THREE, TWO])
+def test_lost_frames(names: tuple[str, ...]) -> None:
+    (found,) = changes(lost(filmed(walk_m(3)), 2, TURN, 6), names)
+    assert found.kind is Kind.JUMP
+    assert names[found.camera] == "ring_2"
+    # They are whole ones; a second is what is promised.
+    assert found.offset_s == pytest.approx(6 / FPS)
+    assert found.at_s == pytest.approx(TURN / FPS, abs=1.0)
+
+
+def test_frames_lost_twice() -> None:
+    twice = changes(lost(lost(filmed(walk_m(3)), 2, 480, 3), 2, 240, 4), FOUR)
+    assert [(each.kind, each.camera) for each in twice] == [(Kind.JUMP, 2)] * 2
+    assert [round(each.offset_s * FPS) for each in twice] == [4, 3]
+    assert [each.at_s for each in twice] == pytest.approx([8.0, 16.0], abs=1.0)
+
+
+@pytest.mark.parametrize("names", [THREE, TWO])
+def test_a_file_numbered_from_one(names: tuple[str, ...]) -> None:
+    (found,) = changes(late(filmed(walk_m(11)), 2, 1), names)
+    assert found.kind is Kind.OFFSET
+    # Of two cameras it cannot be told which began later. 0.12 and 0.31 frames beside it were measured.
+    sign = -1 if names[found.camera] == "ring_2" else 1
+    assert found.offset_s == pytest.approx(sign / FPS, abs=0.4 / FPS if names == TWO else 0.2 / FPS)
+    if names == THREE:
+        assert found.camera == 2
+
+
+@pytest.mark.parametrize("names", [THREE, TWO])
+def test_another_rate(names: tuple[str, ...]) -> None:
+    truth_m = walk_m(3)
+    (found,) = changes(slower(filmed(truth_m), 2, 1.01, truth_m), names)
+    assert found.kind is Kind.RATE
+    # Half a frame at the end of 24 s.
+    sign = 1 if names[found.camera] == "ring_2" else -1
+    assert found.rate == pytest.approx(sign * 0.01, abs=7e-4)
+
+
+@pytest.mark.parametrize(("degrees", "names"), [(0.7, FOUR), (2.0, FOUR), (0.7, THREE), (2.0, THREE)])
+def test_a_bumped_camera(degrees: float, names: tuple[str, ...]) -> None:
+    truth_m = walk_m(3)
+    (found,) = changes(bumped(filmed(truth_m), 1, degrees, TURN, truth_m), names)
+    assert (found.kind, names[found.camera]) == (Kind.BUMP, "ring_1")
+    assert found.at_s == pytest.approx(TURN / FPS, abs=1.0)
+    # Turns and shifts of a camera 5 m away are nearly the same: 22 mm are 0.25 degrees.
+    assert found.rotation_deg == pytest.approx(degrees, abs=0.4)
+
+
+def test_a_camera_that_was_moved_before() -> None:
+    (found,) = changes(filmed(walk_m(3)), THREE, moved_rig(2, 1.0))
+    assert (found.kind, found.camera) == (Kind.MOVED, 2)
+
+
+@pytest.mark.parametrize("cut", [lambda seen: seen.frames(slice(0, 1)), lambda seen: seen.subset(FOUR[:1])])
+def test_too_little_says_nothing(cut: Callable[[fgpose.Observations], fgpose.Observations]) -> None:
+    part = cut(filmed(walk_m(3)))
+    found = find_changes([part], RIG.subset(part.camera_names))
+    assert found.changes == ()
+    assert not found.compared
+
+
+def test_all_people_are_used() -> None:
+    """Each in a half of the recording."""
+    seen = lost(filmed(walk_m(3)), 2, TURN, 6)
+    halves = [seen.frames(slice(0, 360)), seen.frames(slice(360, None))]
+    (found,) = find_changes(halves, RIG).changes
+    assert (found.kind, found.camera) == (Kind.JUMP, 2)
+    assert np.isclose(found.at_s, TURN / FPS, atol=1.0)
