@@ -45,6 +45,10 @@ class PeopleSource:
             return self
         return replace(self, rig=self.rig.subset(cameras), people=self.people.subset(cameras))
 
+    def confident(self, least: float) -> PeopleSource:
+        """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
+        return replace(self, people=self.people.confident(least))
+
     def first_frames(self, n_frames: int) -> PeopleSource:
         """The beginning of the recording."""
         return replace(self, people=self.people.first_frames(n_frames))

@@ -20,7 +20,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import load_rig
 from fgpose.io.camera_names import seen_cameras
 from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people, person_of
-from fgpose.observations import Observations
+from fgpose.observations import Observations, check_confidence
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.people import PeopleSource
 from fgpose.pipeline.results import Result
@@ -45,6 +45,7 @@ def load_source(
     unit: Literal["auto", "m", "mm"] = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
+    min_confidence: float = 0.0,
     person: Person = "consistent",
 ) -> Source:
     """Read a recording: load_rig and load_observations, which say what is read and what each argument means. Where the
@@ -55,12 +56,14 @@ def load_source(
         calibration: file of the cameras.
         skeleton: what the keypoints are.
         cameras: use only these, in this order. Calibration and keypoints may then have cameras that the other lacks.
+        min_confidence: detections below it are taken for missing.
         person: who, of several people.
 
     Raises:
         ValueError: something is wrong with a file, or a camera is unknown; the message names it.
         OSError: a file cannot be read.
     """
+    check_confidence(min_confidence)
     rig = _rig(keypoints, calibration, unit, cameras)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     reading: dict[str, Any] = {
@@ -70,12 +73,12 @@ def load_source(
         "ignore_other_cameras": bool(cameras),
     }
     if rig.time_offsets_s.any():
-        people = load_people(keypoints, rig, skeleton, **reading)
+        people = load_people(keypoints, rig, skeleton, **reading).confident(min_confidence)
         together, on_clock = on_common_clock(people, rig)
         if together is not people:
             return Source(on_clock, person_of(keypoints, together, on_clock, person), origin).subset(cameras)
     seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
-    return Source(rig, seen, origin).subset(cameras)
+    return Source(rig, seen.confident(min_confidence), origin).subset(cameras)
 
 
 def load_people_source(
@@ -88,8 +91,10 @@ def load_people_source(
     unit: Literal["auto", "m", "mm"] = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
+    min_confidence: float = 0.0,
 ) -> PeopleSource:
     """Everybody in a recording, see load_source."""
+    check_confidence(min_confidence)
     rig = _rig(keypoints, calibration, unit, cameras)
     people = load_people(
         keypoints,
@@ -99,7 +104,7 @@ def load_people_source(
         points3d_frame=points3d_frame,
         points3d_unit=points3d_unit,
         ignore_other_cameras=bool(cameras),
-    )
+    ).confident(min_confidence)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     people, rig = on_common_clock(people, rig)
     return PeopleSource(rig, people, origin).subset(cameras)
