@@ -14,6 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
+from fgpose.estimation.credibility import RunningUsual
 from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gather
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
@@ -64,13 +65,14 @@ class Estimator:
         self._window: deque[FrameState] = deque()
         self._last = LastSeen(skeleton.n_joints)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
-        self._graph = WindowGraph(self._lengths, self._density, self.config)
+        self._graph = WindowGraph(self._lengths, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
         self._arrivals = Arrivals(rig.names)
+        self._usual = RunningUsual()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -177,7 +179,7 @@ class Estimator:
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
-        gathered = gather(frame, self._rig, self.config)
+        gathered = gather(frame, self._rig, self.config, self._usual.after(frame.confidence))
         if not self._is_tidy:
             self._learn()
         state = self._predicted(frame, gathered, image_time_s)
@@ -195,7 +197,7 @@ class Estimator:
         state, is_newest = self._graph.read(self._window[at]), at == len(self._window) - 1
         observations = with_image(state.observations, image, is_own)
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
-        gathered = gather(observations, self._rig, self.config)
+        gathered = gather(observations, self._rig, self.config, self._usual.after(image.confidence))
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
         gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
         gathered = corrected(gathered, state.positions_m, state.velocities_mps, self._visibility.bias, self._rig)
@@ -306,7 +308,12 @@ class Estimator:
             velocities_mps = np.where(kept[:, None], before.velocities_mps, 0.0)
         evidence = self._visibility.predicted(gathered, positions_m, self._rig)
         better = fits_better(guess_m, positions_m, evidence, self._rig, self.config.projection)
+        density, off_m = self._density.density(), evidence.off_path_m[0]
+        if before is not None:
+            # A step of one standard deviation to where the detections agree.
+            density = np.fmax(density, np.sum((off_m - positions_m) ** 2, axis=-1) / step_s**3)
         positions_m = np.where(better[:, None], guess_m, positions_m)
+        positions_m = np.where(np.isnan(off_m), positions_m, off_m)
         active = linked | evidence.located[0]
         return FrameState(
             at=FrameTime(0 if before is None else before.at.frame + 1, time_s),
@@ -320,6 +327,7 @@ class Estimator:
             lengths_m=self._lengths.lengths_m.copy(),
             active=active,
             linked=linked,
+            process_density=density,
             status=joint_status(active, evidence.observed[0]),
             unseen_before_s=time_s - self._last.seen_s,
         )

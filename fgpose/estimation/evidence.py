@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config, DepthConfig
+from fgpose.estimation.credibility import credible, usual_confidence
 from fgpose.estimation.delays import delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
@@ -53,12 +54,17 @@ class Evidence:
     """Standard deviation of each detection, if it is of its joint."""
     visibility: Float[np.ndarray, "frame camera joint"]
     """Probability that each detection is of its joint: 1 until more is known; see fgpose.estimation.visibility."""
+    credible: Float[np.ndarray, "frame joint"]
+    """Probability that any camera sees the joint, as far as stated confidences tell; see
+    fgpose.estimation.credibility."""
     n_views: Int[np.ndarray, "frame joint"]
     """How many cameras detected the joint."""
     fused_m: Float[np.ndarray, "frame joint 3"]
     """The fused pose (eq. 1-2); see fgpose.estimation.fusion."""
     guess_m: Float[np.ndarray, "frame joint 3"]
     """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
+    off_path_m: Float[np.ndarray, "frame joint 3"]
+    """Where the detections of a joint agree, if that is more probable than the path that was estimated; else NaN."""
     anchored: Bool[np.ndarray, "frame joint"]
     """Whether the guess is the fused per-view 3D, and nothing else determines the depth of the joint."""
     views_m: Float[np.ndarray, "frame view joint 3"]
@@ -82,20 +88,21 @@ class Evidence:
 
     @property
     def detection_visibility(self) -> Float[np.ndarray, "frame camera joint"]:
-        """As visibility; NaN where there is no detection."""
-        return np.where(self.detected, self.visibility, np.nan)
+        """As visibility, if any camera sees the joint; NaN where there is no detection."""
+        return np.where(self.detected, self.visibility * self.credible[:, None], np.nan)
 
     @property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
         position."""
-        return np.sum(self.detected & (self.visibility > PROBABLE), axis=1) >= 2
+        return np.sum(self.detection_visibility > PROBABLE, axis=1) >= 2
 
     @property
     def located(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether there is a guess that is probably of the joint: two cameras see it, or the only one that detects it
-        tells its depth."""
-        return np.isfinite(self.guess_m).all(axis=-1) & np.where(self.n_views >= 2, self.observed, self.seen)
+        tells its depth. It may be a guess of all of them."""
+        agreed = np.sum(self.detected & (self.visibility > PROBABLE), axis=1) >= 2
+        return np.isfinite(self.guess_m).all(axis=-1) & np.where(self.n_views >= 2, agreed, self.seen)
 
     @property
     def detection_sigma_px(self) -> Float[np.ndarray, "frame camera joint"]:
@@ -169,11 +176,24 @@ class Evidence:
         return Evidence(**{name: array[frames] for name, array in vars(self).items()})
 
 
-def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
-    """The evidence of all frames. Raises ValueError when the cameras of observations and rig differ."""
+def gather(observations: Observations, rig: CameraRig, config: Config, usual: float | None = None) -> Evidence:
+    """The evidence of all frames.
+
+    Args:
+        observations: of one person.
+        rig: cameras of the observations, in their order.
+        config: the parameters.
+        usual: the confidence of most detections; by default that of these.
+
+    Raises:
+        ValueError: the cameras of observations and rig differ.
+    """
     observations.check_cameras(rig.names)
+    usual = usual_confidence(observations.confidence) if usual is None else usual
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
-    parts = [_gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config) for start in starts]
+    parts = [
+        _gather(observations.frames(slice(start, start + _FRAMES_AT_ONCE)), rig, config, usual) for start in starts
+    ]
     evidence = concatenated(parts)
     _refuse_millimetres(evidence.guess_m)
     return evidence
@@ -201,7 +221,7 @@ def _refuse_millimetres(positions_m: Float[np.ndarray, "frame joint 3"]) -> None
         )
 
 
-def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+def _gather(observations: Observations, rig: CameraRig, config: Config, usual: float) -> Evidence:
     undistorted_px = rig.undistort(observations.points2d_px)
     triangulated_m = triangulate_robust(
         undistorted_px, observations.confidence, rig, config.fusion.inlier_px
@@ -219,9 +239,11 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         weights=detection_weights(fusion, observations.confidence, config.projection),
         sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
         visibility=np.ones(observations.confidence.shape),
+        credible=credible(observations.confidence, usual),
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
+        off_path_m=np.full_like(triangulated_m, np.nan),
         anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1) & ~has_depth,
         views_m=views_m,
         rays=rays,

@@ -44,7 +44,9 @@ def online_covariance_m2(
         )
         factor = distrust_factor_online(_probable_weight(state), state.gathered.total_weight[0])
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
-    return with_swing(covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing)[0]
+    doubt = 1 - state.evidence.credible
+    given = covariance_m2[None], state.positions_m[None], unseen_s[None], skeleton, config.swing
+    return with_swing(*given, doubt=doubt)[0]
 
 
 def _probable_weight(state: FrameState) -> Float[np.ndarray, " joint"]:

@@ -193,6 +193,8 @@ def _informed(
     evidence = replace(segment.evidence, sigma_px=solution.sigma_px)
     positions_m, config = solution.positions_m, segment.config
     known = informed(evidence, positions_m, segment.rig, segment.skeleton, config, visibility)
+    # From a path that lost a fast limb the optimiser would not find back, and its accelerations are too small.
+    positions_m = np.where(np.isnan(known.off_path_m), positions_m, known.off_path_m)
     information = known.information(positions_m, segment.rig)
     return replace(
         segment,
@@ -271,7 +273,8 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
     positions_m = np.where(active[..., None], solution.positions_m, np.nan)
     covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
     if covariance_m2 is not None:
-        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, recording.skeleton, config.swing)
+        given = covariance_m2, positions_m, unseen_s, recording.skeleton, config.swing
+        covariance_m2 = with_swing(*given, doubt=1 - evidence.credible)
         covariance_m2 = np.where(active[..., None, None], covariance_m2, np.nan)
     return Trajectory(
         skeleton=recording.skeleton,

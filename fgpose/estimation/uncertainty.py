@@ -54,12 +54,23 @@ def with_swing(
     unseen_s: Float[np.ndarray, "frame joint"],
     skeleton: Skeleton,
     config: SwingConfig,
+    doubt: Float[np.ndarray, "frame joint"] | float = 0.0,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """The covariance widened for the swing of every unseen joint and of those that hold it.
+    """The covariance widened for the swing of every unseen joint and of those that hold it, and for what is doubted.
 
     A bone of length L that has turned by an angle a has moved its end by L a across and L a^2 / 2 along itself.
+
+    Args:
+        covariance_m2: of the graph.
+        positions_m: of the joints.
+        unseen_s: time to when any camera sees each joint.
+        skeleton: which bone holds which joint.
+        config: how far joints swing.
+        doubt: probability that all detections of a joint are guesses; see fgpose.estimation.credibility.
     """
-    if not (unseen_s > 0).any():
+    doubt = np.broadcast_to(doubt, unseen_s.shape)
+    swings = (unseen_s > 0) | (doubt > 0)
+    if not swings.any():
         return covariance_m2
     swing_m2 = np.zeros_like(covariance_m2)
     for joint, holder in _holders(skeleton):
@@ -70,8 +81,11 @@ def with_swing(
         along = np.einsum("ti,tj->tij", direction, direction)
         across_m2 = (length_m * angle) ** 2 / 2
         along_m2 = (length_m * angle**2 / 2) ** 2
+        # Anywhere on the sphere, as far as in doubt: two squared lengths in all, two thirds along each axis.
+        anywhere_m2 = 2 / 3 * doubt[:, joint] * length_m**2
         own_m2 = across_m2[:, None, None] * (np.eye(3) - along) + along_m2[:, None, None] * along
-        swung = (unseen_s[:, joint] > 0)[:, None, None] & np.isfinite(own_m2)
+        own_m2 += anywhere_m2[:, None, None] * np.eye(3)
+        swung = swings[:, joint, None, None] & np.isfinite(own_m2)
         swing_m2[:, joint] = np.where(swung, own_m2 + swing_m2[:, holder], 0.0)
     return covariance_m2 + swing_m2
 
