@@ -16,8 +16,8 @@ from fgpose.association.follow import Sighting
 from fgpose.association.recording import associate
 from fgpose.benchmark.people.recording import PeopleRecording
 from fgpose.benchmark.people.variants import PeopleVariant, record
+from fgpose.estimation.evidence import gather
 from fgpose.people import Detections
-from fgpose.tracking.batch import present
 
 _WARM_UP = 60
 """Frames: by then everybody is confirmed and the processes run."""
@@ -109,7 +109,7 @@ def batch(duration_s: float, runs: int) -> list[Metric]:
     config = fgpose.Config(solver={"covariance": False})
     association, ratios = associate(people, rig), []
     alone = [association.of(person) for person in association.people]
-    alone = [own.frames(present(own, config.tracking.coast_s)) for own in alone]
+    alone = [own.frames(gather(own, rig, config).present(config.tracking.coast_s)) for own in alone]
     for _ in range(runs):
         together, _ = timed(lambda: fgpose.smooth_people(people, rig, config))
         apart, _ = timed(lambda: [fgpose.smooth(own, rig, config) for own in alone])

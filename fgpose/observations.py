@@ -184,6 +184,12 @@ class Observations:
         arrays = {name: getattr(self, name) for name in _PER_DETECTION}
         return {name: None if array is None else change(array) for name, array in arrays.items()}
 
+    def confident(self, least: float) -> Observations:
+        """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
+        check_confidence(least)
+        too_low = self.confidence < least
+        return self if not too_low.any() else replace(self, **self.per_detection(lambda array: blanked(array, too_low)))
+
     def subset(self, camera_names: tuple[str, ...] | list[str]) -> Observations:
         """Some of the cameras, in the order given. Raises ValueError for an unknown name."""
         unknown = [name for name in camera_names if name not in self.camera_names]
@@ -279,3 +285,16 @@ def refuse_millimetres(points3d_m: np.ndarray) -> None:
 
 def _default_names(n_cameras: int) -> tuple[str, ...]:
     return tuple(f"cam_{camera}" for camera in range(n_cameras))
+
+
+def check_confidence(least: float) -> None:
+    """Raise ValueError unless this can be the least confidence of detections."""
+    if not 0 <= least <= 1:
+        raise ValueError(f"the least confidence must be between 0 and 1, got {least:g}")
+
+
+def blanked(array: np.ndarray, where: np.ndarray) -> np.ndarray:
+    """An array of detections, as Observations has them, without some of them."""
+    blank = array.copy()
+    blank[where] = np.nan if array.ndim > where.ndim else 0.0
+    return blank

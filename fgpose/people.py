@@ -10,7 +10,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames, match_frames
-from fgpose.observations import Observations, check_cameras, positive_definite, refuse_millimetres
+from fgpose.observations import (
+    Observations,
+    blanked,
+    check_cameras,
+    check_confidence,
+    positive_definite,
+    refuse_millimetres,
+)
 from fgpose.skeleton import Skeleton
 
 NOTHING = {"points2d_px": np.nan, "confidence": 0.0, "points3d_m": np.nan, "covariance3d_m2": np.nan}
@@ -99,6 +106,15 @@ class Detections:
         """Those that there are, by name."""
         given = {name: getattr(self, name) for name in NOTHING}
         return {name: array for name, array in given.items() if array is not None}
+
+    def confident(self, least: float) -> Detections:
+        """Without the joints of less confidence, and without the people of whom nothing is left."""
+        too_low = (self.confidence < least) & (self.confidence > 0)
+        if not too_low.any():
+            return self
+        left = (self.confidence >= least).any(axis=1)
+        arrays = {name: blanked(array, too_low)[left] for name, array in self.arrays.items()}
+        return replace(self, **arrays, appearance=None if self.appearance is None else self.appearance[left])
 
     def of_person(
         self, detection: Int[np.ndarray, " joint"], joint: Int[np.ndarray, " joint"]
@@ -294,6 +310,11 @@ class PeopleObservations:
             remarks=self.remarks,
             **arrays,
         )
+
+    def confident(self, least: float) -> PeopleObservations:
+        """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
+        check_confidence(least)
+        return replace(self, images=tuple(image.confident(least) for image in self.images)) if least > 0 else self
 
     def subset(self, camera_names: Sequence[str]) -> PeopleObservations:
         """The images of some of the cameras. Raises ValueError if there is none, or a name is unknown."""

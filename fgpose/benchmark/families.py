@@ -7,7 +7,7 @@ from typing import Literal
 
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion
 
-Family = Literal["standard", "lasting", "snapping", "real", "confidence", "noise"]
+Family = Literal["standard", "lasting", "snapping", "real", "confidence", "noise", "fast"]
 Layout = Literal["ring", "tilted"]
 Offsets = Literal["none", "frames", "subframe"]
 
@@ -26,6 +26,8 @@ class Variant:
     """The first so many of the four cameras; what they see does not depend on how many there are."""
     fps: float | None = None
     """Rate of all cameras; None: that of the clip, 50 Hz."""
+    speed: float = 1.0
+    """How many times as fast the clip is played."""
     noise: DetectionNoise = field(default_factory=DetectionNoise)
     occlusion: Occlusion = NO_OCCLUSION
     offsets: Offsets = "none"
@@ -164,6 +166,25 @@ _OTHERS = _with_two_cameras(
         "noise",
         fps=60.0,
         noise=DetectionNoise(min_bias_m=0.02, max_bias_m=0.04),
+        occlusion=_OCCLUDED,
+    ),
+    Variant("fast_2x_25hz", "As clean, with the motion twice as fast, at 25 Hz", "fast", fps=25.0, speed=2.0),
+    Variant("fast_3x_60hz", "As clean, with the motion three times as fast, at 60 Hz", "fast", fps=60.0, speed=3.0),
+    Variant("fast_4x_30hz", "As clean, with the motion four times as fast, at 30 Hz", "fast", fps=30.0, speed=4.0),
+    Variant(
+        "fast_4x_30hz_real",
+        "As real, with the motion four times as fast, at 30 Hz",
+        "fast",
+        fps=30.0,
+        speed=4.0,
+        real=("openpose", "blazepose_full", "blazepose_heavy"),
+    ),
+    Variant(
+        "fast_3x_50hz_occluded",
+        "As occluded, with the motion three times as fast, at 50 Hz",
+        "fast",
+        fps=50.0,
+        speed=3.0,
         occlusion=_OCCLUDED,
     ),
 )

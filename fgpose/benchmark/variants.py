@@ -53,7 +53,7 @@ def recordings(
     Args:
         variants: what goes wrong.
         clips: names of motions, of TUNING_CLIPS or TEST_CLIPS.
-        max_frames: of each clip, at its own 50 Hz.
+        max_frames: of each clip, at its own 50 Hz; of one that is played faster, the frames of as much time.
 
     Raises:
         ValueError: a clip is unknown.
@@ -66,7 +66,7 @@ def recordings(
 
 def record(variant: Variant, clip: str, max_frames: int = MAX_FRAMES) -> Recording:
     """One recording; as recordings()."""
-    truth_m, fps = _motion(clip, max_frames, variant.fps)
+    truth_m, fps = _motion(clip, max_frames, variant.fps, variant.speed)
     rig = _rig(variant.layout)
     bumped, lost = _rng(clip, "cameras").permutation(rig.n_cameras)[:2].tolist()
     true_rig = _with_bump(rig, bumped, _rng(clip, "bump")) if variant.bumped else rig
@@ -126,12 +126,14 @@ def _rng(clip: str, what: str) -> np.random.Generator:
     return np.random.default_rng(_seed(clip, what))
 
 
-def _motion(clip: str, max_frames: int, fps: float | None) -> tuple[Float[np.ndarray, "frame joint 3"], float]:
+def _motion(
+    clip: str, max_frames: int, fps: float | None, speed: float
+) -> tuple[Float[np.ndarray, "frame joint 3"], float]:
     if clip not in TUNING_CLIPS + TEST_CLIPS:
         raise ValueError(f"no clip {clip!r}; there is {', '.join(TUNING_CLIPS + TEST_CLIPS)}")
     clip_m, clip_fps = embedded_motion(clip)
-    truth_m = clip_m[:max_frames]
-    return (truth_m, clip_fps) if fps is None else (_resampled_m(truth_m, clip_fps, fps), fps)
+    truth_m, played_fps = clip_m[: round(speed * max_frames)], speed * clip_fps
+    return (truth_m, played_fps) if fps is None else (_resampled_m(truth_m, played_fps, fps), fps)
 
 
 def _resampled_m(

@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.options import PEOPLE, REGION, first_frames, new_console, progress_bar, wanted_region
+from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, first_frames, new_console, progress_bar, wanted_region
+from fgpose.observations import check_confidence
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -114,6 +115,7 @@ class VideoOptions(NetworkOptions):
     fps: Annotated[float | None, arg(metavar="HZ", help=_FPS, help_behavior_hint="(default: of the videos)")] = None
     cameras: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Use these cameras only."""
+    min_confidence: Annotated[float, arg(metavar="0..1", help=MIN_CONFIDENCE)] = 0.0
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
     """Use only this many frames, from the beginning."""
     people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
@@ -137,6 +139,7 @@ class VideoOptions(NetworkOptions):
     def detect(self, console: Console) -> Detected:
         """All people in all images, with a progress bar. Everything is checked before the work begins."""
         quieten_decoder()
+        check_confidence(self.min_confidence)  # before the work
         region = wanted_region(self.people, self.person_region)
         sources = self.sources()
         if region is not None:
@@ -153,13 +156,16 @@ class VideoOptions(NetworkOptions):
         one = self.people == "1" or region is not None
         succession = None
         if not one:
-            everybody = first_frames(PeopleSource(detected.rig, detected.people), self.frames)
+            everybody = first_frames(
+                PeopleSource(detected.rig, detected.people.confident(self.min_confidence)), self.frames
+            )
             wanted = everybody if self.people == "all" else everybody.one_or_all()
             if isinstance(wanted, PeopleSource):
                 return wanted
             succession = wanted.succession
         followed = detected.follow(0 if region is None else region)
-        observations = first_frames(Source(detected.rig, followed.observations), self.frames).observations
+        seen = followed.observations.confident(self.min_confidence)
+        observations = first_frames(Source(detected.rig, seen), self.frames).observations
         corrected = correct_flips(observations, detected.rig)
         print_views(console, corrected, followed.problems[: observations.n_frames])
         return Source(detected.rig, corrected.observations, None, followed.chosen, succession)

@@ -37,6 +37,9 @@ PEOPLE = (
     "all: tell everybody apart and estimate each. 1: only the main person: seen most and, of those seen about as much, "
     "nearest to the cameras. auto: all where an image shows more than one, or somebody comes after somebody else."
 )
+MIN_CONFIDENCE = (
+    "Detections of less confidence are taken for missing. Raising it leaves out more that the detector only guesses."
+)
 REGION = "Estimate one person: the one in this box in the first image of a camera, pixels, as cam01:400,200,300,900."
 
 
@@ -66,6 +69,7 @@ class RecordingOptions(KeypointOptions):
     """Frame of the 3D joints of each view, where the keypoints have them."""
     points3d_unit: Literal["mm", "m"] = "mm"
     """Unit of the 3D joints of each view, where the keypoints have them."""
+    min_confidence: Annotated[float, arg(metavar="0..1", help=MIN_CONFIDENCE)] = 0.0
     frames: Annotated[int | None, arg(metavar="N", help_behavior_hint="(default: all)")] = None
     """Use only this many frames, from the beginning."""
     people: Annotated[Literal["auto", "all", "1"], arg(help=PEOPLE)] = "auto"
@@ -105,7 +109,7 @@ class RecordingOptions(KeypointOptions):
 
     @property
     def _reading(self) -> dict[str, Any]:
-        names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit")
+        names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit", "min_confidence")
         return {name: getattr(self, name) for name in names}
 
     def _region(self) -> PersonRegion | None:

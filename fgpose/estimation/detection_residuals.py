@@ -44,6 +44,33 @@ _MEDIAN_LENGTH = 1.1774
 
 
 @dataclass(frozen=True, eq=False)
+class LogDensities:
+    """Logarithms of the densities of detections in their images, if their joints are at some place; up to a constant
+    that all have in common."""
+
+    visible: Float[np.ndarray, "*points"]
+    """If the joint is visible."""
+    hidden: Float[np.ndarray, "*points"]
+    """If it is hallucinated."""
+    other: Float[np.ndarray, "*points"]
+    """If it is hallucinated, and another joint of the person was detected."""
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutOwn:
+    """What all detections of a joint but one say about it and about that one."""
+
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"]
+    """Of the joint, by all detections."""
+    left: Float[np.ndarray, "frame camera joint 2 2"]
+    """Share of the covariance of each detection that is left in its residual."""
+    residual_px: Float[np.ndarray, "frame camera joint 2"]
+    """Against the joint without the detection."""
+    covariance_px2: Float[np.ndarray, "frame camera joint 2 2"]
+    """Of the projection of that joint."""
+
+
+@dataclass(frozen=True, eq=False)
 class DetectionResiduals:
     """The residuals of all detections against a pose, and what the pose owes to each of them."""
 
@@ -62,6 +89,8 @@ class DetectionResiduals:
     """Covariance of that pose's projection."""
     length_m: Float[np.ndarray, "frame camera joint"]
     """Of the residual, at the joint; 0 where not seen."""
+    log_occam: Float[np.ndarray, "frame joint"]
+    """Logarithm of the share of what bones and motion leave open that is left when all detections are known."""
 
     @staticmethod
     def of(
@@ -78,26 +107,21 @@ class DetectionResiduals:
         weights, projection = evidence.weights, config.projection
         squared = (np.linalg.norm(residual_px, axis=-1) / evidence.detection_sigma_px) ** 2
         kernel = robust_weight(squared, projection.kernel, projection.kernel_scale)
-        information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)[..., None, None]
+        information = np.where(seen, kernel / evidence.detection_sigma_px**2, 0.0)
         # As if the frames nearby had the same weights: their errors are correlated, and only the ratios count.
-        of_cameras = np.einsum("tcjia,tcjib->tjab", information * jacobian, jacobian)
-        # Next to a camera a joint is known to micrometres across and hardly at all along: singular but for rounding.
-        of_joint = surely_positive(of_cameras + np.eye(3) / _PREDICTED_M[config.motion.model] ** 2)
-        covariance_m2 = np.linalg.inv(of_joint)
-        by_camera = np.einsum("tcjia,tjab->tcjib", jacobian, np.asfortranarray(covariance_m2))
-        projected_px2 = np.einsum("tcjib,tcjkb->tcjik", by_camera, jacobian)
-        left = np.eye(2) - information * projected_px2
-        without = _inverse(left)
+        predicted_m = _PREDICTED_M[config.motion.model]
+        others = without_own(residual_px, jacobian, information, predicted_m)
         return DetectionResiduals(
             positions_m=positions_m,
             undistorted_px=evidence.undistorted_px,
             seen=seen,
             px_per_m=px_per_m,
             weights=weights,
-            redundancy=np.trace(left, axis1=-2, axis2=-1) / 2,
-            predictive_px=np.einsum("tcjik,tcjk->tcji", without, residual_px),
-            predictive_px2=np.einsum("tcjik,tcjkl->tcjil", without, projected_px2),
+            redundancy=np.trace(others.left, axis1=-2, axis2=-1) / 2,
+            predictive_px=others.residual_px,
+            predictive_px2=others.covariance_px2,
             length_m=length_m,
+            log_occam=0.5 * np.linalg.slogdet(others.covariance_m2 / predicted_m**2)[1],
         )
 
     @property
@@ -140,42 +164,34 @@ class DetectionResiduals:
         cameras = np.eye(self.seen.shape[1], dtype=bool)[:, None, :, None]
         return np.array([learned(tells & of_camera, of_all_m, PRIOR_MEASUREMENTS_OF_CAMERA) for of_camera in cameras])
 
-    def log_odds(
+    def log_densities(
         self,
         spread_m: Float[np.ndarray, "#frame camera #joint"],
         rig: CameraRig,
         skeleton: Skeleton,
         config: VisibilityConfig,
-    ) -> Float[np.ndarray, "frame camera joint"]:
-        """What each detection alone says for visible against hidden; 0 where nothing was detected.
+    ) -> LogDensities:
+        """Of each detection; what it alone says for visible against hidden is their difference.
 
         Args:
             spread_m: standard deviation of the residuals of visible detections along each axis of the image.
             rig, skeleton, config: as for fgpose.estimation.visibility.judged.
         """
-        spread_px = spread_m * self.px_per_m
-        visible = self._log_density(spread_px, lambda squared: -squared / 2)
-        anywhere = self._log_density(config.hallucinated_m * self.px_per_m, lambda squared: -1.5 * np.log1p(squared))
+        spread_px, residual = spread_m * self.px_per_m, (self.predictive_px, self.predictive_px2)
         other = self._log_density_at_others(spread_px, rig, skeleton)
-        hidden = np.logaddexp(np.log(1 - _OTHER_JOINT_SHARE) + anywhere, np.log(_OTHER_JOINT_SHARE) + other)
-        weight = np.clip(self.weights, 1 - _MOST_CERTAIN, _MOST_CERTAIN)
-        prior = _WEIGHT_EXPONENT * np.log(weight / (1 - weight))
-        return np.where(self.seen, visible - hidden + prior, 0.0)
+        hidden = log_density_hidden(*residual, config.hallucinated_m * self.px_per_m, other)
+        return LogDensities(log_density_visible(*residual, spread_px), hidden, other)
 
-    def _log_density(
-        self, scale_px: Float[np.ndarray, "frame camera joint"], radial: Callable[[np.ndarray], np.ndarray]
-    ) -> Float[np.ndarray, "frame camera joint"]:
-        """Of the predictive residual, up to a constant: an elliptical distribution."""
-        covariance_px2 = self.predictive_px2 + (scale_px**2)[..., None, None] * np.eye(2)
-        whitened = np.einsum("tcjik,tcjk->tcji", _inverse(covariance_px2), self.predictive_px)
-        # Rounding errors next to a camera may give less than is possible.
-        squared = np.maximum(np.einsum("tcji,tcji->tcj", self.predictive_px, whitened), 0.0)
-        return radial(squared) - 0.5 * np.log(np.maximum(_determinant(covariance_px2), scale_px**4))
+    @property
+    def prior_log_odds(self) -> Float[np.ndarray, "frame camera joint"]:
+        """What the weight that each detection had before says for visible against hidden."""
+        weight = np.clip(self.weights, 1 - _MOST_CERTAIN, _MOST_CERTAIN)
+        return np.asarray(_WEIGHT_EXPONENT * np.log(weight / (1 - weight)))
 
     def _log_density_at_others(
         self, spread_px: Float[np.ndarray, "frame camera joint"], rig: CameraRig, skeleton: Skeleton
     ) -> Float[np.ndarray, "frame camera joint"]:
-        """As _log_density, if another joint of the person was detected."""
+        """As LogDensities.other."""
         projected_px = rig.project(self.positions_m)
         by_axis = zip(np.moveaxis(self.undistorted_px, -1, 0), np.moveaxis(projected_px, -1, 0), strict=True)
         distance_px2 = sum((detected[..., None] - others[:, :, None]) ** 2 for detected, others in by_axis)
@@ -183,6 +199,73 @@ class DetectionResiduals:
         density = np.nan_to_num(np.exp(distance_px2 / (-4 * spread_px[..., None] ** 2)))
         density = np.einsum("tcjk,jk->tcj", density, _share_of_others(skeleton))
         return np.log(np.maximum(density, np.finfo(float).tiny)) - np.log(2 * spread_px**2)
+
+
+def without_own(
+    residual_px: Float[np.ndarray, "frame camera joint 2"],
+    jacobian: Float[np.ndarray, "frame camera joint 2 3"],
+    information: Float[np.ndarray, "frame camera joint"],
+    predicted_m: float,
+) -> WithoutOwn:
+    """Of joints at the optimum of their detections.
+
+    Args:
+        residual_px, jacobian: see linearized_projection.
+        information: of each detection, 1/px^2; 0 of what is not used.
+        predicted_m: standard deviation on each axis with which the joint is known besides.
+    """
+    weights = information[..., None, None]
+    of_cameras = np.einsum("tcjia,tcjib->tjab", weights * jacobian, jacobian)
+    # Next to a camera a joint is known to micrometres across and hardly at all along: singular but for rounding.
+    covariance_m2 = np.linalg.inv(surely_positive(of_cameras + np.eye(3) / predicted_m**2))
+    by_camera = np.einsum("tcjia,tjab->tcjib", jacobian, np.asfortranarray(covariance_m2))
+    projected_px2 = np.einsum("tcjib,tcjkb->tcjik", by_camera, jacobian)
+    left = np.eye(2) - weights * projected_px2
+    without = _inverse(left)
+    return WithoutOwn(
+        covariance_m2=covariance_m2,
+        left=left,
+        residual_px=np.einsum("tcjik,tcjk->tcji", without, residual_px),
+        covariance_px2=np.einsum("tcjik,tcjkl->tcjil", without, projected_px2),
+    )
+
+
+def log_density_visible(
+    residual_px: Float[np.ndarray, "*points 2"],
+    covariance_px2: Float[np.ndarray, "*points 2 2"],
+    spread_px: Float[np.ndarray, "*points"],
+) -> Float[np.ndarray, "*points"]:
+    """See LogDensities.
+
+    Args:
+        residual_px, covariance_px2: against the joint without the detection; see WithoutOwn.
+        spread_px: standard deviation of visible detections along each axis.
+    """
+    return _log_density(residual_px, covariance_px2, spread_px, lambda squared: -squared / 2)
+
+
+def log_density_fitted(
+    length_px: Float[np.ndarray, "*points"], spread_px: Float[np.ndarray, "*points"]
+) -> Float[np.ndarray, "*points"]:
+    """As log_density_visible, of a residual of this length against a joint that is exactly known."""
+    return -((length_px / spread_px) ** 2) / 2 - 2 * np.log(spread_px)
+
+
+def log_density_hidden(
+    residual_px: Float[np.ndarray, "*points 2"],
+    covariance_px2: Float[np.ndarray, "*points 2 2"],
+    scale_px: Float[np.ndarray, "*points"],
+    other: Float[np.ndarray, "*points"],
+) -> Float[np.ndarray, "*points"]:
+    """See LogDensities.
+
+    Args:
+        residual_px, covariance_px2: as for log_density_visible.
+        scale_px: of hallucinations near the joint.
+        other: see LogDensities.
+    """
+    anywhere = _log_density(residual_px, covariance_px2, scale_px, lambda squared: -1.5 * np.log1p(squared))
+    return np.logaddexp(np.log(1 - _OTHER_JOINT_SHARE) + anywhere, np.log(_OTHER_JOINT_SHARE) + other)
 
 
 def with_spread(
@@ -239,6 +322,20 @@ def _weighted_median(values: Float[np.ndarray, " value"], weights: Float[np.ndar
     order = np.argsort(values)
     cumulated = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(cumulated, cumulated[-1] / 2)])
+
+
+def _log_density(
+    residual_px: Float[np.ndarray, "*points 2"],
+    covariance_px2: Float[np.ndarray, "*points 2 2"],
+    scale_px: Float[np.ndarray, "*points"],
+    radial: Callable[[np.ndarray], np.ndarray],
+) -> Float[np.ndarray, "*points"]:
+    """Of an elliptical distribution."""
+    covariance_px2 = covariance_px2 + (scale_px**2)[..., None, None] * np.eye(2)
+    whitened = np.einsum("...ik,...k->...i", _inverse(covariance_px2), residual_px)
+    # Rounding errors next to a camera may give less than is possible.
+    squared = np.maximum(np.einsum("...i,...i->...", residual_px, whitened), 0.0)
+    return radial(squared) - 0.5 * np.log(np.maximum(_determinant(covariance_px2), scale_px**4))
 
 
 def _determinant(matrices: Float[np.ndarray, "*shape 2 2"]) -> Float[np.ndarray, "*shape"]:

@@ -14,6 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
+from fgpose.estimation.credibility import RunningUsual
 from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gather_frame
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
@@ -68,7 +69,7 @@ class Estimator:
         self._window: deque[FrameState] = deque()
         self._last = LastSeen(skeleton.n_joints)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
-        self._graph = WindowGraph(self._lengths, self._density, self.config)
+        self._graph = WindowGraph(self._lengths, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._sole_views = RunningSoleViews(skeleton)
         self._errors = RunningErrors(rig.n_cameras, skeleton.n_joints)
@@ -78,6 +79,7 @@ class Estimator:
         self._is_tidy = True
         self._arrivals = Arrivals(rig.names)
         self._plausibility = RunningPlausibility()
+        self._usual = RunningUsual()
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -189,7 +191,7 @@ class Estimator:
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
-        gathered, bodies = self._gathered(frame)
+        gathered, bodies = self._gathered(frame, frame)
         self._plausibility.count(bodies)
         self._arrivals.took(image_time_s)
         if not self._is_tidy:
@@ -204,15 +206,17 @@ class Estimator:
         self._marginalise_old(state.at.time_s)
         return self._estimate()
 
-    def _gathered(self, frame: Observations) -> tuple[Evidence, Bodies]:
-        return gather_frame(frame, self._rig, self.config, may_leave_out=self._plausibility.may_leave_out)
+    def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:
+        """Of a frame, of which some images are new."""
+        usual = self._usual.after(new.confidence)
+        return gather_frame(frame, self._rig, self.config, usual, may_leave_out=self._plausibility.may_leave_out)
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
         state, is_newest = self._graph.read(self._window[at]), at == len(self._window) - 1
         observations = with_image(state.observations, image, is_own)
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
-        gathered, bodies = self._gathered(observations)
+        gathered, bodies = self._gathered(observations, image)
         self._arrivals.took(np.where(is_own, image_time_s, np.nan))
         if gathered.implausible[0] and not state.evidence.implausible[0]:
             self._plausibility.count(bodies)
@@ -337,7 +341,12 @@ class Estimator:
         evidence = self._visibility.predicted(gathered, positions_m, self._rig)
         gathered, evidence = self._sole_views.with_distances(gathered, evidence, positions_m, self._rig)
         better = fits_better(guess_m, positions_m, evidence, self._rig, self.config.projection)
+        density, off_m = self._density.density(), evidence.off_path_m[0]
+        if before is not None:
+            # A step of one standard deviation to where the detections agree.
+            density = np.fmax(density, np.sum((off_m - positions_m) ** 2, axis=-1) / step_s**3)
         positions_m = np.where(better[:, None], guess_m, positions_m)
+        positions_m = np.where(np.isnan(off_m), positions_m, off_m)
         active = linked | evidence.located[0]
         return FrameState(
             at=FrameTime(0 if before is None else before.at.frame + 1, time_s),
@@ -351,6 +360,7 @@ class Estimator:
             lengths_m=self._lengths.lengths_m.copy(),
             active=active,
             linked=linked,
+            process_density=density,
             status=joint_status(active, evidence.observed[0]),
             unseen_before_s=time_s - self._last.seen_s,
         )

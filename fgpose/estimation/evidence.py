@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config, DepthConfig
+from fgpose.estimation.credibility import credible, usual_confidence
 from fgpose.estimation.delays import delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
@@ -53,12 +54,17 @@ class Evidence:
     """Standard deviation of each detection, if it is of its joint."""
     visibility: Float[np.ndarray, "frame camera joint"]
     """Probability that each detection is of its joint: 1 until more is known; see fgpose.estimation.visibility."""
+    credible: Float[np.ndarray, "frame joint"]
+    """Probability that any camera sees the joint, as far as stated confidences tell; see
+    fgpose.estimation.credibility."""
     n_views: Int[np.ndarray, "frame joint"]
     """How many cameras detected the joint."""
     fused_m: Float[np.ndarray, "frame joint 3"]
     """The fused pose (eq. 1-2); see fgpose.estimation.fusion."""
     guess_m: Float[np.ndarray, "frame joint 3"]
     """Robust triangulation or, where the views do not allow it, the fused per-view 3D; NaN where there is neither."""
+    off_path_m: Float[np.ndarray, "frame joint 3"]
+    """Where the detections of a joint agree, if that is more probable than the path that was estimated; else NaN."""
     anchored: Bool[np.ndarray, "frame joint"]
     """Whether the guess is the fused per-view 3D, and nothing else determines the depth of the joint."""
     views_m: Float[np.ndarray, "frame view joint 3"]
@@ -87,14 +93,14 @@ class Evidence:
 
     @property
     def detection_visibility(self) -> Float[np.ndarray, "frame camera joint"]:
-        """As visibility; NaN where there is no detection."""
-        return np.where(self.detected, self.visibility, np.nan)
+        """As visibility, if any camera sees the joint; NaN where there is no detection."""
+        return np.where(self.detected, self.visibility * self.credible[:, None], np.nan)
 
     @property
     def observed(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether the detections of at least two cameras are probably of the joint: one ray alone does not determine a
         position."""
-        return self.believed.sum(axis=1) >= 2
+        return np.sum(self.detection_visibility > PROBABLE, axis=1) >= 2
 
     @property
     def believed(self) -> Bool[np.ndarray, "frame camera joint"]:
@@ -115,8 +121,9 @@ class Evidence:
     @property
     def located(self) -> Bool[np.ndarray, "frame joint"]:
         """Whether there is a guess that is probably of the joint: two cameras see it, or the only one that detects it
-        tells its depth."""
-        return np.isfinite(self.guess_m).all(axis=-1) & np.where(self.n_views >= 2, self.observed, self.seen)
+        tells its depth. It may be a guess of all of them."""
+        agreed = self.believed.sum(axis=1) >= 2
+        return np.isfinite(self.guess_m).all(axis=-1) & np.where(self.n_views >= 2, agreed, self.seen)
 
     @property
     def implausible_frames(self) -> tuple[int, ...]:
@@ -226,31 +233,38 @@ class Evidence:
         return Evidence(**{name: array[frames] for name, array in vars(self).items()})
 
 
-def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+def gather(observations: Observations, rig: CameraRig, config: Config, usual: float | None = None) -> Evidence:
     """The evidence of all frames; the detections of frames that make no body are left out (Evidence.implausible).
+
+    Args:
+        observations: of one person.
+        rig: cameras of the observations, in their order.
+        config: the parameters.
+        usual: the confidence of most detections; by default that of these.
 
     Raises:
         ValueError: the cameras of observations and rig differ, or the calibration is in millimetres.
     """
     observations.check_cameras(rig.names)
+    usual = usual_confidence(observations.confidence) if usual is None else usual
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [observations.frames(slice(start, start + _FRAMES_AT_ONCE)) for start in starts]
-    evidence = concatenated([_gather(part, rig, config) for part in parts])
+    evidence = concatenated([_gather(part, rig, config, usual) for part in parts])
     bodies = _bodies(evidence, observations.skeleton)
     bodies.refuse_millimetres()
     if not bodies.implausible.any() or bodies.are_mostly_implausible:
         return evidence
-    return _without(evidence, observations, bodies.implausible, rig, config)
+    return _without(evidence, observations, bodies.implausible, rig, config, usual)
 
 
 def gather_frame(
-    frame: Observations, rig: CameraRig, config: Config, *, may_leave_out: bool = True
+    frame: Observations, rig: CameraRig, config: Config, usual: float, *, may_leave_out: bool = True
 ) -> tuple[Evidence, Bodies]:
     """As gather, of one frame of a stream, which alone does not tell whether the calibration is wrong."""
-    evidence = _gather(frame, rig, config)
+    evidence = _gather(frame, rig, config, usual)
     bodies = _bodies(evidence, frame.skeleton)
     if may_leave_out and bodies.implausible.any():
-        evidence = _without(evidence, frame, bodies.implausible, rig, config)
+        evidence = _without(evidence, frame, bodies.implausible, rig, config, usual)
     return evidence, bodies
 
 
@@ -273,6 +287,7 @@ def _without(
     frames: Bool[np.ndarray, " frame"],
     rig: CameraRig,
     config: Config,
+    usual: float,
 ) -> Evidence:
     """The evidence of these observations with nothing detected in some frames."""
 
@@ -280,7 +295,7 @@ def _without(
         return np.full_like(array[frames], np.nan)
 
     some = observations.frames(frames)
-    nothing = _gather(replace(some, **observations.per_detection(emptied)), rig, config)
+    nothing = _gather(replace(some, **observations.per_detection(emptied)), rig, config, usual)
     nothing = replace(nothing, implausible=np.ones_like(nothing.implausible))
     if frames.all():
         return nothing
@@ -291,7 +306,7 @@ def _without(
     return Evidence(**values)
 
 
-def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+def _gather(observations: Observations, rig: CameraRig, config: Config, usual: float) -> Evidence:
     far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px = rig.undistort(observations.points2d_px)
     triangulated_m = triangulate_robust(
@@ -310,9 +325,11 @@ def _gather(observations: Observations, rig: CameraRig, config: Config) -> Evide
         weights=detection_weights(fusion, observations.confidence, config.projection),
         sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
         visibility=np.ones(observations.confidence.shape),
+        credible=credible(observations.confidence, usual),
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
+        off_path_m=np.full_like(triangulated_m, np.nan),
         anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1) & ~has_depth,
         views_m=views_m,
         rays=rays,

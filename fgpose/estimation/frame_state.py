@@ -37,6 +37,8 @@ class FrameState:
     """Which joints are estimated."""
     linked: Bool[np.ndarray, " joint"]
     """Which of them a motion factor joins to the frame before; the others enter the graph here."""
+    process_density: Float[np.ndarray, " joint"]
+    """Power spectral density of the noise of the motion that leads to this frame; see Segment."""
     status: np.ndarray
     unseen_before_s: Float[np.ndarray, " joint"]
     """Time since any camera probably saw each joint, if none does in this frame."""

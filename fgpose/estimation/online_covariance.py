@@ -54,7 +54,7 @@ def online_covariance_m2(
     covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
     widened_m2 = widened(covariance_m2, state.evidence, positions_m, rig, skeleton)
     swing = unseen_s[None], skeleton, config.swing, widened_m2 - covariance_m2
-    return with_swing(widened_m2, positions_m, *swing)[0]
+    return with_swing(widened_m2, positions_m, *swing, doubt=1 - state.evidence.credible)[0]
 
 
 def _probable_weight(state: FrameState) -> Float[np.ndarray, " joint"]:

@@ -20,8 +20,9 @@ from fgpose.estimation.noise import shrunk
 # Accelerations are averaged from so long before a frame to so long after it. On the tuning clips of the benchmark half
 # of it raises the mean errors with two cameras by 3 %; otherwise half and twice as long change less than 1 %.
 _NEARBY_S = 0.2
-# Bounds of the density. Online the least is higher, since a joint at rest may start to move.
-LEAST_DENSITY, _LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 300.0
+# Bounds of the density. Online the least is higher, since a joint at rest may start to move. The most is beyond that of
+# a sprinter's ankle at 30 Hz, some 10,000.
+LEAST_DENSITY, _LEAST_DENSITY_ONLINE, _MOST_DENSITY = 0.3, 1.0, 30_000.0
 _SMOOTHED = 2 * np.sqrt(2)  # q b over the mean square of the smoothed acceleration
 # What is usual for a joint counts as so many measurements; the frames nearby are about ten. On the tuning clips of the
 # benchmark the mean errors with 1 and 16 differ by less than 3 %.

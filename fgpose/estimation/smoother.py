@@ -209,6 +209,8 @@ def _informed(
     evidence = replace(segment.evidence, sigma_px=solution.sigma_px)
     positions_m, config = solution.positions_m, segment.config
     known = informed(evidence, positions_m, segment.rig, segment.skeleton, config, visibility)
+    # From a path that lost a fast limb the optimiser would not find back, and its accelerations are too small.
+    positions_m = np.where(np.isnan(known.off_path_m), positions_m, known.off_path_m)
     information = known.information(positions_m, segment.rig)
     lengths_m = _first_known([solution.lengths_m, segment.lengths_m])
     return replace(
@@ -292,7 +294,7 @@ def _trajectory(recording: Segment, solution: Solution) -> Trajectory:
     covariance_m2 = solution.covariance_m2 if config.solver.covariance else None
     if covariance_m2 is not None:
         swing = recording.skeleton, config.swing, solution.widening_m2
-        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, *swing)
+        covariance_m2 = with_swing(covariance_m2, positions_m, unseen_s, *swing, doubt=1 - evidence.credible)
         covariance_m2 = np.where(active[..., None, None], covariance_m2, np.nan)
     return Trajectory(
         skeleton=recording.skeleton,

@@ -79,8 +79,9 @@ def with_swing(
     skeleton: Skeleton,
     config: SwingConfig,
     of_seen_m2: Float[np.ndarray, "frame joint 3 3"] | None = None,
+    doubt: Float[np.ndarray, "frame joint"] | float = 0.0,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """The covariance widened for the swing of every unseen joint and of those that hold it.
+    """The covariance widened for the swing of every unseen joint and of those that hold it, and for what is doubted.
 
     Args:
         covariance_m2: of all joints.
@@ -89,10 +90,13 @@ def with_swing(
         skeleton: for the bones.
         config: how far they swing.
         of_seen_m2: by how much the covariance of seen joints was widened already; that of those that they hold is too.
+        doubt: probability that all detections of a joint are guesses; see fgpose.estimation.credibility.
 
     A bone of length L that has turned by an angle a has moved its end by L a across and L a^2 / 2 along itself.
     """
-    if not (unseen_s > 0).any():
+    doubt = np.broadcast_to(doubt, unseen_s.shape)
+    swings = (unseen_s > 0) | (doubt > 0)
+    if not swings.any():
         return covariance_m2
     swing_m2 = np.zeros_like(covariance_m2)
     for joint, holder in holders(skeleton):
@@ -103,8 +107,11 @@ def with_swing(
         along = np.einsum("ti,tj->tij", direction, direction)
         across_m2 = (length_m * angle) ** 2 / 2
         along_m2 = (length_m * angle**2 / 2) ** 2
+        # Anywhere on the sphere, as far as in doubt: two squared lengths in all, two thirds along each axis.
+        anywhere_m2 = 2 / 3 * doubt[:, joint] * length_m**2
         own_m2 = across_m2[:, None, None] * (np.eye(3) - along) + along_m2[:, None, None] * along
-        swung = (unseen_s[:, joint] > 0)[:, None, None] & np.isfinite(own_m2)
+        own_m2 += anywhere_m2[:, None, None] * np.eye(3)
+        swung = swings[:, joint, None, None] & np.isfinite(own_m2)
         of_holder_m2 = swing_m2[:, holder]
         if of_seen_m2 is not None:
             of_holder_m2 = of_holder_m2 + of_seen_m2[:, holder]

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config, VisibilityConfig
+from fgpose.estimation.agreement import Agreement, is_doubtful
 from fgpose.estimation.detection_bias import Bias, ResidualSums, RunningBias
 from fgpose.estimation.detection_residuals import (
     LEAST_SPREAD_M,
@@ -43,6 +44,10 @@ _TIMING_S = 0.01
 _SPREAD_MEMORY_S = 10.0
 # 1 / (2 f), with the density f of the logarithm of the length of a normal error at its median, ln 2.
 _MEDIAN_GAIN = 0.72
+# Logarithm of the odds from which online a place off the predicted path is believed on which three views agree: nothing
+# later takes it back. At 0 the mean error of the newest pose on the tuning clips of the benchmark, occluded, is 3 %
+# larger.
+_SURE_ONLINE = 4.0
 _LEAST_STEP_S = 1e-6  # a camera that is there twice at one time tells nothing new
 
 
@@ -78,9 +83,10 @@ def judged(
     residuals = DetectionResiduals.of(positions_m, evidence, rig, config)
     spread_m = residuals.spread_m(priors.sigma_m, float(np.median(_independent(step_s, CORRELATION_S))))
     spread_of_joint_m = np.hypot(spread_m[:, None], moved_m[:, None])
-    log_odds = residuals.log_odds(spread_of_joint_m, rig, skeleton, priors)
-    log_odds = log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
-    probability = chain.smoothed(chain.filtered(log_odds, step_s), log_odds, step_s)
+    said = Agreement.of(residuals, spread_of_joint_m, spread_m, chain.usual, 0.0, rig, skeleton, priors)
+    odds = said.log_odds * _independent(step_s, _CORRELATION_S)[:, None, None]
+    probability = chain.smoothed(chain.filtered(odds, step_s), odds, step_s)
+    evidence = replace(evidence, off_path_m=said.off_path_m)
     return _known(evidence, *residuals.of_seen, spread_m, probability, step_s[:, None, None], priors)
 
 
@@ -133,8 +139,8 @@ class RunningVisibility:
             return
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
         since_s = self._since_s(evidence)
-        log_odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * _independent(since_s, _CORRELATION_S)
-        updated = self._chain.updated(self._chain.predicted(self._probability, since_s), log_odds)
+        odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * _independent(since_s, _CORRELATION_S)
+        updated = self._chain.updated(self._chain.predicted(self._probability, since_s), odds)
         self._probability = np.where(is_new[:, None], updated, self._probability)
         self._last_s = np.where(is_new[:, None], evidence.time_s[0], self._last_s)
         if self._window and self._window[-1][0] == evidence.time_s[0]:
@@ -158,10 +164,10 @@ class RunningVisibility:
             self._window.pop()
         before_s, before = self._window[-1] if self._window else self._before
         step_s = np.diff(evidence.time_s, prepend=before_s)
-        log_odds = self._log_odds(residuals, velocities_mps, rig) * _independent(step_s, _CORRELATION_S)[:, None, None]
-        filtered = self._chain.filtered(log_odds, step_s, before)
+        odds = self._log_odds(residuals, velocities_mps, rig) * _independent(step_s, _CORRELATION_S)[:, None, None]
+        filtered = self._chain.filtered(odds, step_s, before)
         self._window.extend(zip(evidence.time_s.tolist(), filtered, strict=True))
-        probability = self._chain.smoothed(filtered, log_odds, step_s)
+        probability = self._chain.smoothed(filtered, odds, step_s)
         seen, priors = residuals.of_seen, self._config.visibility
         return _known(evidence, *seen, self._spread_m, probability, step_s[:, None, None], priors)
 
@@ -195,8 +201,13 @@ class RunningVisibility:
     ) -> Float[np.ndarray, "frame camera joint"]:
         moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
         spread_m = np.hypot(self._spread_m[:, None], moved_m[:, None])
-        log_odds = residuals.log_odds(spread_m, rig, self._skeleton, self._config.visibility)
-        return np.where(residuals.several, log_odds, 0.0)
+        return np.where(residuals.several, self._said(residuals, spread_m, rig).log_odds, 0.0)
+
+    def _said(
+        self, residuals: DetectionResiduals, visible_m: Float[np.ndarray, "#frame camera #joint"], rig: CameraRig
+    ) -> Agreement:
+        given, priors = (residuals, visible_m, self._spread_m, self._chain.usual), self._config.visibility
+        return Agreement.of(*given, _SURE_ONLINE, rig, self._skeleton, priors)
 
     def _learn_spread(
         self, since_s: Float[np.ndarray, "camera 1"], residuals: DetectionResiduals, is_new: Bool[np.ndarray, " camera"]
@@ -245,6 +256,12 @@ class RunningVisibility:
         if not self._on:
             return evidence
         probability = self._chain.predicted(self._probability, self._since_s(evidence))
+        if is_doubtful(positions_m, evidence.undistorted_px[0], self._spread_m, rig):
+            residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
+            said = self._said(residuals, self._spread_m[None, :, None], rig)
+            is_off = np.isfinite(said.off_path_m[0]).all(axis=-1)
+            probability = np.where(is_off, self._chain.updated(probability, said.log_odds[0]), probability)
+            evidence = replace(evidence, off_path_m=said.off_path_m)
         return self._with_probability(probability[None], evidence, positions_m, rig)
 
     def _with_probability(

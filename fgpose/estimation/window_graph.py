@@ -16,7 +16,6 @@ from fgpose.estimation.factors.kinds import factors_of
 from fgpose.estimation.factors.motion import Motions
 from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.keys import position_key
-from fgpose.estimation.process_noise import RunningDensity
 from fgpose.estimation.segment import Predecessor, Segment
 from fgpose.estimation.solvers.fixed_lag import FixedLagSmoother
 from fgpose.geometry.camera import CameraRig
@@ -32,12 +31,12 @@ class WindowGraph:
     `changes` are such states, by number of the frame in the window; the joints that change are their active ones.
 
     Args:
-        lengths, density: as they are learned; factors take those of the time when they are made.
+        lengths: as they are learned; factors take those of the time when they are made.
         config: all parameters.
     """
 
-    def __init__(self, lengths: RunningLengths, density: RunningDensity, config: Config) -> None:
-        self._lengths, self._density, self._config = lengths, density, config
+    def __init__(self, lengths: RunningLengths, config: Config) -> None:
+        self._lengths, self._config = lengths, config
         self._smoother = FixedLagSmoother(config.online.relinearize_m)
 
     @property
@@ -114,7 +113,7 @@ class WindowGraph:
             active=state.active[None],
             lengths_m=self._lengths.lengths_m,
             length_sigma_m=self._lengths.sigma_m,
-            process_density=self._density.density()[None],
+            process_density=state.process_density[None],
             lengths_known=True,
             initial_m=state.positions_m[None],
             before=None if is_first else Predecessor(state.at.time_s - state.step_s, state.linked),

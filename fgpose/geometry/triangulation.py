@@ -79,7 +79,7 @@ def triangulate_robust(
     undistorted_px: Float[np.ndarray, "*frames camera joint 2"],
     confidence: Float[np.ndarray, "*frames camera joint"],
     rig: CameraRig,
-    inlier_px: float = 20.0,
+    inlier_px: float | Float[np.ndarray, "*frames camera joint"] = 20.0,
 ) -> Triangulation:
     """Confidence-weighted DLT over the best subset of views; holds when a minority of views is grossly wrong.
 
@@ -96,6 +96,7 @@ def triangulate_robust(
         shape = points_px.shape[:-2]
         return Triangulation(np.full((*shape, 3), np.nan), np.zeros((*shape, rig.n_cameras), dtype=bool))
     proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
+    inlier_px = np.moveaxis(np.broadcast_to(inlier_px, undistorted_px.shape[:-1]), -2, -1)
     scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px)
     best = np.argmax(scores, axis=-1)
     inliers = np.take_along_axis(inliers, best[..., None, None], axis=-2)[..., 0, :]
@@ -116,7 +117,7 @@ def _score(
     points_px: Float[np.ndarray, "*points camera 2"],
     weights: Float[np.ndarray, "*points camera"],
     rig: CameraRig,
-    inlier_px: float,
+    inlier_px: Float[np.ndarray, "*points camera"],
 ) -> tuple[Float[np.ndarray, "*points pair"], Bool[np.ndarray, "*points pair camera"]]:
     """MSAC score and inlier views of the point that each pair of views proposes."""
     projected = np.einsum("cij,...j->...ci", rig.projection_matrices[..., :3], proposals_m)
@@ -124,7 +125,7 @@ def _score(
     in_front = projected[..., 2:] > 0
     blank = np.full((*projected.shape[:-1], 2), np.nan)
     pixels = np.divide(projected[..., :2], projected[..., 2:], out=blank, where=in_front)
-    error = np.sum((pixels - points_px[..., None, :, :]) ** 2, axis=-1) / inlier_px**2
+    error = np.sum((pixels - points_px[..., None, :, :]) ** 2, axis=-1) / inlier_px[..., None, :] ** 2
     inliers = (error < 1.0) & (weights > 0)[..., None, :]
     score = np.sum(np.where(inliers, weights[..., None, :] * (1.0 - np.where(inliers, error, 1.0)), 0.0), axis=-1)
     return score, inliers

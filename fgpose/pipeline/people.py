@@ -66,6 +66,10 @@ class PeopleSource:
             return self
         return PeopleSource(self.rig.subset(cameras), self.people.subset(cameras), self.origin)
 
+    def confident(self, least: float) -> PeopleSource:
+        """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
+        return replace(self, people=self.people.confident(least))
+
     def first_frames(self, n_frames: int) -> PeopleSource:
         """The beginning of the recording."""
         return PeopleSource(self.rig, self.people.first_frames(n_frames), self.origin)

@@ -23,7 +23,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.camera_names import counted_otherwise, seen_cameras
 from fgpose.io.keypoints import Person, keypoint_cameras, load_observations, load_people, person_of
-from fgpose.observations import Observations
+from fgpose.observations import Observations, check_confidence
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.people import PeopleSource
@@ -49,6 +49,7 @@ def load_source(
     unit: Unit = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
+    min_confidence: float = 0.0,
     person: Person = "consistent",
 ) -> Source:
     """Read a recording: load_rig and load_observations, which say what is read and what each argument means. Where the
@@ -59,6 +60,7 @@ def load_source(
         calibration: file of the cameras.
         skeleton: what the keypoints are.
         cameras: use only these, in this order. Calibration and keypoints may then have cameras that the other lacks.
+        min_confidence: detections below it are taken for missing.
         person: who, of several people.
 
     Raises:
@@ -68,6 +70,7 @@ def load_source(
     Warns:
         UserWarning: the cameras that are wanted seem to have other numbers in the keypoints; and as load_observations.
     """
+    check_confidence(min_confidence)
     rig = _rig(keypoints, calibration, unit, cameras)
     reading: dict[str, Any] = {
         "fps": fps,
@@ -79,17 +82,12 @@ def load_source(
         rig, calibration, lambda each: load_observations(keypoints, each, skeleton, person=person, **reading)
     )
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
-    if rig.time_offsets_s.any():
-        people = load_people(keypoints, rig, skeleton, **reading)
-    if rig.time_offsets_s.any() or is_changing(rig):
-        people, rig = on_common_clock(load_people(keypoints, rig, skeleton, **reading), rig)
-        origin = replace(origin, remarks=people.remarks)
-        return _one(keypoints, PeopleSource(rig, people, origin), person).subset(cameras)
-    if isinstance(person, int):
-        seen = load_observations(keypoints, rig, skeleton, person=person, **reading)
+    if isinstance(person, int) and not rig.time_offsets_s.any() and not is_changing(rig):
+        seen = load_observations(keypoints, rig, skeleton, person=person, **reading).confident(min_confidence)
         return Source(rig, seen, replace(origin, remarks=seen.remarks)).subset(cameras)
-    people = load_people(keypoints, rig, skeleton, **reading)
+    people = load_people(keypoints, rig, skeleton, **reading).confident(min_confidence)
     origin = replace(origin, remarks=people.remarks)
+    people, rig = on_common_clock(people, rig)
     return _one(keypoints, PeopleSource(rig, people, origin), person).subset(cameras)
 
 
@@ -113,8 +111,10 @@ def load_people_source(
     unit: Unit = "auto",
     points3d_frame: Literal["camera", "world"] = "camera",
     points3d_unit: Literal["mm", "m"] = "mm",
+    min_confidence: float = 0.0,
 ) -> PeopleSource:
     """Everybody in a recording, see load_source."""
+    check_confidence(min_confidence)
     rig = _rig(keypoints, calibration, unit, cameras)
     reading: dict[str, Any] = {
         "fps": fps,
@@ -127,7 +127,7 @@ def load_people_source(
         calibration,
         lambda each: PeopleSource(each, load_people(keypoints, each, skeleton, **reading)).one().observations,
     )
-    people = load_people(keypoints, rig, skeleton, **reading)
+    people = load_people(keypoints, rig, skeleton, **reading).confident(min_confidence)
     origin = origin_of(rig, fps, Keypoints=keypoints, Calibration=calibration)
     origin = replace(origin, remarks=people.remarks)
     people, rig = on_common_clock(people, rig)

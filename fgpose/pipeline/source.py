@@ -39,6 +39,10 @@ class Source:
             self._evidence[config] = gather(self.observations, self.rig, config)
         return self._evidence[config]
 
+    def confident(self, least: float) -> Source:
+        """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
+        return replace(self, observations=self.observations.confident(least))
+
     def first_frames(self, n_frames: int) -> Source:
         """The beginning of the recording."""
         return replace(self, observations=self.observations.frames(slice(0, n_frames)))

@@ -82,4 +82,5 @@ class Job:
             "unit": "auto" if in_metres else data.unit,
             "points3d_frame": "camera" if own else data.points3d_frame,
             "points3d_unit": data.points3d_unit,
+            "min_confidence": data.min_confidence,
         }

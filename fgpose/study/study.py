@@ -38,6 +38,8 @@ class Data:
     points3d_unit: Literal["mm", "m"] = "mm"
     cameras: tuple[str, ...] = ()
     """Use these only; all by default."""
+    min_confidence: float = 0.0
+    """Detections of less confidence are taken for missing."""
     exclude: tuple[str, ...] = ()
     """Patterns of subject/session/trial that are left out, as "S03/*/*"."""
     events: str = ""

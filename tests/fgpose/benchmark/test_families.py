@@ -48,7 +48,7 @@ def informed(recording: Recording, joints: list[int]) -> float:
 
 
 def test_every_other_family_is_there_with_four_cameras_and_with_two():
-    assert {variant.family for variant in OTHERS} == {"lasting", "snapping", "real", "confidence", "noise"}
+    assert {variant.family for variant in OTHERS} == {"lasting", "snapping", "real", "confidence", "noise", "fast"}
     for four, two in zip(OTHERS[::2], OTHERS[1::2], strict=True):
         assert replace(two, name=four.name, description=four.description, n_cameras=4) == four
         assert (two.name, two.n_cameras) == (f"{four.name}_2_cameras", 2)
@@ -269,7 +269,7 @@ def test_the_oracle_of_every_family_gets_what_is_not_hidden(variant: Variant):
     recording = record(variant, TEST_CLIPS[-1], 30)
     known = recording.oracle_observations
     assert known is not None
-    assert recording.occluded.any()
+    assert recording.occluded.any() or variant.family == "fast"
     np.testing.assert_array_equal(known.seen, recording.observations.seen & ~recording.occluded)
     size_px = np.linalg.norm((known.points2d_px - recording.true_rig.project(recording.truth_m))[known.seen], axis=-1)
     assert recording.sigma_px is not None
@@ -296,3 +296,19 @@ def test_batch_and_oracle_run_on_every_family(variant: Variant):
         apart_m = np.linalg.norm(method.solve(recording).positions_m - recording.truth_m, axis=-1)
         # The worst family has hallucinations of half a metre.
         assert np.nanmean(apart_m) < 0.15
+
+
+def test_a_fast_recording_is_the_clip_played_faster():
+    recording, clip = record(find_variant("fast_4x_30hz"), CLIP, 60), record(find_variant("clean"), CLIP, 240)
+    # Every image is 1/30 s after the one before, in which the clip goes on by 4/30 s: 6 2/3 of its frames of 1/50 s.
+    assert recording.fps == 30.0
+    assert len(recording.truth_m) == 36
+    np.testing.assert_allclose(recording.truth_m[::3], clip.truth_m[::20], atol=1e-9)
+
+
+def test_fast_recordings_are_as_fast_as_their_name_says():
+    for variant in (variant for variant in OTHERS if variant.family == "fast"):
+        assert variant.name.startswith(f"fast_{variant.speed:g}x_{variant.fps:g}hz")
+        assert 2 <= variant.speed <= 4
+        assert variant.fps is not None
+        assert 25 <= variant.fps <= 60

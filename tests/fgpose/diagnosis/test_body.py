@@ -17,6 +17,7 @@ from fgpose.diagnosis.body.units import wrong_unit
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, posed, recorded, room, with_points
@@ -91,7 +92,7 @@ def test_a_unit_is_found_by_the_size_of_the_body(seen, rig, factor: float, words
 @pytest.mark.parametrize(
     ("up", "words"), [("z", "--world-up z was given, but the body stands along -y"), ("+y", "not along +z")]
 )
-def test_a_world_whose_y_points_down(seen, rig, up: str, words: str) -> None:
+def test_a_world_whose_y_points_down(seen, rig, up: UpAxis, words: str) -> None:
     (finding,) = wrong_up(Examined.of(seen, posed(rig, lambda pose: Y_DOWN @ pose), world_up=up))
     assert (finding.code, finding.severity) == (Code.WORLD_UP, Severity.WRONG)
     assert words in finding.reason

@@ -10,8 +10,10 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import Config
+from fgpose.estimation.agreement import Agreement
 from fgpose.estimation.detection_residuals import _PREDICTED_M, DetectionResiduals, with_spread
 from fgpose.estimation.evidence import Evidence, gather
+from fgpose.estimation.visibility_chain import Chain
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Occlusion, Scene, simulate, walking
@@ -177,7 +179,10 @@ def test_few_detections_leave_the_usual_spread(rig: CameraRig, skeleton: Skeleto
 
 def odds_of(positions_m: np.ndarray, evidence: Evidence, rig: CameraRig, skeleton: Skeleton) -> np.ndarray:
     spread_m = np.full(rig.n_cameras, PRIOR_M)
-    return residuals_of(positions_m, evidence, rig).log_odds(spread_m[None, :, None], rig, skeleton, CONFIG.visibility)
+    residuals = residuals_of(positions_m, evidence, rig)
+    usual = Chain(CONFIG.visibility).usual
+    given = residuals, spread_m[None, :, None], spread_m, usual, 0.0, rig, skeleton, CONFIG.visibility
+    return Agreement.of(*given).log_odds
 
 
 def moved(evidence: Evidence, camera: int, joint: int, to_px: np.ndarray) -> Evidence:
