@@ -108,7 +108,7 @@ class _Setting:
 
     parts: list[Observations]
     """What is smoothed of each person."""
-    frames: list[Int[np.ndarray, " sample"]]
+    frames: list[Int[np.ndarray, " _"]]
     """The frames of each part that are used in the adjustment."""
     rig: CameraRig
     config: Config

@@ -9,6 +9,7 @@ import numpy as np
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes, find_changes
 from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.diagnosis.short_recordings import faults_of_short
 from fgpose.finding import Code, Finding, Severity
 
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
@@ -26,7 +27,7 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     if examined.rig.n_cameras < 2:
         raise NotJudgedError("there is one camera")
     if max(float(np.ptp(own.frame_time_s)) for own in people) < _LEAST_S:
-        raise NotJudgedError(f"the recording is shorter than {_LEAST_S:.0f} s")
+        return faults_of_short(examined)
     found = find_changes(people, examined.rig)
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")

@@ -29,6 +29,7 @@ from fgpose.estimation.sole_views import RunningSoleViews
 from fgpose.estimation.visibility import RunningVisibility
 from fgpose.estimation.window_graph import WindowGraph
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
 from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
 from fgpose.skeleton import Skeleton
@@ -63,6 +64,7 @@ class Estimator:
         config: Config | None = None,
         offsets: RunningOffsets | None = None,
     ) -> None:
+        refuse_changing(rig)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._rig = rig
         self._lengths = RunningLengths(skeleton, self.config)

@@ -17,6 +17,7 @@ from fgpose.estimation.plausibility import Bodies, far_outside_images
 from fgpose.estimation.presence import present
 from fgpose.estimation.weights import detection_weights
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
 from fgpose.observations import Observations
@@ -246,6 +247,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config, usual: fl
         ValueError: the cameras of observations and rig differ, or the calibration is in millimetres.
     """
     observations.check_cameras(rig.names)
+    refuse_changing(rig)
     usual = usual_confidence(observations.confidence) if usual is None else usual
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [observations.frames(slice(start, start + _FRAMES_AT_ONCE)) for start in starts]

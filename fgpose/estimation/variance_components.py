@@ -65,7 +65,7 @@ class ErrorComponents:
         # With so many degrees of freedom errors follow Student's t, whose variance is larger.
         total = np.maximum(freedom + prior, _LEAST_TOTAL_FREEDOM)[:, None]
         variances = total / (total - 2) * (share * own + (1 - share) * of_all)
-        frames_as_one = products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12)
+        frames_as_one = max(products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12), 1.0)
         return ErrorComponents(variances, _shrunk(products.correlation, products.others_dimensions / frames_as_one))
 
     def independent(self, duration_s: float, step_s: float) -> float:

@@ -265,9 +265,15 @@ class CameraRig:
         """The same cameras in a world that is turned: every position times this rotation."""
         turned_T_world = np.eye(4)
         turned_T_world[:3, :3] = rotation
-        poses = (turned_T_world @ camera.world_T_camera for camera in self.cameras)
         return CameraRig(
-            tuple(replace(camera, world_T_camera=pose) for camera, pose in zip(self.cameras, poses, strict=True))
+            tuple(
+                replace(
+                    camera,
+                    world_T_camera=turned_T_world @ camera.world_T_camera,
+                    moves=tuple((since_s, turned_T_world @ pose) for since_s, pose in camera.moves),
+                )
+                for camera in self.cameras
+            )
         )
 
     @cached_property

@@ -20,6 +20,16 @@ def is_changing(rig: CameraRig) -> bool:
     return any(camera.clock_drift or camera.clock_jumps or camera.moves for camera in rig.cameras)
 
 
+def refuse_changing(rig: CameraRig) -> None:
+    """Raise ValueError if a clock or a pose changes: the images are to be put on the common clock first."""
+    for camera in rig.cameras:
+        if camera.clock_drift or camera.clock_jumps or camera.moves:
+            raise ValueError(
+                f"camera {camera.name}: its clock or pose changes while the recording lasts; take "
+                "observations, rig = fgpose.on_common_clock(observations, rig) first"
+            )
+
+
 def later_s(camera: Camera, stamp_s: Float[np.ndarray, " image"]) -> Float[np.ndarray, " image"]:
     """How much later than its time stamp says each image of a camera was taken."""
     late_s = camera.time_offset_s + camera.clock_drift * stamp_s

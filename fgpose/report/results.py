@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import in_pieces, is_changing
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.calibration import load_calibration_origin, load_rig
 from fgpose.io.folders import shown
@@ -203,6 +204,7 @@ def _videos(origin: Origin, rig: CameraRig | None) -> Path | None:
 
 
 def _rig_of(path: Path, rig: CameraRig, trajectory: Trajectory) -> CameraRig:
+    rig = in_pieces(rig) if is_changing(rig) else rig
     missing = [name for name in trajectory.camera_names if name not in rig.names]
     if missing:
         raise ValueError(f"{path}: camera {', '.join(missing)} of the result is not in this calibration")

@@ -18,6 +18,7 @@ from fgpose.association.common_clock import is_far_off, on_common_clock
 from fgpose.estimation.delays import image_motion_px
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.changing_rig import is_changing
 from fgpose.io.camera_names import seen_cameras
 from fgpose.io.keypoints import keypoint_cameras, load_people
 from fgpose.observations import Observations
@@ -48,12 +49,21 @@ def used_detections(
     if named:
         rig = rig.subset(name for name in rig.names if name in named or name in wanted)
     everybody = load_people(path, rig, first.skeleton, fps=fps, ignore_other_cameras=True)
+    if is_changing(rig):
+        together, pieces = on_common_clock(everybody, rig)
+        images = _Images(together.subset(wanted), pieces.subset(wanted), np.zeros(len(wanted)))
+        return _of_best([images], people, path)
     own = rig.subset(wanted)
     clocks = [_Images(everybody.subset(wanted), own, own.time_offsets_s)]
     if is_far_off(rig, min(usual_step_s(everybody.times_s(name)) for name in rig.names)):
         # The images were put together by the offsets, or these were only found later: as it fits the result better.
         together, _ = on_common_clock(everybody, rig)
         clocks.append(_Images(together.subset(wanted), own, np.zeros(own.n_cameras)))
+    return _of_best(clocks, people, path)
+
+
+def _of_best(clocks: Sequence[_Images], people: Mapping[int, Trajectory], path: Path) -> dict[int, Observations]:
+    """As the images fit the result best."""
     try:
         found = [{number: clock.of_person(each) for number, each in people.items()} for clock in clocks]
     except ValueError as error:

@@ -267,8 +267,9 @@ def test_info_settles_the_calibration_first(
     save_rig(CameraRig(tuple(exchanged)), tmp_path / "Calib.toml")
     assert main(["info", source[0], "--rig", str(tmp_path / "Calib.toml"), *source[3:]]) == 0
     printed = capsys.readouterr().out
-    assert "The calibration of cam_01 is probably wrong" in printed
-    assert "taken later" not in printed
+    assert "!! " in printed
+    assert "cam_01" in printed
+    assert "takes its images" not in printed
 
 
 def test_evaluate_against_itself(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.synthetic import (
@@ -17,9 +17,9 @@ from fgpose.synthetic import (
     crowd_motion,
     embedded_motion,
     real_errors,
-    ring_rig,
     simulate,
 )
+from fgpose.synthetic.rig import look_at
 
 FPS = 30.0
 SECONDS = 24.0
@@ -32,12 +32,10 @@ CLIPS: tuple[tuple[str, str, int], ...] = (
     ("walk and climb", "cmu_01_04_a", 104),
     ("walk and work", "cmu_03_03_a", 105),
 )
-RIGS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
-    ("2 cameras", 4, (0, 1)),
-    ("3 cameras", 4, (0, 1, 2)),
-    ("4 cameras", 4, (0, 1, 2, 3)),
-)
-"""Name, cameras of the ring, and which of them are used."""
+RIGS: Mapping[str, tuple[int, ...]] = {"2 cameras": (0, 1), "3 cameras": (0, 1, 2), "4 cameras": (0, 1, 2, 3)}
+"""Which cameras of the room are used. They stand as in no ring: one that is turned or mirrored looks like itself."""
+_PLACES_M = ((4.6, 1.2, 2.4), (0.9, 4.9, 1.7), (-5.2, -0.6, 2.9), (-1.1, -4.3, 2.1))
+_FOCAL_PX, _SIZE_PX, _TARGET_M = 900.0, (1600, 1200), (0.0, 0.0, 0.9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +64,15 @@ def takes(clips: Sequence[tuple[str, str, int]] = CLIPS, seconds: float = SECOND
     """Every clip with every rig."""
     for clip, work, seed in clips:
         truth_m = motion(work, seed, seconds)
-        for rig_name, n_ring, used in RIGS:
-            ring = ring_rig(n_ring, 5.0, 2.5, (0.0, 0.0, 0.9), focal_px=900.0, size_px=(1600, 1200))
-            rig = ring.subset(ring.names[c] for c in used)
+        for rig_name, used in RIGS.items():
+            rig = CameraRig(tuple(_camera(c) for c in used))
             yield Take(clip, rig_name, rig, _filmed(truth_m, rig, seed), truth_m, seed)
+
+
+def _camera(number: int) -> Camera:
+    K = np.array([[_FOCAL_PX, 0.0, _SIZE_PX[0] / 2], [0.0, _FOCAL_PX, _SIZE_PX[1] / 2], [0.0, 0.0, 1.0]])
+    pose = look_at(np.array(_PLACES_M[number]), np.array(_TARGET_M))
+    return Camera(f"cam{number + 1}", _SIZE_PX, K, pose, np.zeros(0))
 
 
 def motion(work: str, seed: int, seconds: float) -> Float[np.ndarray, "frame joint 3"]:

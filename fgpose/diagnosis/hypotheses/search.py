@@ -117,7 +117,7 @@ def explain(scene: Scene) -> Explanation | None:
     return None
 
 
-def _halves(n_frames: int) -> tuple[Int[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:
+def _halves(n_frames: int) -> tuple[Int[np.ndarray, " looked_at"], Int[np.ndarray, " held_out"]]:
     """Ten stretches of time, in turns."""
     stretch = np.arange(n_frames) * 10 // max(n_frames, 1)
     return np.flatnonzero(stretch % 2 == 0), np.flatnonzero(stretch % 2 == 1)

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
-from fgpose.sampling import mean_times_s, usual_step_s
+from fgpose.sampling import usual_step_s
 
 # Less is a detector that misses somebody in a few images.
 _LEAST_S, _LEAST_SHARE = 1.0, 0.02
@@ -29,7 +29,7 @@ def cameras_with_somebody(examined: Examined) -> tuple[Float[np.ndarray, " frame
     """The time of each frame of the whole recording, and how many cameras see somebody then."""
     if examined.association is None:
         return examined.main.frame_time_s, _shows(examined.main.seen).sum(axis=1)
-    time_s = mean_times_s(examined.association.frames.time_s)
+    time_s = examined.association.frames.frame_time_s
     shown = np.zeros((len(time_s), examined.rig.n_cameras), dtype=bool)
     for person, seen in examined.people.items():
         shown[examined.association.people[person].frames] |= _shows(seen.seen)

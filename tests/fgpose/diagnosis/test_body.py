@@ -66,7 +66,8 @@ def test_nothing_is_told_of_real_recordings(name: str) -> None:
 def test_nothing_is_told_of_right_ones(n_cameras: int, posture) -> None:
     rig = room(n_cameras, seed=7)
     examined = Examined.of(recorded(rig, posture(motion_m("cmu_02_10", 90)), seed=7), rig)
-    assert [finding for check in CHECKS for finding in check(examined)] == []
+    # That somebody lies all the time is said: it may be the world that lies.
+    assert [each for check in CHECKS for each in check(examined) if each.severity is not Severity.NOTE] == []
 
 
 @pytest.mark.parametrize(

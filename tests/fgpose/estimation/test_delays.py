@@ -154,7 +154,9 @@ def test_the_image_of_a_point_that_comes_late_and_of_one_seen_once() -> None:
 
 
 def test_a_time_offset_must_be_a_number(rig: fgpose.CameraRig) -> None:
-    with pytest.raises(ValueError, match=f"camera {rig.names[1]}: the time offset is not finite"):
+    with pytest.raises(
+        ValueError, match=f"camera {rig.names[1]}: the time offset, a drift or a jump of the clock is not finite"
+    ):
         rig.with_time_offsets(np.array([0.0, np.nan, 0.0, 0.0]))
     np.testing.assert_array_equal(rig.with_time_offsets(OFFSETS_S).time_offsets_s, OFFSETS_S)
 

@@ -1,0 +1,56 @@
+"""Cameras that are late or were moved, in recordings that are too short to tell what changes in time."""
+
+from __future__ import annotations
+
+from fgpose.calibration.camera_faults import CameraFault, camera_faults
+from fgpose.diagnosis.examined import Examined, NotJudgedError
+from fgpose.finding import Code, Finding, Severity
+
+# More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
+_FAR_APART_S = 0.12
+
+
+def faults_of_short(examined: Examined) -> list[Finding]:
+    """By a quick self-calibration, which takes clocks and poses for constant."""
+    if examined.rig.n_cameras < 3:
+        raise NotJudgedError("fewer than three cameras, and too short for two")
+    recording = examined.association if examined.association is not None else examined.main
+    faults = camera_faults(recording, examined.rig)
+    if not faults:
+        raise NotJudgedError("no two cameras agree on any joint")
+    late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
+    return [*(_late(fault, bool(moved)) for fault in late), *(_moved(fault, bool(late)) for fault in moved)]
+
+
+def _late(fault: CameraFault, also_moved: bool) -> Finding:
+    # While the person walks in one direction, both faults cause the same errors. Either option alone would absorb the
+    # error of the other.
+    both = " and --refine-calibration together" if also_moved else ""
+    by_hand = ""
+    if abs(fault.offset_s) > _FAR_APART_S:
+        by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
+    ms, sigma_ms = 1000 * abs(fault.offset_s), 1000 * fault.offset_sigma_s
+    return Finding(
+        Code.LATE_CAMERA,
+        Severity.DOUBTFUL,
+        f"{fault.name} takes its images {abs(fault.offset_frames):.1f} frames ({ms:.0f} +/- {sigma_ms:.0f} ms) "
+        f"{'later' if fault.offset_s > 0 else 'earlier'} than their times say, measured by the clocks of the others",
+        f"Use --estimate-time-offsets{both}.{by_hand}",
+        0.5,
+        camera=fault.name,
+        numbers={"offset_s": fault.offset_s, "sigma_s": fault.offset_sigma_s},
+    )
+
+
+def _moved(fault: CameraFault, also_late: bool) -> Finding:
+    together = " and --estimate-time-offsets together" if also_late else ""
+    return Finding(
+        Code.MOVED_CAMERA,
+        Severity.DOUBTFUL,
+        f"{fault.name} seems to have been moved since it was calibrated, by about {fault.rotation_deg:.1f} degrees and "
+        f"{100 * fault.translation_m:.0f} cm",
+        f"Use --refine-calibration{together}.",
+        0.6,
+        camera=fault.name,
+        numbers={"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m},
+    )
