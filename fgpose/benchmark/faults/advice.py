@@ -40,7 +40,7 @@ def _left_out(given: Damaged, finding: Finding) -> Damaged | None:
 
 
 def _in_metres(given: Damaged, finding: Finding) -> Damaged | None:
-    factor = finding.numbers.get("metres_per_unit")
+    factor = finding.numbers.get("factor")
     if factor is None:
         return None
     cameras = []

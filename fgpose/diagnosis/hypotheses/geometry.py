@@ -55,7 +55,8 @@ class Geometry:
         far = bool((medians_m[~np.isnan(medians_m)] > _FAR_M).any()) or bool(np.isnan(medians_m).all())
         if self.state.scene.n_cameras == 2:  # what either hallucinates, both miss
             far &= bool((self.state.agreement.shares < _FEW_NEAR).any())
-        return far or (self.state.scene.n_cameras == 2 and self.state.unsteadiness > _NO_BODY and self._parallax)
+        unsteady = bool(self.state.unsteadiness > _NO_BODY)
+        return far or (self.state.scene.n_cameras == 2 and unsteady and self._parallax)
 
     @property
     def stands_out(self) -> bool:
@@ -63,7 +64,7 @@ class Geometry:
         medians_m = np.nan_to_num(self.state.medians_m, nan=0.0)
         worst = int(np.argmax(medians_m))
         usual_m = float(np.median(np.delete(medians_m, worst)))
-        return len(medians_m) > 2 and medians_m[worst] > max(_STANDS_OUT * usual_m, NORMAL_M)
+        return bool(len(medians_m) > 2 and medians_m[worst] > max(_STANDS_OUT * usual_m, NORMAL_M))
 
     @property
     def _parallax(self) -> bool:

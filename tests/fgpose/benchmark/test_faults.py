@@ -53,13 +53,21 @@ def test_the_cause_of_a_damage_is_named_first(damage: Damage) -> None:
     assert not given.cameras or not findings[0].camera or findings[0].camera in given.cameras
 
 
-def test_a_damage_is_harmful_and_its_remedy_helps() -> None:
-    (damage,) = find_damages(["centimetres as metres"])
+def test_a_damage_is_harmful_and_said() -> None:
+    (damage,) = find_damages(["half as large images"])
     outcome = outcome_of(every_take()["4 cameras"], damage)
     assert outcome.harmful
     assert outcome.said
     assert outcome.right
     assert not outcome.silent
+
+
+def test_following_the_advice_mends_the_unit() -> None:
+    (damage,) = find_damages(["squares of 54 mm as metres"])
+    outcome = outcome_of(every_take()["2 cameras"], damage)
+    assert outcome.right
+    # The factor is from the stature, to 10 %: so is the error of a body that is 1 m from the middle of the world.
+    assert outcome.followed_mm < 500
 
 
 def test_the_report_counts(tmp_path: Path) -> None:
