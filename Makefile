@@ -11,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # time, so it is left to the fast ones, in `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-quick soak live-soak format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -105,6 +105,10 @@ benchmark-people: $(STAMP)
 # Rigs found from people who walk through simulated studios, beside the true ones.
 benchmark-calibrate: $(STAMP)
 	$(BIN)/fgpose benchmark calibrate --output out/benchmark-calibrate
+
+# What is said of damaged recordings, and what the advice is worth.
+benchmark-faults: $(STAMP)
+	$(BIN)/fgpose benchmark faults --output out/benchmark-faults
 
 # A part of the benchmark of accuracy, whose errors must be those that are stored. After a change that is meant to change them:
 # .venv/bin/fgpose benchmark --quick --output out/benchmark-quick --store tests/data/benchmark_quick.json

@@ -33,6 +33,8 @@ class Faults:
 
     damages: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Only these damages, by the names in the report."""
+    clips: Annotated[int, arg(metavar="N")] = 5
+    """On so many of the five clips, the first ones."""
     quick: bool = False
     """Five damages on one clip of 12 s: for a first look."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out/benchmark-faults")
@@ -46,11 +48,13 @@ class Faults:
         from fgpose.benchmark.faults.take import CLIPS, SECONDS, takes
         from fgpose.io.atomic import check_writable
 
+        if not 1 <= self.clips <= len(CLIPS):
+            raise ValueError(f"--clips must be from 1 to {len(CLIPS)}, got {self.clips}")
         if self.workers < 1:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         damages = find_damages(self.damages or (_QUICK_DAMAGES if self.quick else ()))
         check_writable(self.output)
-        every = list(takes(CLIPS[:1] if self.quick else CLIPS, SECONDS / 2 if self.quick else SECONDS))
+        every = list(takes(CLIPS[: 1 if self.quick else self.clips], SECONDS / 2 if self.quick else SECONDS))
         n_all = sum(1 + sum(take.rig.n_cameras >= each.least_cameras for each in damages) for take in every)
         with counting_bar("benchmark", "recordings", n_all) as advance:
             outcomes = run(every, damages, advance, self.workers)

@@ -23,7 +23,7 @@ MISNAMED: frozenset[str] = frozenset()
 
 @cache
 def every_take() -> dict[str, Take]:
-    return {take.rig_name: take for take in takes(CLIPS[2:3], 16.0)}
+    return {take.rig_name: take for take in takes(CLIPS[2:3], 14.0)}
 
 
 def damaged(damage: Damage) -> Damaged:
@@ -53,6 +53,7 @@ def test_the_cause_of_a_damage_is_named_first(damage: Damage) -> None:
     assert not given.cameras or not findings[0].camera or findings[0].camera in given.cameras
 
 
+@pytest.mark.slow
 def test_a_damage_is_harmful_and_said() -> None:
     (damage,) = find_damages(["half as large images"])
     outcome = outcome_of(every_take()["4 cameras"], damage)
@@ -62,6 +63,7 @@ def test_a_damage_is_harmful_and_said() -> None:
     assert not outcome.silent
 
 
+@pytest.mark.slow
 def test_following_the_advice_mends_the_unit() -> None:
     (damage,) = find_damages(["squares of 54 mm as metres"])
     outcome = outcome_of(every_take()["2 cameras"], damage)
@@ -93,6 +95,7 @@ def test_the_command(tmp_path: Path) -> None:
     assert "| centimetres as metres | 3 |" in (tmp_path / "report.md").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_what_is_undamaged_is_measured_too() -> None:
     (alone,) = run([every_take()["2 cameras"]], (), n_workers=0)
     assert alone.damage == UNDAMAGED

@@ -98,6 +98,7 @@ def test_where_nobody_ever_is_everything_is_unobservable(scene: Scene, rig: fgpo
     assert fgpose.smooth(nobody, rig, FAST).absent.all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap_s", [0.4, 1.5])
 def test_live_a_child_who_comes_after_an_adult_has_bones_of_its_own(
     gap_s: float, scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
