@@ -11,8 +11,9 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.skeleton import Skeleton
 
-MOST_DEG, MOST_M = 10.0, 0.15
-"""A camera that is moved by hand or by a kick stands no further from where it was."""
+MOST_DEG, MOST_M = 10.0, 0.35
+"""A camera that is kicked is not turned further. It moves by 15 cm, but images of a second or two hardly tell a move
+from a turn about the body: 5 degrees at 4 m are 35 cm."""
 # Of limbs. Cameras that agree hold the size of the body; of two, one that is bumped changes the distance, and with it
 # the size, by what one degree is of the angle between them.
 _MOST_GROWTH, _MOST_GROWTH_OF_TWO = 0.05, 0.15

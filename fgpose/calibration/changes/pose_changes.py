@@ -80,7 +80,9 @@ class _Views:
         across = np.cross(baseline_m, self.others)
         length = np.sqrt(np.sum(across**2, axis=-1) + np.sum(np.cross(baseline_m, turned) ** 2, axis=-1))
         by_move = np.concatenate([np.cross(turned, across), np.cross(self.others, turned)], axis=-1)
-        return by_move / (length * self.scale[:, None, None])[..., None]
+        # A ray along the baseline, or at a camera's centre, says nothing.
+        length = np.where(length > 0, length * self.scale[:, None, None], np.inf)
+        return by_move / length[..., None]
 
     def independent(self, used: Bool[np.ndarray, " block"]) -> float:
         """By how much the angles in these blocks count against the prior."""

@@ -130,7 +130,7 @@ def test_two_cameras_that_are_exchanged(seen: Observations, rig: CameraRig) -> N
 def test_keypoints_that_are_not_those_of_the_calibration(code, change, cameras, n_cameras: int) -> None:
     rig = room(n_cameras, seed=n_cameras)
     cameras = tuple(c for c in cameras if c < n_cameras)
-    if n_cameras == 3 and len(cameras) == 2:
+    if not cameras or (n_cameras == 3 and len(cameras) == 2):
         pytest.skip("two of three cameras that are wrong alike leave one: it looks like the wrong one")
     finding = only(changed(recorded(rig, motion_m("cmu_02_10"), seed=1), change, cameras), rig)
     assert finding.code is code
