@@ -155,6 +155,7 @@ _OF_GEOMETRY = frozenset(
         Code.IMPOSSIBLE_SPEED,
         Code.IMPOSSIBLE_TURN,
         Code.NOT_CONVERGED,
+        Code.UNDETERMINED,
     }
 )
 _OF_ONE_CAMERA = frozenset(
