@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from fgpose.association.chosen_person import Chosen
-from fgpose.diagnosis.diagnose import diagnose
+from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.pipeline.people import PeopleResult, PeopleSource
@@ -35,7 +35,12 @@ def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyRe
         recording, rig = result.association, result.association.rig
     else:
         recording, rig = result.source.observations, result.source.rig
-    diagnosis = diagnose(recording, rig, people, result.config, world_up)
+    try:
+        diagnosis = diagnose(recording, rig, people, result.config, world_up)
+    except Exception as error:  # Whatever it is: a result must not be lost because it cannot be judged.
+        diagnosis = Diagnosis(
+            (), (), {"anything": f"the diagnosis itself has failed, please report it: {error!r:.300}"}
+        )
     chosen = result.source.chosen if isinstance(result.source, Source) else None
     if chosen is not None and chosen.n_people > 1:
         diagnosis = replace(diagnosis, findings=(*diagnosis.findings, _of_several(chosen)))

@@ -67,6 +67,18 @@ def test_smooth_says_it_and_its_file_carries_it(
     assert all(f"[{finding.code}]" in printed for finding in origin.findings)
 
 
+def test_a_result_is_not_lost_where_the_diagnosis_fails(
+    damaged: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*_: object) -> None:
+        raise ZeroDivisionError("by chance")
+
+    monkeypatch.setattr("fgpose.pipeline.diagnosed.diagnose", fail)
+    assert main(["smooth", *damaged, "-o", str(tmp_path / "out"), "--formats", "parquet"]) == 0
+    assert "Not judged: anything (the diagnosis itself has failed" in capsys.readouterr().out
+    assert (tmp_path / "out" / "walk.parquet").exists()
+
+
 def test_strict_ends_with_three(damaged: list[str], tmp_path: Path) -> None:
     assert main(["smooth", *damaged, "-o", str(tmp_path / "out"), "--formats", "parquet", "--strict"]) == 3
     assert (tmp_path / "out" / "walk.parquet").exists()
