@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.assessment.recording_info import RecordingInfo, recording_info
 from fgpose.association.recording import Association
 from fgpose.calibration.everybody import each_person
 from fgpose.config import Config
@@ -17,7 +18,6 @@ from fgpose.diagnosis.hypotheses.agreement import agreement
 from fgpose.diagnosis.hypotheses.geometry import Geometry, examine
 from fgpose.diagnosis.hypotheses.scene import Scene, limb_joints
 from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.triangulation import Triangulation, triangulate_robust
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.observations import Observations
 from fgpose.sampling import fair_limits, spread_evenly
@@ -81,6 +81,11 @@ class Examined:
         return max(self.people.values(), key=lambda seen: int(seen.seen.sum()))
 
     @cached_property
+    def info(self) -> RecordingInfo:
+        """What is seen of the main person, and how well the cameras agree: several checks ask."""
+        return recording_info(self.main, self.rig)
+
+    @cached_property
     def sampled(self) -> Mapping[int, Observations]:
         """Frames of each person, spread evenly over the whole time in which they are there."""
         limits = fair_limits([seen.n_frames for seen in self.people.values()], _MAX_FRAMES)
@@ -122,11 +127,6 @@ class Examined:
     @cached_property
     def confidence(self) -> Float[np.ndarray, "frame camera joint"]:
         return np.concatenate([seen.confidence for seen in self.sampled.values()])
-
-    @cached_property
-    def triangulated(self) -> Triangulation:
-        """Of the sampled frames, from the views that agree."""
-        return triangulate_robust(self.undistorted_px, self.confidence, self.rig, self.config.fusion.inlier_px)
 
     @cached_property
     def seen(self) -> Bool[np.ndarray, "frame camera joint"]:

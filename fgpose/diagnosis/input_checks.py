@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from fgpose.assessment.recording_info import RecordingInfo, recording_info
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 
@@ -18,13 +17,9 @@ def repaired(examined: Examined) -> list[Finding]:
     ]
 
 
-def _info(examined: Examined) -> RecordingInfo:
-    return recording_info(examined.main, examined.rig)
-
-
 def exchanged_sides(examined: Examined) -> list[Finding]:
     """Cameras that exchange left and right in some frames."""
-    info = _info(examined)
+    info = examined.info
     return [
         Finding(
             Code.EXCHANGED_SIDES,
@@ -61,7 +56,7 @@ def blind(examined: Examined) -> list[Finding]:
 
 def never_seen(examined: Examined) -> list[Finding]:
     """Joints that two cameras never see at once."""
-    joints = _info(examined).never_seen
+    joints = examined.info.never_seen
     if not joints:
         return []
     return [

@@ -38,8 +38,6 @@ class Damage:
     inflict: Callable[[Take, np.random.Generator], Damaged]
     least_cameras: int = 2
     """With fewer it cannot be inflicted."""
-    remedy: Callable[[Damaged], Damaged] | None = None
-    """What the advice comes to; None: it is to record again, or to leave something out."""
 
 
 def with_points(
