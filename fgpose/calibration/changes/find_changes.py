@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
 from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, Blocks, LagCosts, blocks_of, lag_costs
-from fgpose.calibration.changes.pose_changes import PoseFit, pose_fits
+from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
 from fgpose.geometry.camera import CameraRig
@@ -33,6 +34,8 @@ _NOTICEABLE_SHIFT = 0.4
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
 _WHOLE_FRAMES = 0.25
+_ROUNDS = 5
+_SETTLED, _SETTLED_M = np.deg2rad(0.1), 0.005
 # By how much the gain of a change counts that is not what losing images does.
 _IMPLAUSIBLE = 0.85
 
@@ -108,11 +111,13 @@ def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
         and each.change.is_of_clock == best.change.is_of_clock
         and weighed[id(each)] * _CLEARLY >= weighed[id(best)]
     ]
-    return min(nearly, key=lambda each: (list(Kind).index(each.change.kind), _n_jumps(each)))
+    return min(nearly, key=lambda each: (_n_parameters(each), -weighed[id(each)]))
 
 
-def _n_jumps(candidate: _Candidate) -> int:
-    return len(candidate.fit.firsts) if isinstance(candidate.fit, ClockFit) else 0
+def _n_parameters(candidate: _Candidate) -> int:
+    """Of the clock or besides the pose: a jump and when it was, a rate and an offset."""
+    n_jumps = len(candidate.fit.firsts) if isinstance(candidate.fit, ClockFit) else 0
+    return {Kind.OFFSET: 1, Kind.JUMP: 2 * n_jumps, Kind.RATE: 2, Kind.MOVED: 0, Kind.BUMP: 1}[candidate.change.kind]
 
 
 def _is_plausible(candidate: _Candidate, frame: float) -> bool:
@@ -172,13 +177,7 @@ def _placed(
         if fit.kind is Kind.RATE:
             return [_rate(change, lag_s, blocks, changes)]
         return _jump(change, fit, lag_s, people, rig, changes, rays, blocks, step_s)
-    world_R_camera = rig.cameras[change.camera].world_T_camera[:3, :3]
-    moved = replace(
-        change,
-        rotation=world_R_camera.T @ fit.rotation,
-        translation_m=world_R_camera.T @ fit.translation_m,
-        sigma=fit.sigma_rotation,
-    )
+    moved = _move(change, fit, people, rig, changes, blocks)
     if fit.kind is Kind.MOVED:
         return [moved]
     until = bool(fit.held[0])
@@ -187,6 +186,39 @@ def _placed(
     before, after = ([*changes, moved], list(changes)) if until else (list(changes), [*changes, moved])
     at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
     return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
+
+
+def _move(
+    change: Change,
+    fit: PoseFit,
+    people: Sequence[Observations],
+    rig: CameraRig,
+    changes: Sequence[Change],
+    blocks: Blocks,
+) -> Change:
+    """Until nothing is left of it: a large one makes the angles so wide that some of them look like usual ones."""
+    c, grid_s = change.camera, grid_step_s(people)
+    n_lags = round(_MAX_LAG_S / grid_s)
+    given = rig.cameras[c].world_T_camera
+    for each in changes:
+        if each.camera == c and each.kind is Kind.MOVED:
+            given = each.moved_pose(given)
+    pose = np.array(given)
+    for _ in range(_ROUNDS):
+        pose[:3, 3] += fit.translation_m
+        pose[:3, :3] = gtsam.Rot3.Expmap(fit.rotation).matrix() @ pose[:3, :3]
+        relative = np.linalg.inv(given) @ pose
+        change = replace(
+            change,
+            rotation=gtsam.Rot3.Logmap(gtsam.Rot3(relative[:3, :3])),
+            translation_m=relative[:3, 3],
+            sigma=fit.sigma_rotation,
+        )
+        if np.linalg.norm(fit.rotation) < _SETTLED and np.linalg.norm(fit.translation_m) < _SETTLED_M:
+            break
+        rays = rays_of(people, rig, [*changes, change], grid_s, n_lags)
+        fit = pose_fit(rays, lag_costs(rays, blocks, n_lags), c, fit.kind, fit.held)
+    return change
 
 
 def _rate(change: Change, lag_s: Float[np.ndarray, " block"], blocks: Blocks, changes: Sequence[Change]) -> Change:

@@ -133,6 +133,14 @@ def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
     return found
 
 
+def pose_fit(rays: Rays, costs: LagCosts, c: int, kind: Kind, held: Bool[np.ndarray, " block"]) -> PoseFit:
+    """The move of one kind that fits best if the camera was there in these blocks."""
+    views = _Views.of(rays, costs, c)
+    angles = views.angles(np.zeros(6))
+    told = np.bincount(costs.blocks.block, views.weight.sum(axis=(0, 2)), minlength=costs.blocks.n_blocks) > 0
+    return _fitted(kind, held, views, told, views.cost(angles), max(1.0, _typical(angles, views.weight)))
+
+
 def _typical(angles: Float[np.ndarray, "other sample joint"], weight: np.ndarray) -> float:
     """The larger ones, in which a move shows."""
     known = np.abs(angles[(weight > 0) & np.isfinite(angles)])

@@ -16,6 +16,7 @@ def unsteadiness(positions_m: Float[np.ndarray, "frame joint 3"], limbs: Int[np.
         return np.nan
     lengths_m = np.linalg.norm(positions_m[:, limbs[..., 0]] - positions_m[:, limbs[..., 1]], axis=-1)
     usual_m = _median_of_frames(lengths_m)
+    usual_m = np.where(usual_m > 0, usual_m, np.nan)  # between a joint and itself
     change = _median_of_frames(np.abs(lengths_m - usual_m)) / usual_m
     difference = np.abs(usual_m[:, 0] - usual_m[:, 1]) / usual_m.mean(axis=-1)
     known = np.isfinite(difference)
