@@ -56,20 +56,27 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
         gain = np.zeros(len(cost))
         for half in (odd, ~odd):
             of_half, own_firsts = _fit(kind, cost * half[:, None], told & half, time, n_jumps)
-            rows = np.flatnonzero(told & ~half & ~_at_jumps(own_firsts, told & half))
-            gain[rows] = cost[rows, centre] - _at(cost[rows], of_half[rows])
+            rows = np.flatnonzero(told & ~half)
+            gain[rows] = (cost[:, centre] - _least(cost, of_half, own_firsts, told & half))[rows]
         lag = _simple(kind, lag - centre, firsts, cost, costs, step_s)
         found.append(ClockFit(kind, lag, firsts, gain, _sigma(kind, lag + centre, firsts, cost, time)))
     return found
 
 
-def _at_jumps(firsts: tuple[int, ...], told: Bool[np.ndarray, " block"]) -> Bool[np.ndarray, " block"]:
-    """Blocks of which these do not tell whether a jump is before or after them."""
-    between = np.zeros(len(told), dtype=bool)
+def _least(
+    cost: Float[np.ndarray, "block lag"],
+    lag: Float[np.ndarray, " block"],
+    firsts: tuple[int, ...],
+    told: Bool[np.ndarray, " block"],
+) -> Float[np.ndarray, " block"]:
+    """Of each block at its lag; where these do not tell whether a jump is before or after it, at the better one."""
+    least = _at(cost, lag)
     for first in firsts:
-        before, after = np.flatnonzero(told[:first]), first + np.flatnonzero(told[first:])
-        between[(before[-1] if before.size else 0) : (after[0] if after.size else len(told)) + 1] = True
-    return between & ~told
+        before, after = np.flatnonzero(told[:first])[-1], first + np.flatnonzero(told[first:])[0]
+        for either in (before, after):
+            other = _at(cost, np.full(len(cost), lag[either]))
+            least[before + 1 : after] = np.minimum(least, other)[before + 1 : after]
+    return least
 
 
 def _simple(
