@@ -10,8 +10,11 @@ from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes, find_changes
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.short_recordings import faults_of_short
+from fgpose.diagnosis.hypotheses.one_camera import Why
 from fgpose.finding import Code, Finding, Severity
 
+# Nothing can be told of when such a camera saw what, or where it was then.
+_NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
 # A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
@@ -23,9 +26,15 @@ _NTSC = (9e-4, 1.1e-3)
 
 def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     """By the angles by which the rays of the cameras miss each other, second by second of the whole recording."""
-    people = list(examined.people.values())
     if examined.rig.n_cameras < 2:
         raise NotJudgedError("there is one camera")
+    if examined.geometry.explanation is not None:
+        raise NotJudgedError("the calibration does not fit the keypoints")
+    elsewhere = {c for c, odd in examined.geometry.odd if odd.why in _NOT_OF_THIS_TIME}
+    kept = [c for c in range(examined.rig.n_cameras) if c not in elsewhere]
+    if len(kept) < examined.rig.n_cameras:
+        examined = examined.with_cameras([examined.rig.names[c] for c in kept])
+    people = list(examined.people.values())
     if max(float(np.ptp(own.frame_time_s)) for own in people) < _LEAST_S:
         return faults_of_short(examined)
     found = find_changes(people, examined.rig)

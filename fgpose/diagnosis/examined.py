@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -70,6 +70,11 @@ class Examined:
         everybody = each_person(recording.observations, recording)
         people = dict(zip(recording.people, everybody, strict=True))
         return Examined(rig, people, config, recording, result, remarks, world_up)
+
+    def with_cameras(self, names: Sequence[str]) -> Examined:
+        """Some of the cameras."""
+        people = {person: seen.subset(names) for person, seen in self.people.items()}
+        return replace(self, rig=self.rig.subset(names), people=people, association=None)
 
     def number(self, person: int) -> int | None:
         """Of a person, where there are several: Finding.person."""

@@ -146,11 +146,11 @@ def _scale(angles: Float[np.ndarray, "sample lag joint"], blocks: Blocks) -> flo
     least = []
     size = np.abs(angles[:, ::2])
     for block in range(blocks.n_blocks):
-        own = size[blocks.block == block]
-        known = np.isfinite(own).sum(axis=(0, 2))
+        own = np.sort(size[blocks.block == block].swapaxes(0, 1).reshape(size.shape[1], -1), axis=1)  # NaN last
+        known = np.isfinite(own).sum(axis=1)
         if known.max(initial=0) >= _MIN_SEEN:
-            of_lag = [np.nanmedian(own[:, k]) for k in np.flatnonzero(known >= 0.5 * known.max()).tolist()]
-            least.append(min(of_lag))
+            middle = np.take_along_axis(own, np.maximum(known - 1, 0)[:, None] // 2, axis=1)[:, 0]
+            least.append(middle[known >= 0.5 * known.max()].min())
     return max(1.4826 * float(np.median(least)), 1e-4) if least else 1.0
 
 

@@ -141,6 +141,8 @@ def _of_odd(examined: Examined, geometry: Geometry, camera: int, odd: OddCamera)
     misses = f"{others} agree where the body is, and {name} misses it {by}"
     if odd.why is Why.POSE:
         return _elsewhere(name, misses, odd, numbers)
+    if odd.why is Why.RATE:
+        return _at_another_rate(name, misses, odd, numbers)
     if odd.why is not Why.UNKNOWN:
         reason = f"{misses}: it {odd.why.value}"
         remedy = "Look at its images: are they of the same moments as those of the others, and was it touched?"
@@ -171,6 +173,19 @@ def _elsewhere(name: str, misses: str, odd: OddCamera, numbers: dict[str, float]
     )
     remedy = "Give the right calibration or calibrate it again, or leave it out with --cameras."
     return Finding(Code.WRONG_CAMERA, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
+
+
+def _at_another_rate(name: str, misses: str, odd: OddCamera, numbers: dict[str, float]) -> Finding:
+    reason = (
+        f"{misses}. Its images show the same motion {odd.rate:.3g} times as fast as their stamps say: it filmed at "
+        f"another rate, {1 / odd.rate:.3g} times that of the recording"
+    )
+    remedy = (
+        f"Give the times of its images, or clock_drift {odd.rate - 1:.4g} of this camera in the calibration, or leave "
+        "it out with --cameras."
+    )
+    numbers = {**numbers, "rate": odd.rate}
+    return Finding(Code.CLOCK_RATE, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
 
 
 def _confidences(examined: Examined, camera: int) -> tuple[float, float]:

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.diagnosis.hypotheses.agreeing import agreeing
+from fgpose.diagnosis.hypotheses.lenses import other_focal
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
 from fgpose.diagnosis.hypotheses.scene import Scene
-from fgpose.diagnosis.hypotheses.search import NORMAL_M, Explanation, State, explain
+from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, State, explain
 from fgpose.sampling import spread_evenly
 
 _FRAMES = 120
@@ -21,6 +22,7 @@ _STANDS_OUT = 2.5
 _FEW_NEAR = 0.4
 _NO_BODY = 0.8  # unsteadiness: limbs that change by nearly as much as they are long
 _DENSE_S, _DENSE_FRAMES = 60.0, 600
+_ZOOMS = (0.65, 0.8, 0.9, 1.1, 1.25, 1.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +95,9 @@ def examine(scene: Scene) -> Geometry:
 def _examined(scene: Scene) -> Geometry:
     sample = scene.frames(spread_evenly(len(scene.time_s), _FRAMES))
     first = Geometry(State(sample))
-    if first.state.is_clean or scene.n_cameras < 2 or not first.state.agreement.judged.any():
+    if scene.n_cameras < 2 or not first.state.agreement.judged.any():
+        return first
+    if first.state.is_clean and not _zoomed(sample):
         return first
     explanation = explain(sample)
     if explanation is not None or not (first.wrong or first.stands_out):
@@ -103,6 +107,14 @@ def _examined(scene: Scene) -> Geometry:
         return Geometry(first.state, clocks_differ=first.wrong and clocks_differ(dense))
     others = [c for c in range(scene.n_cameras) if c not in kept]
     return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
+
+
+def _zoomed(scene: Scene) -> bool:
+    """Whether cameras agree better with other focal lengths of all: as long as the body is in the middle of the images,
+    rays hardly miss each other by that. Two cameras cannot tell."""
+    everybody = tuple(range(scene.n_cameras))
+    costs = [State(other_focal(scene, everybody, factor).mend(scene)).cost for factor in _ZOOMS]
+    return scene.n_cameras > 2 and min(costs) < EXPLAINED * State(scene).cost
 
 
 def _dense(scene: Scene) -> Scene:

@@ -20,6 +20,9 @@ _STRETCHES = 8  # of the time, each judged by itself
 _LEAST_JOINTS = 20
 # Of clocks: by how much they may differ, in which steps, and how far somebody has to move in a stretch to tell.
 _MOST_S, _STEP_S, _MOVES_M = 30.0, 0.1, 0.15
+# Of 24, 25, 30, 50, 60, 100 and 120 Hz one over another.
+_RATES = (2.0, 0.5, 4.0, 0.25, 1.2, 5 / 6, 1.25, 0.8, 2.4, 1 / 2.4, 2.5, 0.4, 5 / 3, 0.6)
+_STARTS_S = 0.5
 _PAIR_REACH_S, _PAIR_FRAMES = 5.0, 120  # of every pair where none is known to be right
 _ALIKE = 0.4  # correlation of the same motion in two views; of two motions it is around 0
 _RANSAC_PX = 30.0  # in images of a focal length of 1000 px: 0.12 m at 4 m
@@ -30,6 +33,7 @@ class Why(Enum):
 
     FOR_A_WHILE = "agrees for some of the time: it was moved, or lost images"
     CLOCK = "sees the same at another time"
+    RATE = "sees the same, but faster or slower"
     POSE = "stands elsewhere than the calibration says"
     DISTORTED = "sees the same motion, but elsewhere"
     UNKNOWN = "sees something else"
@@ -37,6 +41,8 @@ class Why(Enum):
 
 class OddCamera(NamedTuple):
     why: Why
+    rate: float = 1.0
+    """Where it is another one: by how many times as fast the images show the motion as their stamps say."""
     rotation_deg: float = np.nan
     """Where it stands elsewhere: by how much it would have to be turned and moved."""
     translation_m: float = np.nan
@@ -56,13 +62,17 @@ def why_odd(sample: Scene, dense: Scene, camera: int, others: tuple[int, ...]) -
         return OddCamera(Why.FOR_A_WHILE)
     if _fits_at_another_time(dense.views[camera], agreement(dense.cameras(others)).positions_m, dense.time_s):
         return OddCamera(Why.CLOCK)
+    rate = _rate_that_fits(dense.views[camera], agreement(dense.cameras(others)).positions_m, dense.time_s)
+    if rate is not None:
+        return OddCamera(Why.RATE, rate=rate)
     pose = _pose_that_fits(view, joints_m)
     if pose is None:
         dense_m = agreement(dense.cameras(others)).positions_m
         return OddCamera(Why.DISTORTED if _moves_alike(dense.views[camera], dense_m) else Why.UNKNOWN)
     move = np.linalg.inv(view.camera.world_T_camera) @ pose
     cosine = np.clip((np.trace(move[:3, :3]) - 1) / 2, -1, 1)
-    return OddCamera(Why.POSE, float(np.rad2deg(np.arccos(cosine))), float(np.linalg.norm(move[:3, 3])))
+    rotation_deg, translation_m = float(np.rad2deg(np.arccos(cosine))), float(np.linalg.norm(move[:3, 3]))
+    return OddCamera(Why.POSE, rotation_deg=rotation_deg, translation_m=translation_m)
 
 
 def clocks_differ(dense: Scene) -> bool:
@@ -117,6 +127,21 @@ def _fits_at_another_time(
         best = np.fmin(best, _medians(_missed_m(_at_other_times(view, time_s, time_s + shift_s), joints_m)))
     judged = moves & np.isfinite(best)
     return int(judged.sum()) >= 2 and float(np.mean(best[judged] < _FITS_M)) > 0.6
+
+
+def _rate_that_fits(
+    view: View, joints_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " frame"]
+) -> float | None:
+    """The usual rate that was taken for another usual one, if most stretches fit with it, all with the same start."""
+    moves = np.array([_spread_m(part) > _MOVES_M for part in np.array_split(joints_m, _STRETCHES)])
+    for rate in _RATES:
+        for start_s in np.arange(-_STARTS_S, _STARTS_S + _STEP_S / 2, _STEP_S).tolist():
+            stamps_s = time_s[0] + (time_s - time_s[0] - start_s) / rate
+            missed_m = _medians(_missed_m(_at_other_times(view, time_s, stamps_s), joints_m))
+            judged = moves & np.isfinite(missed_m)
+            if judged.sum() >= 2 and np.mean(missed_m[judged] < _FITS_M) > 0.6:
+                return rate
+    return None
 
 
 def _spread_m(joints_m: Float[np.ndarray, "frame joint 3"]) -> float:

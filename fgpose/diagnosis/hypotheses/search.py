@@ -26,7 +26,8 @@ from fgpose.sampling import spread_evenly
 NORMAL_M = 0.06
 # A cause is found if what is left of the cost is this share of it; the next best other one has to leave so many times
 # as much.
-_EXPLAINED, _CLEARLY = 0.5, 1.5
+EXPLAINED, _CLEARLY = 0.5, 1.5
+_WELL = 0.2  # of the cost: what leaves more may have another cause
 _STEP = 0.85  # share of the cost that a first of several causes may leave, where each is of one camera
 _STEADY_OF_MORE = 0.4
 # What occluders or a bumped camera do is looked at more closely.
@@ -110,11 +111,14 @@ def explain(scene: Scene) -> Explanation | None:
     coarse = coarse.joints(_coarse_joints(scene))
     fine = scene.frames(looked_at[spread_evenly(len(looked_at), _FINE_FRAMES)])
     judge = scene.frames(held_out[spread_evenly(len(held_out), _FINE_FRAMES)])
+    found: list[Explanation] = []
     for whom in ("odd", "everybody", "each") if scene.n_cameras > 2 else ("any",):
         explanation = _found(coarse, fine, judge, whom)
         if explanation is not None:
-            return explanation
-    return None
+            found.append(explanation)
+            if explanation.after.cost < _WELL * explanation.before.cost:
+                break
+    return min(found, key=lambda each: each.after.cost) if found else None
 
 
 def _halves(n_frames: int) -> tuple[Int[np.ndarray, " looked_at"], Int[np.ndarray, " held_out"]]:
@@ -140,7 +144,7 @@ def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation 
             return None
         causes = (*causes, best)
         coarse, fine, judge = (best.mend(each) for each in (coarse, fine, judge))
-        if after.is_normal and State(judge).is_normal and State(judge).cost < _EXPLAINED * before.cost:
+        if after.is_normal and State(judge).is_normal and State(judge).cost < EXPLAINED * before.cost:
             return Explanation(causes, before, State(judge), _rival(best, after, rivals))
         if len(best.cameras) == coarse.n_cameras and best.code is not Code.EXCHANGED_CAMERAS:
             return None

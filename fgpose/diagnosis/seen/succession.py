@@ -12,8 +12,11 @@ _REMEDY = "With --people all each has a result of their own, with their own bone
 
 
 def somebody_else(examined: Examined) -> list[Finding]:
-    """Where several were told apart, each has a result of their own, and nothing is wrong."""
-    if examined.association is not None or examined.rig.n_cameras < 2:
+    """Where several were told apart, each has a result of their own, and nothing is wrong.
+
+    With a calibration that does not fit nobody can be told from somebody else.
+    """
+    if examined.association is not None or examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
         return []
     found = successive(PeopleObservations.of_one(examined.main), examined.rig, examined.config.tracking)
     changes = [] if found is None else found.changes
