@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.shape_checks import pytest_runtest_setup  # noqa: F401  # isort: split
+from tests.shape_checks import pytest_runtest_setup  # noqa: F401
 
+# isort: split
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.skeleton import Skeleton

@@ -9,7 +9,7 @@ from typing import Annotated
 from tyro.conf import arg
 
 from fgpose.cli.command_line import command_line
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.options import new_console, progress_bar
 
 # A tenth of it: what fits into the tests.
 _QUICK_DAMAGES = (
@@ -26,7 +26,8 @@ class Faults:
     """Damaged recordings: what is noticed, named rightly, and mended by the advice.
 
     Each damage on five clips with two, three and four cameras, and the same recordings undamaged. Writes outcomes.json
-    and report.md into the output folder. Takes about an hour on two cores.
+    and report.md into the output folder. Takes an hour and a half on two cores; outcomes are kept as they come, and an
+    interrupted run goes on with --resume.
 
     Example: fgpose benchmark faults --quick
     """
@@ -36,7 +37,9 @@ class Faults:
     clips: Annotated[int, arg(metavar="N")] = 5
     """On so many of the five clips, the first ones."""
     quick: bool = False
-    """Five damages on one clip of 12 s: for a first look."""
+    """Five damages on one clip of 10 s: for a first look."""
+    resume: bool = False
+    """Keep the outcomes that stand in the output folder, and find the others."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out/benchmark-faults")
     """Where the report goes."""
     workers: Annotated[int, arg(metavar="N")] = 2
@@ -44,7 +47,8 @@ class Faults:
 
     def run(self) -> None:
         from fgpose.benchmark.faults.benchmark import find_damages, run
-        from fgpose.benchmark.faults.report import write_report
+        from fgpose.benchmark.faults.outcome import Outcome
+        from fgpose.benchmark.faults.report import OUTCOMES, read_outcomes, write_outcomes, write_report
         from fgpose.benchmark.faults.take import CLIPS, SECONDS, takes
         from fgpose.io.atomic import check_writable
 
@@ -54,9 +58,18 @@ class Faults:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         damages = find_damages(self.damages or (_QUICK_DAMAGES if self.quick else ()))
         check_writable(self.output)
-        every = list(takes(CLIPS[: 1 if self.quick else self.clips], SECONDS / 2 if self.quick else SECONDS))
+        every = list(takes(CLIPS[: 1 if self.quick else self.clips], 10.0 if self.quick else SECONDS))
         n_all = sum(1 + sum(take.rig.n_cameras >= each.least_cameras for each in damages) for take in every)
-        with counting_bar("benchmark", "recordings", n_all) as advance:
-            outcomes = run(every, damages, advance, self.workers)
+        stored = self.output / OUTCOMES
+        found = read_outcomes(stored) if self.resume and stored.exists() else []
+        with progress_bar("benchmark", "recordings") as progress:
+
+            def keep(outcome: Outcome) -> None:
+                found.append(outcome)
+                write_outcomes(found, stored)
+                progress(len(found), n_all)
+
+            progress(len(found), n_all)
+            outcomes = run(every, damages, tuple(found), keep, self.workers)
         path = write_report(outcomes, self.output, command_line())
         new_console().print(f"wrote {path}", soft_wrap=True)

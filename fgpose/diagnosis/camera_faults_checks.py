@@ -9,8 +9,8 @@ import numpy as np
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes, find_changes
 from fgpose.diagnosis.examined import Examined, NotJudgedError
-from fgpose.diagnosis.short_recordings import faults_of_short
 from fgpose.diagnosis.hypotheses.one_camera import Why
+from fgpose.diagnosis.short_recordings import faults_of_short
 from fgpose.finding import Code, Finding, Severity
 
 # Nothing can be told of when such a camera saw what, or where it was then.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -71,7 +71,7 @@ class Examined:
         people = dict(zip(recording.people, everybody, strict=True))
         return Examined(rig, people, config, recording, result, remarks, world_up)
 
-    def with_cameras(self, names: Sequence[str]) -> Examined:
+    def with_cameras(self, names: list[str]) -> Examined:
         """Some of the cameras."""
         people = {person: seen.subset(names) for person, seen in self.people.items()}
         return replace(self, rig=self.rig.subset(names), people=people, association=None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from functools import partial
 from multiprocessing import get_context
 
 from threadpoolctl import threadpool_limits
@@ -12,7 +11,7 @@ from threadpoolctl import threadpool_limits
 from fgpose.benchmark.faults.damage import Damage
 from fgpose.benchmark.faults.geometry import GEOMETRY
 from fgpose.benchmark.faults.in_time import IN_TIME
-from fgpose.benchmark.faults.outcome import Outcome, outcome_of
+from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome, outcome_of
 from fgpose.benchmark.faults.people import PEOPLE
 from fgpose.benchmark.faults.take import Take
 
@@ -31,51 +30,52 @@ def find_damages(names: Sequence[str]) -> tuple[Damage, ...]:
 def run(
     takes: Sequence[Take],
     damages: Sequence[Damage] = DAMAGES,
+    known: Sequence[Outcome] = (),
     progress: Callable[[Outcome], None] | None = None,
     n_workers: int = 2,
 ) -> list[Outcome]:
-    """Each damage on each recording with enough cameras, and each recording undamaged.
+    """Each recording undamaged, and each damage on each recording with enough cameras.
 
     Args:
         takes: recordings without a fault.
         damages: what is done to them.
-        progress: told every outcome.
+        known: outcomes of an earlier run, which need not be found again.
+        progress: told every other outcome as soon as it is known.
         n_workers: number of processes; 0: run in this one.
     """
-    # The name goes to the worker: damages hold functions that cannot be pickled.
-    jobs = [(take, tuple(each.name for each in damages if take.rig.n_cameras >= each.least_cameras)) for take in takes]
-    found: list[Outcome] = []
+    found = {(each.clip, each.rig, each.damage): each for each in known}
 
-    def keep(outcomes: list[Outcome]) -> None:
-        found.extend(outcomes)
-        for outcome in outcomes if progress else ():
-            progress(outcome)  # pyright: ignore[reportOptionalCall]
+    def keep(outcome: Outcome) -> None:
+        found[outcome.clip, outcome.rig, outcome.damage] = outcome
+        if progress:
+            progress(outcome)
 
+    def wanted(take: Take) -> list[str]:
+        names = [each.name for each in damages if take.rig.n_cameras >= each.least_cameras]
+        return [name for name in names if (take.clip, take.rig_name, name) not in found]
+
+    def undamaged_mm(take: Take) -> float:
+        return found[take.clip, take.rig_name, UNDAMAGED].error_mm
+
+    first = [take for take in takes if (take.clip, take.rig_name, UNDAMAGED) not in found]
     if n_workers == 0:
-        for job in jobs:
-            keep(_outcomes(*job))
-        return found
-    undamaged = {}
+        for take in first:
+            keep(_outcome(take, UNDAMAGED, None))
+        for take in takes:
+            for name in wanted(take):
+                keep(_outcome(take, name, undamaged_mm(take)))
+        return list(found.values())
     with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
-        first = {pool.submit(_outcomes, take, ()): (take, names) for take, names in jobs}
-        for future in as_completed(first):
+        for future in as_completed([pool.submit(_outcome, take, UNDAMAGED, None) for take in first]):
             keep(future.result())
-            undamaged[id(first[future][0])] = future.result()[0].error_mm
-        others = [
-            pool.submit(partial(_damaged, take, name, undamaged[id(take)])) for take, names in jobs for name in names
-        ]
+        others = [pool.submit(_outcome, take, name, undamaged_mm(take)) for take in takes for name in wanted(take)]
         for future in as_completed(others):
-            keep([future.result()])
-    return found
+            keep(future.result())
+    return list(found.values())
 
 
-def _outcomes(take: Take, names: tuple[str, ...]) -> list[Outcome]:
+def _outcome(take: Take, name: str, undamaged_mm: float | None) -> Outcome:
+    """By the name of the damage: damages hold functions, which cannot be sent to another process."""
+    damage = None if name == UNDAMAGED else find_damages([name])[0]
     with threadpool_limits(1):
-        undamaged = outcome_of(take, None)
-        return [undamaged, *(_damaged(take, name, undamaged.error_mm) for name in names)]
-
-
-def _damaged(take: Take, name: str, undamaged_mm: float) -> Outcome:
-    with threadpool_limits(1):
-        (damage,) = find_damages([name])
         return outcome_of(take, damage, undamaged_mm)

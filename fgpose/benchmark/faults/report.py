@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from fgpose.benchmark.faults.benchmark import DAMAGES
 from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome
 from fgpose.io.atomic import write_text
 
@@ -23,14 +24,33 @@ _HEAD = (
 )
 
 
+OUTCOMES = "outcomes.json"
+
+
+def write_outcomes(outcomes: Iterable[Outcome], path: Path) -> None:
+    """To be read again. Raises OSError as write_text does."""
+    write_text(path, json.dumps([dataclasses.asdict(outcome) for outcome in outcomes], indent=1) + "\n")
+
+
+def read_outcomes(path: Path) -> list[Outcome]:
+    """Those of write_outcomes; raises OSError or ValueError."""
+    every = json.loads(path.read_text(encoding="utf-8"))
+    return [Outcome(**{**each, "found": tuple(each["found"])}) for each in every]
+
+
+def _order(damage: str) -> int:
+    names = [each.name for each in DAMAGES]
+    return names.index(damage) if damage in names else -1
+
+
 def write_report(outcomes: Sequence[Outcome], folder: Path, command: str) -> Path:
     """Write report.md and outcomes.json into a folder, whole or not at all.
 
     Raises:
         OSError: the folder cannot be written into.
     """
-    every = [dataclasses.asdict(outcome) for outcome in outcomes]
-    write_text(folder / "outcomes.json", json.dumps(every, indent=1) + "\n")
+    outcomes = sorted(outcomes, key=lambda each: (_order(each.damage), each.clip, each.rig))
+    write_outcomes(outcomes, folder / OUTCOMES)
     damaged = [outcome for outcome in outcomes if outcome.damage != UNDAMAGED]
     undamaged = [outcome for outcome in outcomes if outcome.damage == UNDAMAGED]
     alarms = [outcome for outcome in undamaged if outcome.said]

@@ -22,7 +22,7 @@ from fgpose.synthetic import (
 from fgpose.synthetic.rig import look_at
 
 FPS = 30.0
-SECONDS = 24.0
+SECONDS = 16.0
 _GAIT = "cmu_02_01_short"
 # One person each, who walks about and works: the seed draws the route and the body.
 CLIPS: tuple[tuple[str, str, int], ...] = (
