@@ -50,32 +50,24 @@ def run(
         if progress:
             progress(outcome)
 
-    def wanted(take: Take) -> list[str]:
-        names = [each.name for each in damages if take.rig.n_cameras >= each.least_cameras]
-        return [name for name in names if (take.clip, take.rig_name, name) not in found]
-
-    def undamaged_mm(take: Take) -> float:
-        return found[take.clip, take.rig_name, UNDAMAGED].error_mm
-
-    first = [take for take in takes if (take.clip, take.rig_name, UNDAMAGED) not in found]
+    jobs = [
+        (take, name)
+        for take in takes
+        for name in (UNDAMAGED, *(each.name for each in damages if take.rig.n_cameras >= each.least_cameras))
+        if (take.clip, take.rig_name, name) not in found
+    ]
     if n_workers == 0:
-        for take in first:
-            keep(_outcome(take, UNDAMAGED, None))
-        for take in takes:
-            for name in wanted(take):
-                keep(_outcome(take, name, undamaged_mm(take)))
+        for job in jobs:
+            keep(_outcome(*job))
         return list(found.values())
     with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(_outcome, take, UNDAMAGED, None) for take in first]):
-            keep(future.result())
-        others = [pool.submit(_outcome, take, name, undamaged_mm(take)) for take in takes for name in wanted(take)]
-        for future in as_completed(others):
+        for future in as_completed([pool.submit(_outcome, *job) for job in jobs]):
             keep(future.result())
     return list(found.values())
 
 
-def _outcome(take: Take, name: str, undamaged_mm: float | None) -> Outcome:
+def _outcome(take: Take, name: str) -> Outcome:
     """By the name of the damage: damages hold functions, which cannot be sent to another process."""
     damage = None if name == UNDAMAGED else find_damages([name])[0]
     with threadpool_limits(1):
-        return outcome_of(take, damage, undamaged_mm)
+        return outcome_of(take, damage)

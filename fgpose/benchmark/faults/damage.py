@@ -38,6 +38,8 @@ class Damage:
     inflict: Callable[[Take, np.random.Generator], Damaged]
     least_cameras: int = 2
     """With fewer it cannot be inflicted."""
+    is_constant: bool = False
+    """Whether it does the same to every frame: a few seconds show its errors."""
 
 
 def with_points(

@@ -143,7 +143,7 @@ def _other_lens(share: float) -> Callable[[Camera, np.random.Generator], Camera]
     return change
 
 
-GEOMETRY: tuple[Damage, ...] = (
+_CONSTANT: tuple[Damage, ...] = (
     Damage("half as large images", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 2, one=False)),
     Damage("720p instead of 1080p", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 1.5, one=False)),
     Damage("twice as large images", (Code.IMAGE_SIZE,), of_points(lambda p, _: 2 * p, one=False)),
@@ -174,3 +174,5 @@ GEOMETRY: tuple[Damage, ...] = (
     ),
     Damage("another zoom, all cameras", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_other_lens(1.25), one=False)),
 )
+
+GEOMETRY = tuple(replace(each, is_constant=True) for each in _CONSTANT)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from fgpose.benchmark.faults.advice import followed
 from fgpose.benchmark.faults.damage import Damage, Damaged
-from fgpose.benchmark.faults.take import Take
+from fgpose.benchmark.faults.take import FPS, Take
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.estimation.smoother import smooth
 from fgpose.finding import Finding, Severity
@@ -24,6 +24,8 @@ _MORE_THAN = 2.0
 _LEAST_INSIDE = 0.9
 """Share of the errors within the 99 % ellipsoids; less is wrong."""
 _DAMAGES_SEED = 7
+_PART_S = 4.0
+"""From the middle: what is estimated where a damage does the same to every frame. It is diagnosed as a whole."""
 
 
 @dataclass(frozen=True)
@@ -58,20 +60,18 @@ class Outcome:
         return self.harmful and not self.said
 
 
-def outcome_of(take: Take, damage: Damage | None, undamaged_mm: float | None = None) -> Outcome:
+def outcome_of(take: Take, damage: Damage | None) -> Outcome:
     """Damage a recording, estimate and diagnose it, follow the advice.
 
     Args:
         take: a recording without a fault.
         damage: what is done to it; None: nothing.
-        undamaged_mm: its error without damage, if that is known.
     """
-    if undamaged_mm is None:
-        _, undamaged_mm, _ = _estimated(Damaged(take.rig, take.observations, take.truth_m))
+    part = _middle(take) if damage is not None and damage.is_constant else slice(None)
     name = UNDAMAGED if damage is None else damage.name
     rng = np.random.default_rng([_DAMAGES_SEED, take.seed, len(name)])
     given = Damaged(take.rig, take.observations, take.truth_m) if damage is None else damage.inflict(take, rng)
-    diagnosis, error_mm, inside = _estimated(given)
+    diagnosis, error_mm, inside = _estimated(given, part)
     findings = diagnosis.findings
     serious = [each for each in findings if each.severity is not Severity.NOTE]
     named = [] if damage is None else [each for each in findings if _names(each, damage, given)]
@@ -80,13 +80,13 @@ def outcome_of(take: Take, damage: Damage | None, undamaged_mm: float | None = N
         damage=name,
         clip=take.clip,
         rig=take.rig_name,
-        undamaged_mm=undamaged_mm,
+        undamaged_mm=error_mm if damage is None else _undamaged_mm(take, part),
         error_mm=error_mm,
         inside=inside,
         found=tuple(f"{each.severity}:{each.code}:{each.camera}" for each in findings),
         said=bool(serious or named),
         right=damage is not None and first is not None and _names(first, damage, given),
-        followed_mm=_error_after(given, first),
+        followed_mm=_error_after(given, first, part),
     )
 
 
@@ -95,20 +95,38 @@ def _names(finding: Finding, damage: Damage, given: Damaged) -> bool:
     return finding.code in damage.codes and of_camera
 
 
-def _error_after(given: Damaged, finding: Finding | None) -> float:
+def _middle(take: Take) -> slice:
+    n_frames = len(take.truth_m)
+    half = min(round(_PART_S * FPS), n_frames) // 2
+    return slice(n_frames // 2 - half, n_frames // 2 + half)
+
+
+_UNDAMAGED_MM: dict[tuple[str, int], float] = {}
+
+
+def _undamaged_mm(take: Take, part: slice) -> float:
+    """Found once in each process."""
+    given = Damaged(take.rig, take.observations, take.truth_m)
+    key = take.name, len(take.truth_m[part])
+    if key not in _UNDAMAGED_MM:
+        _UNDAMAGED_MM[key] = _estimated(given, part)[1]
+    return _UNDAMAGED_MM[key]
+
+
+def _error_after(given: Damaged, finding: Finding | None, part: slice) -> float:
     changed = None if finding is None else followed(given, finding)
-    return np.nan if changed is None else _estimated(changed)[1]
+    return np.nan if changed is None else _estimated(changed, part)[1]
 
 
-def _estimated(given: Damaged) -> tuple[Diagnosis, float, float]:
-    """The diagnosis, the error and the share within the 99 % ellipsoids."""
+def _estimated(given: Damaged, part: slice) -> tuple[Diagnosis, float, float]:
+    """The diagnosis, the error and the share within the 99 % ellipsoids of a part."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what does not converge is a finding
         try:
-            result = smooth(given.observations, given.rig)
+            result = smooth(given.observations.frames(part), given.rig)
         except ValueError:
             return diagnose(given.observations, given.rig), np.nan, np.nan
-    error_m, inside = _errors(result, given.truth_m)
+    error_m, inside = _errors(result, given.truth_m[part])
     diagnosis = diagnose(given.observations, given.rig, result)
     return diagnosis, float(1000 * np.quantile(error_m, 0.95)) if error_m.size else np.nan, inside
 
