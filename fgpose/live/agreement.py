@@ -17,6 +17,7 @@ from fgpose.calibration.disagreement import Disagreement, allowed_third_view_mra
 from fgpose.calibration.from_people.cross_checks import third_view_of
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.common_sightings import CommonSighting, CommonSightings
+from fgpose.live.motion_lags import EVERY_S, MotionLags
 from fgpose.people import Detections
 
 _LOG = logging.getLogger("fgpose.live")
@@ -34,7 +35,8 @@ _REMEDY = "fgpose calibrate --from rig.toml"
 
 
 class CameraAgreement:
-    """Looks at somebody once a second, a camera at a time, and remembers the last 40 looks.
+    """Looks at somebody once a second, a camera at a time, and remembers the last 40 looks; more often for clocks that
+    are grossly wrong.
 
     What was said stays until the camera is seen to agree again: also while nobody is there.
 
@@ -50,11 +52,13 @@ class CameraAgreement:
         self._without_mrad = np.full((_KEPT, n, n), np.nan)
         self._n_kept = 0
         self._work: list[_Work] = []
-        self._newest_s = self._taken_s = -np.inf
+        self._lags = MotionLags(rig)
+        self._newest_s = self._taken_s = self._looked_s = -np.inf
         self._parts: dict[tuple[int, ...], CameraRig] = {}
         self._said: Disagreement | None = None
         self._n_unclear = 0
         """Looks since which it is not clear who is wrong: at first, and while a camera moves, it is not."""
+        self._lasting: dict[str, str] = {}
         self.faults: dict[str, str] = {}
         """By camera, in words; none where it agrees or nothing is known."""
 
@@ -66,7 +70,7 @@ class CameraAgreement:
     @property
     def is_due(self) -> bool:
         """Whether it is time to look at somebody."""
-        return not self._work and self._newest_s >= self._taken_s + _EVERY_S
+        return not self._work and self._newest_s >= self._taken_s + EVERY_S
 
     def look(self, offsets_s: Float[np.ndarray, " camera"], sigma_s: Float[np.ndarray, " camera"]) -> None:
         """Take somebody as they are seen now; go_on does the rest.
@@ -77,8 +81,15 @@ class CameraAgreement:
         """
         self._taken_s = self._newest_s
         sighting = self._sightings.take(offsets_s, sigma_s)
-        seen = [] if sighting is None else np.flatnonzero((sighting.confidence > 0).any(axis=1)).tolist()
-        if sighting is None or len(seen) < min(3, self._rig.n_cameras):
+        if sighting is None:
+            return
+        self._lags.add(sighting, sigma_s)
+        self._say()
+        if self._newest_s < self._looked_s + _EVERY_S:
+            return
+        self._looked_s, sighting = self._newest_s, sighting.of_known_clocks
+        seen = np.flatnonzero((sighting.confidence > 0).any(axis=1)).tolist()
+        if len(seen) < min(3, self._rig.n_cameras):
             return
         row = self._n_kept % _KEPT
         self._all_mrad[row], self._without_mrad[row] = np.nan, np.nan
@@ -127,7 +138,7 @@ class CameraAgreement:
         all_mrad = np.where(known, _medians(self._all_mrad), np.nan)
         enough = np.isfinite(self._without_mrad).sum(axis=0) >= _FEWEST
         without_mrad = np.where(enough, _medians(self._without_mrad), np.nan)
-        found = disagreement(all_mrad, without_mrad, _OVER_SHARE if self.faults else 1.0)
+        found = disagreement(all_mrad, without_mrad, _OVER_SHARE if self._lasting else 1.0)
         is_unclear = found is not None and found.camera is None
         self._n_unclear = self._n_unclear + 1 if is_unclear else 0
         if is_unclear and self._n_unclear < _FEWEST:
@@ -135,8 +146,9 @@ class CameraAgreement:
         if found is not None and self._said is not None and found.is_like(self._said, _OTHER_SHARE):
             return
         self._said = found
-        kept = {name: reason for name, reason in self.faults.items() if not known[self._rig.names.index(name)]}
-        self._say(kept | self._in_words(found, all_mrad))
+        kept = {name: reason for name, reason in self._lasting.items() if not known[self._rig.names.index(name)]}
+        self._lasting = kept | self._in_words(found, all_mrad)
+        self._say()
 
     def _in_words(self, found: Disagreement | None, all_mrad: Float[np.ndarray, " camera"]) -> dict[str, str]:
         if found is None:
@@ -151,7 +163,8 @@ class CameraAgreement:
         involved = np.array(self._rig.names)[all_mrad > limit_mrad].tolist()
         return dict.fromkeys(involved, f"{reason}: was one moved? {_REMEDY}")
 
-    def _say(self, faults: dict[str, str]) -> None:
+    def _say(self) -> None:
+        faults = self._lags.faults | self._lasting
         for name in faults.keys() - self.faults.keys():
             _LOG.warning("camera %s: doubtful: %s", name, faults[name])
         for name in self.faults.keys() - faults.keys():

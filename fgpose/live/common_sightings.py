@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -56,14 +56,27 @@ class CommonSighting:
     undistorted_px: Float[np.ndarray, "camera joint 2"]
     confidence: Float[np.ndarray, "camera joint"]
     """0: missing, or the camera has no image near that instant."""
+    late_mrad: Float[np.ndarray, " camera"]
+    """By how much somebody as fast as this one may be elsewhere in the image because of what is not known of its clock:
+    one standard deviation."""
+    person: int
+    """Their number."""
+    instant_s: float
+    """By the clock of the cameras, with what is known of their offsets."""
+    time_s: float
+    """When the tracker has them where they are: a little later or earlier."""
+    positions_m: Float[np.ndarray, "joint 3"]
+    """There, world frame; NaN: not estimated."""
+
+    @property
+    def of_known_clocks(self) -> CommonSighting:
+        """Without the cameras whose times are not known well enough for how fast somebody moves."""
+        is_known = ~(self.late_mrad > USUAL_MRAD)
+        return replace(self, confidence=np.where(is_known[:, None], self.confidence, 0.0))
 
 
 class CommonSightings:
-    """Remembers the newest images of everybody in each camera. What is between them is interpolated.
-
-    A camera whose times are not known well enough for how fast somebody moves does not count at that instant: whoever
-    walks is elsewhere in the image of a camera that is late.
-    """
+    """Remembers the newest images of everybody in each camera. What is between them is interpolated."""
 
     def __init__(self, rig: CameraRig) -> None:
         self._rig = rig
@@ -118,12 +131,22 @@ class CommonSightings:
         instant_s = min((each[-1].image.time_s + offset_s[name] for name, each in glimpses.items()), default=np.nan)
         n_joints = len(person.estimate.positions_m)
         px, confidence = np.full((self._rig.n_cameras, n_joints, 2), np.nan), np.zeros((self._rig.n_cameras, n_joints))
+        away_m = np.array([np.linalg.norm(camera.position_m - _middle_m(person)) for camera in self._rig.cameras])
         for c, camera in enumerate(self._rig.cameras):
-            late_mrad = 1e3 * late_m[c] / np.linalg.norm(camera.position_m - _middle_m(person))
-            if camera.name in glimpses and not late_mrad > USUAL_MRAD:
+            if camera.name in glimpses:
                 original_px, confidence[c] = _at_time(glimpses[camera.name], instant_s - offset_s[camera.name])
                 px[c] = camera.undistort(original_px)
-        return CommonSighting(px, np.where(np.isfinite(px).all(axis=-1), confidence, 0.0))
+        confidence = np.where(np.isfinite(px).all(axis=-1), confidence, 0.0)
+        estimate = person.estimate
+        return CommonSighting(
+            px,
+            confidence,
+            1e3 * late_m / away_m,
+            person.person,
+            float(instant_s),
+            estimate.time_s,
+            estimate.positions_m,
+        )
 
     def _see(
         self, person: Tracked, image: Detections, detection: Int[np.ndarray, " joint"], joint: Int[np.ndarray, " joint"]

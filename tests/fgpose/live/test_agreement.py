@@ -209,6 +209,24 @@ def test_a_camera_that_is_late_was_not_moved() -> None:
     assert set(agreement.faults) == {"ring_2"}
 
 
+@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("late_s", [0.6, -0.6])
+def test_a_clock_that_is_grossly_wrong_is_noticed_at_once(n_cameras: int, late_s: float) -> None:
+    """The tracker does not find the person in it. Its clock is not known to a tenth of a second, as that of any camera
+    without a measured latency."""
+    walk = scene(n_cameras, rate_hz=8.0, duration_s=8.0)
+    unknown = np.where(np.arange(n_cameras) == 1, 0.1, 0.02)
+    agreement = CameraAgreement(walk.rig)
+    assert look(agreement, walk, late_s={"ring_1": late_s}, lost=("ring_1",), sigma_s=unknown) < 2.5
+    ((name, reason),) = agreement.faults.items()
+    assert name == "ring_1"
+    assert reason.startswith("it sees people where they " + ("will be in 0." if late_s > 0 else "were 0."))
+    assert float(reason.removeprefix("it sees people where they ").split(" s")[0].split()[-1]) == pytest.approx(
+        0.6, abs=0.15
+    )
+    assert look(CameraAgreement(walk.rig), walk, sigma_s=unknown) == np.inf
+
+
 @pytest.mark.slow
 def test_the_status_of_the_camera_says_it() -> None:
     """With the tracker, which takes less and less of what such a camera sees."""

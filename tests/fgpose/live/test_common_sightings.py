@@ -53,4 +53,5 @@ def test_a_camera_does_not_count_whose_clock_is_not_known_for_this_speed(
 ) -> None:
     """1 m/s at 5 m: 0.4 mrad, and 10 mrad."""
     sighting = taken(skeleton, (0.0, 0.0, 0.0), np.zeros(3), np.array([0.0, 0.0, sigma_s]))
-    assert (sighting.confidence > 0).all(axis=1).tolist() == [True, True, counts]
+    assert sighting.late_mrad == pytest.approx([0.0, 0.0, 200 * sigma_s], rel=0.3)  # 5 m from the middle of the body
+    assert (sighting.of_known_clocks.confidence > 0).all(axis=1).tolist() == [True, True, counts]
