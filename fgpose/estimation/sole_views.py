@@ -61,7 +61,9 @@ def with_distances(
             single = DistanceFilter(skeleton, lengths_m, posture, last)
             told = _smoothed_distances(single, views, order, camera)
             distance_m[order, camera], variance_m2[order, camera] = told
-    distance_m[~alone] = np.nan
+    # Of garbage the filter may lose its last digits.
+    told = alone & (variance_m2 > 0)
+    distance_m[~told], variance_m2[~told] = np.nan, np.nan
     return evidence.with_distances(_on_rays(distance_m, views.rays, rig), np.sqrt(variance_m2), rig)
 
 

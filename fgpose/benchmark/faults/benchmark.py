@@ -61,13 +61,20 @@ def run(
             keep(_outcome(*job))
         return list(found.values())
     with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(_outcome, *job) for job in jobs]):
-            keep(future.result())
+        try:
+            for future in as_completed([pool.submit(_outcome, *job) for job in jobs]):
+                keep(future.result())
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
     return list(found.values())
 
 
 def _outcome(take: Take, name: str) -> Outcome:
     """By the name of the damage: damages hold functions, which cannot be sent to another process."""
     damage = None if name == UNDAMAGED else find_damages([name])[0]
-    with threadpool_limits(1):
-        return outcome_of(take, damage)
+    try:
+        with threadpool_limits(1):
+            return outcome_of(take, damage)
+    except Exception as error:
+        raise RuntimeError(f"{take.name}: {name}: {error!r}") from error

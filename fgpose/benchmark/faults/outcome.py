@@ -126,7 +126,7 @@ def _estimated(given: Damaged, part: slice) -> tuple[Diagnosis, float, float]:
             result = smooth(given.observations.frames(part), given.rig)
         except ValueError:
             return diagnose(given.observations, given.rig), np.nan, np.nan
-    error_m, inside = _errors(result, given.truth_m[part])
+    error_m, inside = _errors(result, given.truth_m)
     diagnosis = diagnose(given.observations, given.rig, result)
     return diagnosis, float(1000 * np.quantile(error_m, 0.95)) if error_m.size else np.nan, inside
 
@@ -136,7 +136,8 @@ def _errors(
 ) -> tuple[Float[np.ndarray, " known"], float]:
     """A position where nobody is has no error that could be measured: it counts as outside, and as 10 m."""
     given = result.status != Status.UNOBSERVABLE
-    difference_m = (result.positions_m - truth_m)[given]
+    given &= (result.time_s <= (len(truth_m) - 1) / FPS)[:, None]  # images may be taken later than there are frames
+    difference_m = (result.positions_m - _at(truth_m, result.time_s))[given]
     nobody = np.isnan(difference_m).any(axis=-1)
     error_m = np.where(nobody, 10.0, np.linalg.norm(np.nan_to_num(difference_m), axis=-1))
     if result.covariance_m2 is None or not len(error_m):
@@ -144,3 +145,14 @@ def _errors(
     whitened = np.linalg.solve(result.covariance_m2[given], np.nan_to_num(difference_m)[..., None])[..., 0]
     squared = np.einsum("ni,ni->n", np.nan_to_num(difference_m), whitened)
     return error_m, float(np.mean((squared < _CHI2_99) & ~nobody))
+
+
+def _at(
+    truth_m: Float[np.ndarray, "frame joint 3"], time_s: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, "time joint 3"]:
+    """Between frames, where clocks were corrected."""
+    frame = np.clip(time_s * FPS, 0, len(truth_m) - 1)
+    before = np.minimum(np.floor(frame + 1e-6).astype(int), len(truth_m) - 2)
+    share = (frame - before)[:, None, None]
+    between_m = (1 - share) * truth_m[before] + share * truth_m[before + 1]
+    return np.where(np.abs(share) < 1e-6, truth_m[before], between_m)
