@@ -204,7 +204,7 @@ def test_a_hallucination_of_one_joint_is_distrusted_however_rare(
     points_px[second, :2, wrist] += wandering_px(np.random.default_rng(3), 50, 1 / fps)
     hallucinated = replace(scene, observations=replace(scene.observations, points2d_px=points_px))
     markov_mm, none_mm = (errors_mm(hallucinated, model)[second, wrist].max() for model in ("markov", "none"))
-    print("RARE", markov_mm, none_mm)
+    # 43 and 60 mm
     assert markov_mm < 0.8 * none_mm
 
 
