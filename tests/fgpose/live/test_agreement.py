@@ -212,7 +212,7 @@ def test_a_camera_that_is_late_was_not_moved() -> None:
 @pytest.mark.slow
 def test_the_status_of_the_camera_says_it() -> None:
     """With the tracker, which takes less and less of what such a camera sees."""
-    walk = scene(rate_hz=8.0, duration_s=30.0)
+    walk = scene(rate_hz=5.0, duration_s=30.0)
     rig = turned(walk.rig, 1, 3.0)
     live = LiveTracking(rig, walk.motion.skeleton, fgpose.Config(tracking={"max_processes": 1}), volume_points_m(rig))
     ok = [CameraStatus(name, CameraState.OK) for name in rig.names]
