@@ -31,7 +31,7 @@ class BallTracker:
     """Sees the images of one camera, one after the other; could remember something from one to the next."""
 
     def detect(self, image: Image) -> People:
-        nearness = [np.linalg.norm(image.astype(float) - colour, axis=-1) < 120 for colour in COLOURS_RGB]
+        nearness = [cv2.inRange(image, np.subtract(rgb, 60), np.add(rgb, 60)) for rgb in COLOURS_RGB]
         points2d_px = np.array([np.argwhere(near).mean(axis=0)[::-1] for near in nearness])
         corner_px, far_px = points2d_px.min(axis=0), points2d_px.max(axis=0)
         return People(

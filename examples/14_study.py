@@ -15,7 +15,7 @@ import pyarrow.dataset as ds
 import tyro
 
 from fgpose.study import StudyResult, load_study, run_study
-from fgpose.study.demo_data import write_demo_study
+from fgpose.study.demo_data import SESSIONS, write_demo_study
 
 
 def describe(result: StudyResult) -> None:
@@ -24,14 +24,15 @@ def describe(result: StudyResult) -> None:
         print(f"failed: {recording}: {reason}")
 
 
-def main(output: Path = Path("out/study"), seconds: float = 1.0) -> None:
+def main(output: Path = Path("out/study"), seconds: float = 1.0, sessions: tuple[str, ...] = SESSIONS) -> None:
     """Make a study, and run it twice.
 
     Args:
         output: folder of the recordings and of the results.
         seconds: length of each recording.
+        sessions: of each subject.
     """
-    file = write_demo_study(output, seconds, report=False)
+    file = write_demo_study(output, seconds, sessions=sessions, report=False)
     print(file.read_text())
     study = load_study(file)
     describe(run_study(study))

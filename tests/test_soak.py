@@ -19,7 +19,7 @@ FRAMES = 40
 
 @pytest.mark.slow
 def test_the_estimator_lives(tmp_path: Path) -> None:
-    results = soak.soak(0, 12, FRAMES, tmp_path)
+    results = soak.soak(0, 6, FRAMES, tmp_path)
     assert {trouble for result in results for trouble in result.conditions} >= set(TROUBLES)
     assert not {result.seed: reasons for result in results if (reasons := soak.failures(result))}
 
@@ -42,10 +42,9 @@ def two_cameras_that_miss_half(seed: int) -> int:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 8])
-def test_two_cameras_that_miss_half_of_the_detections(seed: int) -> None:
+def test_two_cameras_that_miss_half_of_the_detections() -> None:
     with ProcessPoolExecutor(max_workers=1, mp_context=get_context("spawn")) as child:
-        assert child.submit(two_cameras_that_miss_half, seed).result(timeout=100) == 0
+        assert child.submit(two_cameras_that_miss_half, 1).result(timeout=100) == 0
 
 
 def test_a_crash_ends_one_run_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,7 @@ _CLIPS = {"boxing": "cmu_02_05", "sword": "cmu_02_07_a"}
 # Of the person whose motion was captured: subjects of three sizes.
 _SIZES = {"S01": 1.0, "S02": 0.94, "S03": 1.06}
 _FIRST_S = 2.0  # in the clips: before, little happens
-_SESSIONS = ("morning", "evening")
+SESSIONS = ("morning", "evening")
 _BROKEN = ("S03", "evening", "sword")
 """Its file ends in the middle, as after a copy that was interrupted."""
 
@@ -32,12 +32,15 @@ events = "events.tsv"
 """
 
 
-def write_demo_study(folder: Path, duration_s: float = 5.0, *, report: bool = True) -> Path:
-    """Three subjects with two sessions of two trials each, of which one is damaged; calibrations and events.
+def write_demo_study(
+    folder: Path, duration_s: float = 5.0, *, sessions: tuple[str, ...] = SESSIONS, report: bool = True
+) -> Path:
+    """Three subjects with two sessions of two trials each; calibrations and events. One trial of an evening is damaged.
 
     Args:
         folder: where it is written.
         duration_s: of each recording.
+        sessions: of each subject, among SESSIONS.
         report: whether there will be a page of each recording.
 
     Returns:
@@ -49,7 +52,7 @@ def write_demo_study(folder: Path, duration_s: float = 5.0, *, report: bool = Tr
     skeleton = load_skeleton("h36m_17")
     events, seed = ["subject\tsession\ttrial\tevent\ttime_s"], 0
     for subject, size in _SIZES.items():
-        for session in _SESSIONS:
+        for session in sessions:
             rig = ring_rig(radius_m=4.5 if session == "morning" else 5.0)
             save_rig(rig, folder / subject / session / "Calib.toml")
             for trial, clip in _CLIPS.items():

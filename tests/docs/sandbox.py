@@ -23,7 +23,7 @@ from fgpose.synthetic import (
 )
 
 # Of the real recording: enough for somebody to be confirmed by their motion, and for offsets to be estimated.
-N_FRAMES = 40
+N_FRAMES = 30
 ROOM_FPS = 30.0
 
 

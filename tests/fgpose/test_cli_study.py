@@ -84,9 +84,10 @@ def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caps
 
     # As it is, but short.
     whole = demo_data.write_demo_study
-    monkeypatch.setattr(demo_data, "write_demo_study", lambda folder: whole(folder, 0.4, report=False))
-    monkeypatch.setattr(demo_data, "_SIZES", {"S01": 1.0, "S03": 1.06})
-    monkeypatch.setattr(demo_data, "_SESSIONS", ("evening",))
+    monkeypatch.setattr(
+        demo_data, "write_demo_study", lambda folder: whole(folder, 0.2, sessions=("evening",), report=False)
+    )
+    monkeypatch.setattr(demo_data, "_SIZES", {"S03": 1.06})
     assert main(["demo", "--study", "--output", str(tmp_path)]) == 0
-    assert "3 done, 0 unchanged, 1 failed" in capsys.readouterr().out
+    assert "1 done, 0 unchanged, 1 failed" in capsys.readouterr().out
     assert (tmp_path / "demo_study" / "results" / "report.html").stat().st_size > 100_000

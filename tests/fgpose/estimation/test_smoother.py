@@ -27,9 +27,9 @@ from tests.conftest import MOCAP
 
 @pytest.fixture(scope="module")
 def long_scene(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
-    """Eight seconds of real motion, noisy, nothing occluded."""
+    """Five seconds of real motion, noisy, nothing occluded."""
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
-    return simulate(truth_m[:400], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=1)
+    return simulate(truth_m[:250], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=1)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,8 @@ def test_each_ingredient_helps_under_occlusion(
     assert full < 0.6 * alone
 
     def error_m(sections: dict[str, dict[str, str]]) -> float:
-        return mean_error_m(fgpose.smooth(mocap_scene.observations, rig, config_from_dict(sections)), mocap_scene)
+        config = config_from_dict({**sections, "solver": {"covariance": False}})
+        return mean_error_m(fgpose.smooth(mocap_scene.observations, rig, config), mocap_scene)
 
     kernel_alone = error_m({"visibility": {"model": "none"}})
     assert full < kernel_alone
@@ -83,7 +84,8 @@ def test_the_fusion_weights_are_no_worse_than_the_others(
     that tells which detections are hallucinated."""
 
     def error_m(weighting: str, visibility: str) -> float:
-        config = config_from_dict({"projection": {"weighting": weighting}, "visibility": {"model": visibility}})
+        sections = {"projection": {"weighting": weighting}, "visibility": {"model": visibility}}
+        config = config_from_dict({**sections, "solver": {"covariance": False}})
         trajectory = fgpose.smooth(mocap_scene.observations, rig, config)
         return mean_error_m(trajectory, mocap_scene)
 
@@ -99,16 +101,20 @@ def test_the_depth_of_each_view_helps_where_two_cameras_are_occluded(
     rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
 ) -> None:
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
-    pair, error_m = rig.subset(rig.names[:2]), {"few_views": 0.0, "never": 0.0, "always": 0.0}
-    for seed in (0, 1):
-        scene = simulate(truth_m[:100], skeleton, pair, fps, DetectionNoise(), Occlusion(n_views=2), seed=seed)
-        for use in error_m:
-            trajectory = fgpose.smooth(scene.observations, pair, config_from_dict({"depth": {"use": use}}))
-            error_m[use] += mean_error_m(trajectory, scene)
-    # 37.2 and 40.7 mm, 29.2 and 29.1 mm. With all their weight, depths of hallucinated joints did harm: 33.0 mm.
-    assert error_m["few_views"] < error_m["never"]
+    pair = rig.subset(rig.names[:2])
+    scene = simulate(truth_m[:100], skeleton, pair, fps, DetectionNoise(), Occlusion(n_views=2), seed=0)
+
+    def error_m(use: str) -> float:
+        trajectory = fgpose.smooth(
+            scene.observations, pair, config_from_dict({"depth": {"use": use}, "solver": {"covariance": False}})
+        )
+        return mean_error_m(trajectory, scene)
+
+    few_views_m = error_m("few_views")
+    # 39.5 and 44.7 mm
+    assert few_views_m < error_m("never")
     # with two cameras no joint has more than two views
-    assert error_m["few_views"] == error_m["always"]
+    assert few_views_m == error_m("always")
 
 
 @pytest.mark.slow
@@ -146,19 +152,19 @@ def test_estimated_bone_lengths(long_scene: Scene, rig: fgpose.CameraRig, skelet
 
 @pytest.mark.slow
 def test_windows_leave_no_seam(long_scene: Scene, long_smoothed: fgpose.Trajectory, rig: fgpose.CameraRig) -> None:
-    """Joined from windows of 2.5 s or solved in one piece: the same within 0.5 mm for half of all joints, 3 mm for
+    """Joined from windows of 1.6 s or solved in one piece: the same within 0.5 mm for half of all joints, 3 mm for
     every one. Half a millimetre of it are the bone lengths, which the windows take from frames that are solved before
     the motion is known; the rest is that the motion from which the process noise is learned is known to 5 mm."""
     steps = []
     joined = fgpose.smooth(
         long_scene.observations,
         rig,
-        config_from_dict({"solver": {"window_s": 2.5, "overlap_s": 1.0}}),
+        config_from_dict({"solver": {"window_s": 1.6, "overlap_s": 1.0}}),
         progress=lambda done, total: steps.append((done, total)),
     )
     assert [done for done, _ in steps] == sorted({done for done, _ in steps})
     assert len(steps) == 3
-    assert steps[-1] == (400, 400)
+    assert steps[-1] == (250, 250)
     apart_m = np.linalg.norm(joined.positions_m - long_smoothed.positions_m, axis=-1)
     assert np.median(apart_m) < 0.5e-3
     assert np.max(apart_m) < 3e-3
@@ -317,6 +323,7 @@ def test_real_recordings_against_each_frame_alone(name: str) -> None:
 def test_real_recordings_without_any_one_camera(name: str) -> None:
     """With the calibration refined (one camera of this rig is 25 px off), hiding any camera moves the joints little."""
     rig, observations = fgpose.load_recording(name)
+    observations = observations.frames(slice(0, 50))
     rig = fgpose.refine_rig(observations, rig).rig
     whole = fgpose.smooth(observations, rig)
     for hidden in rig.names:

@@ -175,7 +175,8 @@ def test_it_helps_under_occlusion(rig: fgpose.CameraRig, skeleton: fgpose.Skelet
 
 
 def errors_mm(scene: Scene, model: str, sigma_px: float = CONFIG.projection.sigma_px) -> np.ndarray:
-    config = config_from_dict({"visibility": {"model": model}, "projection": {"sigma_px": sigma_px}})
+    sections = {"visibility": {"model": model}, "projection": {"sigma_px": sigma_px}}
+    config = config_from_dict({**sections, "solver": {"covariance": False}})
     trajectory = fgpose.smooth(scene.observations, scene.rig, config)
     return 1000 * np.linalg.norm(trajectory.positions_m - scene.truth_m, axis=-1)
 
@@ -199,15 +200,12 @@ def test_a_hallucination_of_one_joint_is_distrusted_however_rare(
     truth_m, fps = motion_from_npz(MOCAP / "cmu_02_05.npz")
     scene = simulate(truth_m[:300], skeleton, rig, fps, DetectionNoise(), Occlusion(n_views=0), seed=0)
     wrist, second = skeleton.index("right_wrist"), slice(125, 175)
-    worst_mm = {"markov": 0.0, "none": 0.0}
-    for seed in (2, 3):
-        points_px = scene.observations.points2d_px.copy()
-        points_px[second, :2, wrist] += wandering_px(np.random.default_rng(seed), 50, 1 / fps)
-        hallucinated = replace(scene, observations=replace(scene.observations, points2d_px=points_px))
-        for model in worst_mm:
-            worst_mm[model] = max(worst_mm[model], errors_mm(hallucinated, model)[second, wrist].max())
-    # 43 mm when the detections are distrusted, 62 mm when they are not
-    assert worst_mm["markov"] < 0.8 * worst_mm["none"]
+    points_px = scene.observations.points2d_px.copy()
+    points_px[second, :2, wrist] += wandering_px(np.random.default_rng(3), 50, 1 / fps)
+    hallucinated = replace(scene, observations=replace(scene.observations, points2d_px=points_px))
+    markov_mm, none_mm = (errors_mm(hallucinated, model)[second, wrist].max() for model in ("markov", "none"))
+    # 43 and 60 mm
+    assert markov_mm < 0.8 * none_mm
 
 
 def wandering_px(rng: np.random.Generator, n_frames: int, step_s: float) -> np.ndarray:

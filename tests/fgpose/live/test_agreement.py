@@ -230,7 +230,7 @@ def test_a_clock_that_is_grossly_wrong_is_noticed_at_once(n_cameras: int, late_s
 @pytest.mark.slow
 def test_the_status_of_the_camera_says_it() -> None:
     """With the tracker, which takes less and less of what such a camera sees."""
-    walk = scene(rate_hz=8.0, duration_s=30.0)
+    walk = scene(rate_hz=5.0, duration_s=30.0)
     rig = turned(walk.rig, 1, 3.0)
     live = LiveTracking(rig, walk.motion.skeleton, fgpose.Config(tracking={"max_processes": 1}), volume_points_m(rig))
     ok = [CameraStatus(name, CameraState.OK) for name in rig.names]

@@ -118,7 +118,7 @@ def test_the_demonstration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     from rrd_contents import entities
 
     (tmp_path / "demo_live.fgpose").write_text("of the last time")
-    assert main(["demo", "--live", "--output", str(tmp_path), "--duration-s", "8"]) == 0
+    assert main(["demo", "--live", "--output", str(tmp_path), "--duration-s", "5"]) == 0
     printed = capsys.readouterr()
     assert "status page: http://127.0.0.1:" in printed.err
     assert {path.name for path in tmp_path.iterdir()} == {"demo_live.fgpose", "demo_live.rrd"}

@@ -25,11 +25,11 @@ FINDING = Reason("", "coarse", "the focal length is a guess", "walk towards the 
 
 @pytest.fixture(scope="module")
 def smoothed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of two seconds, the clocks estimated; the calibration beside it is taken away."""
+    """Of one second, the clocks estimated; the calibration beside it is taken away."""
     folder = tmp_path_factory.mktemp("origin")
     rig, observations = load_recording("balance_openpose")
     save_rig(rig, folder / "Calib.toml")
-    save_observations(observations.frames(slice(0, 120)), folder / "seen.npz")
+    save_observations(observations.frames(slice(0, 60)), folder / "seen.npz")
     given = [str(folder / "seen.npz"), "--rig", str(folder / "Calib.toml"), "--skeleton", "body_25b"]
     options = ["--estimate-time-offsets", "--formats", "parquet", "-o", str(folder / "out")]
     assert main(["smooth", *given, *options]) == 0

@@ -40,7 +40,7 @@ RIG = ring_rig(3, 4.5, 1.9)
 
 def boxing() -> WalkScene:
     motion_m, fps = embedded_motion("cmu_02_05")
-    motion = CrowdMotion(load_skeleton("h36m_17"), motion_m[None, : round(15 * fps)], fps)
+    motion = CrowdMotion(load_skeleton("h36m_17"), motion_m[None, : round(12 * fps)], fps)
     return film(motion, RIG, 1, Network(in_3d=False), CLOCKS)
 
 

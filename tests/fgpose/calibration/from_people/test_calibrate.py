@@ -22,14 +22,18 @@ DURATION_S = 15.0
 
 @cache
 def scene(
-    behaviour: Literal["walks", "stands"] = "walks", max_start_s: float = 0.0, focal_guess: float | None = None
+    behaviour: Literal["walks", "stands"] = "walks",
+    max_start_s: float = 0.0,
+    focal_guess: float | None = None,
+    n_cameras: int = 4,
 ) -> WalkScene:
-    """Of four cameras around a walker, with biased detections."""
+    """Of cameras around a walker, with biased detections."""
     studio = find_studio("equal_4" if focal_guess else "ring_4")
     duration_s = DURATION_S if behaviour == "walks" else 6.0
     motion = walkers(studio.floor_m, duration_s + max_start_s, 3, behaviour=behaviour)
     clocks = Clocks(max_start_s=max_start_s) if max_start_s else None
-    return film(motion, studio.rig, 3, clocks=clocks, focal_guess=focal_guess)
+    rig = studio.rig.subset(studio.rig.names[:n_cameras])
+    return film(motion, rig, 3, clocks=clocks, focal_guess=focal_guess)
 
 
 def calibrated(of: WalkScene, intrinsics: CameraRig | None = None, **options: object) -> CalibratedFromPeople:
@@ -65,7 +69,7 @@ def test_synchronised_cameras_of_known_lenses() -> None:
 
 @pytest.mark.slow
 def test_videos_that_begin_seconds_apart() -> None:
-    of = scene(max_start_s=5.0)
+    of = scene(max_start_s=5.0, n_cameras=3)
     found = calibrated(of, synchronised=False)
     assert found.grade is not Grade.FAILED
     # A third of an image at 30 Hz; the starts are seconds apart.
@@ -76,8 +80,8 @@ def test_videos_that_begin_seconds_apart() -> None:
 
 @pytest.mark.slow
 def test_starts_that_were_heard_are_made_exact() -> None:
-    of = scene(max_start_s=5.0)
-    heard_s = of.rig.time_offsets_s + np.array([0.0, 0.012, -0.008, 0.01])
+    of = scene(max_start_s=5.0, n_cameras=3)
+    heard_s = of.rig.time_offsets_s + np.array([0.0, 0.012, -0.008])
     starts = {name: GivenStart(float(start_s), 0.01) for name, start_s in zip(of.rig.names, heard_s, strict=True)}
     found = calibrated(of, synchronised=False, starts=starts)
     assert np.abs(rigs.start_errors_s(found.rig, of.rig)).max() < 0.006
@@ -107,7 +111,7 @@ def test_a_k_of_another_resolution_is_named() -> None:
 
 @pytest.mark.slow
 def test_somebody_who_stands_still_does_not_make_a_good_calibration() -> None:
-    found = calibrated(scene("stands"))
+    found = calibrated(scene("stands", n_cameras=3))
     assert found.grade is not Grade.GOOD
     assert any("one place" in finding.reason for finding in found.findings)
 
