@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from tyro.conf import Positional, arg
 
 from fgpose.cli.detect import NetworkOptions, quieten_decoder
+from fgpose.cli.findings import look_at
 from fgpose.cli.from_people import FromPeopleOptions, nothing_written, parse_size, print_calibrated
 from fgpose.cli.options import new_console
 from fgpose.cli.pictures import show_walk_images
@@ -143,6 +144,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         written = write_calibration(result, self.output, self.format, self._scene, display)
         print_calibrated(console, result, written)
         if result.grade is not Grade.FAILED:
+            look_at(console, people, result.rig)
             return 0
         nothing_written(self.output)
         return FAILED
@@ -231,6 +233,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         written = write_bumped(bumped, given, self.output, self.format, self._scene, display, known)
         _print_bumped(console, bumped, written)
         if bumped.grade is not Grade.FAILED:
+            look_at(console, people, bumped.rig)
             return 0
         nothing_written(self.output)
         return FAILED

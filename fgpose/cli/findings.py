@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.diagnosis.diagnose import Diagnosis
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.people import PeopleObservations
 
 PROBABLY_WRONG = 3
 """Exit code with --strict where a finding says that numbers are wrong."""
@@ -29,6 +31,18 @@ def print_findings(console: Console, diagnosis: Diagnosis) -> None:
     if diagnosis.not_judged:
         reasons = ", ".join(f"{what} ({why})" for what, why in diagnosis.not_judged.items())
         console.print(f"Not judged: {reasons}.", soft_wrap=True)
+
+
+def look_at(console: Console, people: PeopleObservations, rig: CameraRig) -> None:
+    """Print what is probably wrong with a recording from which this rig was calibrated or synchronised."""
+    from fgpose.association.common_clock import on_common_clock
+    from fgpose.cli.options import new_console
+    from fgpose.pipeline.diagnosed import looked_at
+
+    with new_console(stderr=True).status("looking for what may be wrong"):
+        diagnosis = looked_at(*on_common_clock(people.subset(rig.names), rig))
+    console.print("The recording with this calibration:")
+    print_findings(console, diagnosis)
 
 
 def conclude(console: Console, diagnosis: Diagnosis | None, *, strict: bool) -> int:

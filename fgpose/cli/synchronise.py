@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
+from fgpose.cli.findings import look_at
 from fgpose.cli.options import KeypointOptions, new_console
 
 if TYPE_CHECKING:
@@ -65,6 +66,7 @@ class Synchronise(KeypointOptions):
                 soft_wrap=True,
             )
         console.print(f"wrote {self.output}", soft_wrap=True)
+        look_at(console, people, found.rig)
 
 
 def _table(found: Synchronised) -> Table:

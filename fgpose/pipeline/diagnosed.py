@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 
 from fgpose.association.chosen_person import Chosen
+from fgpose.association.recording import Association
+from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
+from fgpose.observations import Observations
+from fgpose.people import PeopleObservations
 from fgpose.pipeline.people import PeopleResult, PeopleSource
 from fgpose.pipeline.results import Result
 from fgpose.pipeline.source import Source
+from fgpose.trajectory import Trajectory
 
 AnyResult = TypeVar("AnyResult", Result, PeopleResult)
 
@@ -35,16 +42,26 @@ def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyRe
         recording, rig = result.association, result.association.rig
     else:
         recording, rig = result.source.observations, result.source.rig
-    try:
-        diagnosis = diagnose(recording, rig, people, result.config, world_up)
-    except Exception as error:  # Whatever it is: a result must not be lost because it cannot be judged.
-        diagnosis = Diagnosis(
-            (), (), {"anything": f"the diagnosis itself has failed, please report it: {error!r:.300}"}
-        )
+    diagnosis = looked_at(recording, rig, people, result.config, world_up)
     chosen = result.source.chosen if isinstance(result.source, Source) else None
     if chosen is not None and chosen.n_people > 1:
         diagnosis = replace(diagnosis, findings=(*diagnosis.findings, _of_several(chosen)))
     return replace(result, diagnosis=diagnosis)
+
+
+def looked_at(
+    recording: Observations | PeopleObservations | Association,
+    rig: CameraRig,
+    people: Mapping[int, Trajectory] | None = None,
+    config: Config | None = None,
+    world_up: UpChoice | WorldUp = "auto",
+) -> Diagnosis:
+    """As diagnose; a diagnosis that fails says so, whatever it is: no result must be lost because it cannot be
+    judged."""
+    try:
+        return diagnose(recording, rig, people, config, world_up)
+    except Exception as error:
+        return Diagnosis((), (), {"anything": f"the diagnosis itself has failed, please report it: {error!r:.300}"})
 
 
 def _of_several(chosen: Chosen) -> Finding:

@@ -23,7 +23,7 @@ from fgpose.sampling import spread_evenly
 NEAR_M = 0.12
 # A body whose joints are spread by 0.5 m (body_size.body_radius) may be a child's, or crouch. Further from it the
 # unit is wrong, and distances are measured in bodies.
-_SPREAD_M, _MOST_TIMES = 0.45, 2.5
+SPREAD_M, _MOST_TIMES = 0.45, 2.5
 _LEAST_SIN = np.sin(np.deg2rad(2.0))  # between two rays that propose a place
 _MAX_PAIRS = 28
 
@@ -159,7 +159,7 @@ def _unit(
     angle = np.sqrt(np.maximum(1 - _dot(mean, mean), 0.0))[count > 2]  # of unit vectors, around their mean
     if not depth_m.size or not angle.size or not np.median(angle) > 0:
         return 1.0
-    unit = float(_SPREAD_M / (np.median(depth_m) * np.median(angle)))
+    unit = float(SPREAD_M / (np.median(depth_m) * np.median(angle)))
     return 1.0 if 1 / _MOST_TIMES < unit < _MOST_TIMES else unit
 
 

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.diagnosis.hypotheses.agreement import Agreement, agreement
+from fgpose.diagnosis.hypotheses.agreement import SPREAD_M, Agreement, agreement
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, resized, within_image
@@ -35,6 +35,7 @@ _CLEAN_SHARE, _CLEAN_M = 0.85, 0.045
 _ENOUGH = 3  # cameras that agree are not all wrong alike
 _COARSE_FRAMES, _FINE_FRAMES, _COARSE_JOINTS = 14, 40, 8
 _FINALISTS = 10
+_SIZE = 1.8  # children are half as large as the largest, and crouch
 
 
 Whom = Literal["odd", "everybody", "each", "any"]
@@ -155,7 +156,18 @@ def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
     """Two cameras agree on so little that almost any size or focal length can be found that makes them agree."""
     if cause.code is Code.IMAGE_SIZE:
         return within_image(cause, scene) and (scene.n_cameras > 2 or is_common_size(cause, scene))
-    return cause.code is not Code.WRONG_LENS or scene.n_cameras > 2
+    return cause.code is not Code.WRONG_LENS or (scene.n_cameras > 2 and _has_size(cause.mend(scene)))
+
+
+def _has_size(scene: Scene) -> bool:
+    """Whether the body is neither a doll nor a giant: the longer the focal length, the nearer together are its joints,
+    and the less rays miss each other that are of nothing."""
+    positions_m = State(scene).agreement.positions_m
+    known = np.isfinite(positions_m).all(axis=(1, 2))
+    if not known.any():
+        return True
+    offsets_m = positions_m[known] - positions_m[known].mean(axis=1, keepdims=True)
+    return SPREAD_M / _SIZE < float(np.median(np.linalg.norm(offsets_m, axis=-1))) < SPREAD_M * _SIZE
 
 
 def _rival(best: Hypothesis, after: State, others: Iterable[tuple[Hypothesis, State]]) -> Hypothesis | None:

@@ -25,6 +25,8 @@ def unsteadiness(positions_m: Float[np.ndarray, "frame joint 3"], limbs: Int[np.
 
 def _median_of_frames(values: Float[np.ndarray, "frame limb side"]) -> Float[np.ndarray, "limb side"]:
     """Of what is known; NaN where three frames are not. Many times as fast as nanmedian."""
+    if not len(values):
+        return np.full(values.shape[1:], np.nan)
     rows = np.sort(values, axis=0)  # NaN last
     count = np.isfinite(values).sum(axis=0)
     middle = np.take_along_axis(rows, np.maximum(count // 2, 0)[None].clip(max=len(rows) - 1), axis=0)[0]
