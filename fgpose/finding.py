@@ -187,6 +187,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.CLOCK_RATE: _OF_CLOCKS,
     Code.SOMEBODY_ELSE: frozenset({Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED}),
     Code.NOBODY: frozenset({Code.GAP}),
+    Code.LOW_CONFIDENCE: frozenset({Code.MISPLACED_JOINT, Code.CONTRADICTED}),
 }
 
 

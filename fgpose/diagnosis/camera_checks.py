@@ -8,12 +8,13 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.diagnosis.body.joint_names import in_words, part_of
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.residuals import USUAL_ERROR_M, errors_m, together_px
 from fgpose.diagnosis.series import known_quantile
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
-_DISAGREES_RATIO = 2.0
+_DISAGREES_RATIO, _MORE_THAN_USUAL = 2.0, 1.5
 # It sees less than half of what is usual in this recording.
 _BLIND_RATIO = 0.5
 # The model of visibility expects some hallucinations everywhere: three times as many as the other cameras have is a
@@ -68,18 +69,21 @@ def calibration_findings(recording: FinishedRecording) -> list[Finding]:
 
 
 def disagreeing_cameras(recording: FinishedRecording) -> list[Finding]:
-    """A camera whose reprojection errors are much larger than those of the others, in view of its resolution."""
+    """A camera whose reprojection errors are much larger than those of the others and than what networks do; at the
+    body, where the rig is known: cameras differ in resolution, and one that is nearer sees more pixels of it."""
     residual_px = together_px(recording)
     if residual_px is None or residual_px.shape[1] < 3:
         return []
     median_px = np.array([known_quantile(of_camera, 0.5) for of_camera in np.moveaxis(residual_px, 1, 0)])
-    # As angles, where the focal lengths are known: cameras differ in resolution.
-    scale = 1.0 if recording.rig is None else np.median(recording.rig.focal_px) / recording.rig.focal_px
-    compared = median_px * scale
+    compared, least = median_px, 0.0
+    if recording.rig is not None:
+        parts_m = [errors_m(each, recording.rig) for each in recording.people.values()]
+        compared = np.array([known_quantile(own, 0.5) for own in np.moveaxis(np.concatenate(parts_m), 1, 0)])
+        least = _MORE_THAN_USUAL * USUAL_ERROR_M
     found = []
     for camera, name in enumerate(recording.camera_names):
         usual = known_quantile(np.delete(compared, camera), 0.5)
-        if compared[camera] > _DISAGREES_RATIO * usual:
+        if compared[camera] > max(_DISAGREES_RATIO * usual, least):
             constant = _constant_part(recording, camera)
             reason = (
                 f"camera {name} disagrees with the others: its median reprojection error is "
@@ -262,12 +266,6 @@ def swapped_pairs(
     judged = np.isfinite(errors_px).all(axis=0) & (apart_px > least_px[:, None])
     like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
     return np.asarray(judged & like), np.asarray(judged)
-
-
-def together_px(recording: FinishedRecording) -> Float[np.ndarray, "frame camera joint"] | None:
-    """Reprojection errors of everybody, one after the other; None where some have none."""
-    residuals = [each.residual_px for each in recording.people.values() if each.residual_px is not None]
-    return np.concatenate(residuals) if len(residuals) == len(recording.people) else None
 
 
 def _share_of(residual_px: Float[np.ndarray, "frame camera joint"], camera: int) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.camera_checks import together_px
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.residuals import MEDIAN_LENGTH, SAMPLES, USUAL_ERROR_M, errors_m, together_px
 from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
@@ -16,10 +16,7 @@ from fgpose.trajectory import Trajectory
 # Less is somebody who comes and goes.
 _OUTSIDE_SHARE = 0.05
 # 18 mm along each axis of the image, of BlazePose and OpenPose (fgpose.config.VisibilityConfig); three times as much.
-_MEDIAN_LENGTH = 1.1774  # of a vector of two normal numbers of standard deviation one
-_USUAL_ERROR_M = 0.018 * _MEDIAN_LENGTH
-_LARGE_ERROR_M = 3 * _USUAL_ERROR_M
-_SAMPLES = 200  # frames; the median needs no more
+_LARGE_ERROR_M = 3 * USUAL_ERROR_M
 
 
 def not_converged(recording: FinishedRecording) -> list[Finding]:
@@ -70,23 +67,16 @@ def large_errors(recording: FinishedRecording) -> list[Finding]:
     if recording.rig is None or together_px(recording) is None:
         return []
     median_m = known_quantile(
-        np.concatenate([_errors_m(each, recording.rig) for each in recording.people.values()]), 0.5
+        np.concatenate([errors_m(each, recording.rig).ravel() for each in recording.people.values()]), 0.5
     )
     if not median_m > _LARGE_ERROR_M:
         return []
     reason = (
         f"half of the reprojection errors are larger than {1000 * median_m:.0f} mm at the body; those of networks on "
-        f"people that they see are about {1000 * _USUAL_ERROR_M:.0f} mm"
+        f"people that they see are about {1000 * USUAL_ERROR_M:.0f} mm"
     )
     remedy = "Is the calibration that of this recording, and are the cameras in its order? Calibrate anew."
     return [Finding(Code.LARGE_ERRORS, Severity.WRONG, reason, remedy, 0.9)]
-
-
-def _errors_m(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, " error"]:
-    """Of a sample of frames, across the ray, at the joint."""
-    assert trajectory.residual_px is not None
-    sampled = spread_evenly(trajectory.n_frames, _SAMPLES)
-    return (trajectory.residual_px[sampled] / rig.px_per_m(trajectory.positions_m[sampled])).ravel()
 
 
 def sigma_ratio(recording: FinishedRecording) -> float:
@@ -100,12 +90,12 @@ def sigma_ratio(recording: FinishedRecording) -> float:
 
 def _sigma_ratios(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, "frame joint"]:
     assert trajectory.residual_px is not None
-    sampled = spread_evenly(trajectory.n_frames, _SAMPLES)
+    sampled = spread_evenly(trajectory.n_frames, SAMPLES)
     seen = np.isfinite(trajectory.residual_px[sampled])
     by_camera = np.array([known_quantile(own, 0.5) for own in np.moveaxis(trajectory.residual_px, 1, 0)])
     # Three numbers are estimated from two of each camera, so residuals are smaller than errors.
     n_views = max(float(seen.sum(axis=1)[seen.sum(axis=1) >= 2].mean()) if seen.any() else 2.0, 2.0)
-    spread_px = by_camera / _MEDIAN_LENGTH / np.sqrt(max(1 - 3 / (2 * n_views), 0.25))
+    spread_px = by_camera / MEDIAN_LENGTH / np.sqrt(max(1 - 3 / (2 * n_views), 0.25))
     information = _information(trajectory.positions_m[sampled], seen, spread_px, rig)
     known = seen.sum(axis=1) >= 2
     known &= np.isfinite(trajectory.positions_m[sampled]).all(axis=-1)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.camera_checks import together_px
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.residuals import together_px
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent
 from fgpose.report.curves import lines

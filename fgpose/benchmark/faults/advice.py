@@ -40,9 +40,9 @@ def _left_out(given: Damaged, finding: Finding) -> Damaged | None:
 
 
 def _in_metres(given: Damaged, finding: Finding) -> Damaged | None:
-    factor = finding.numbers.get("factor")
-    if factor is None:
+    if finding.numbers["factor_sigma"] > 0:  # a length has to be measured in the room
         return None
+    factor = finding.numbers["factor"]
     cameras = []
     for camera in given.rig.cameras:
         pose = camera.world_T_camera.copy()

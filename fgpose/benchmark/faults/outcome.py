@@ -48,6 +48,8 @@ class Outcome:
     """Whether the first of what is said names the cause, and the camera."""
     followed_mm: float
     """After the advice was followed; NaN: there is none that can be followed here."""
+    attainable_mm: float
+    """Without damage, with the cameras that the advice leaves."""
 
     @property
     def harmful(self) -> bool:
@@ -76,6 +78,7 @@ def outcome_of(take: Take, damage: Damage | None) -> Outcome:
     serious = [each for each in findings if each.severity is not Severity.NOTE]
     named = [] if damage is None else [each for each in findings if _names(each, damage, given)]
     first = serious[0] if serious else named[0] if named else None
+    changed = None if first is None else followed(given, first)
     return Outcome(
         damage=name,
         clip=take.clip,
@@ -86,7 +89,8 @@ def outcome_of(take: Take, damage: Damage | None) -> Outcome:
         found=tuple(f"{each.severity}:{each.code}:{each.camera}" for each in findings),
         said=bool(serious or named),
         right=damage is not None and first is not None and _names(first, damage, given),
-        followed_mm=_error_after(given, first, part),
+        followed_mm=_error_after(changed, part),
+        attainable_mm=_undamaged_mm(take, part, changed.rig.names if changed else take.rig.names),
     )
 
 
@@ -101,20 +105,20 @@ def _middle(take: Take) -> slice:
     return slice(n_frames // 2 - half, n_frames // 2 + half)
 
 
-_UNDAMAGED_MM: dict[tuple[str, int], float] = {}
+_UNDAMAGED_MM: dict[tuple[str, int, tuple[str, ...]], float] = {}
 
 
-def _undamaged_mm(take: Take, part: slice) -> float:
-    """Found once in each process."""
-    given = Damaged(take.rig, take.observations, take.truth_m)
-    key = take.name, len(take.truth_m[part])
+def _undamaged_mm(take: Take, part: slice, names: tuple[str, ...] | None = None) -> float:
+    """Of some of the cameras; found once in each process."""
+    kept = [name for name in take.rig.names if names is None or name in names]
+    given = Damaged(take.rig.subset(kept), take.observations.subset(kept), take.truth_m)
+    key = take.name, len(take.truth_m[part]), tuple(kept)
     if key not in _UNDAMAGED_MM:
         _UNDAMAGED_MM[key] = _estimated(given, part)[1]
     return _UNDAMAGED_MM[key]
 
 
-def _error_after(given: Damaged, finding: Finding | None, part: slice) -> float:
-    changed = None if finding is None else followed(given, finding)
+def _error_after(changed: Damaged | None, part: slice) -> float:
     return np.nan if changed is None else _estimated(changed, part)[1]
 
 

@@ -39,6 +39,7 @@ _MISTAKES = (
     Mistake(1000.0, "metres", "millimetres"),
 )
 _SHORT = {"millimetres": "mm", "centimetres": "cm", "inches": "inch", "metres": "m"}
+_STATURE_SIGMA = 0.06  # of grown-ups, as a share
 # Squares of the boards that people print, metres.
 _SQUARE_M = (0.012, 0.13)
 
@@ -70,7 +71,11 @@ def wrong_unit(examined: Examined) -> list[Finding]:
             f"Give the true unit: {_option(likely, metres_per_unit)}. One length that is measured in the room tells it "
             "better than the stature of people.",
             1.0,
-            numbers={"stature_m": tall_m, "factor": factor},
+            numbers={
+                "stature_m": tall_m,
+                "factor": likely[0].factor if likely else factor,
+                "factor_sigma": 0.0 if likely else _STATURE_SIGMA * factor,
+            },
         )
     ]
 

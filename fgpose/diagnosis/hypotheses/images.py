@@ -23,6 +23,7 @@ _SIZES_PX = (
 _FACTORS = np.exp(np.arange(np.log(1 / 4), np.log(4), 0.04))
 _UNCHANGED = 0.02  # a factor this near to 1 is the calibration's own size
 _SAME_SIZE = 0.015
+_RATIOS, _SAME_RATIO = (4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0), 0.004
 _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 
 
@@ -84,10 +85,13 @@ def within_image(cause: Hypothesis, scene: Scene) -> bool:
 
 
 def is_common_size(cause: Hypothesis, scene: Scene) -> bool:
-    """Whether the images would be of a size that cameras and networks have, as wide for their height as before."""
+    """Whether the images would be of a size that cameras and networks have, as wide for their height as before, or
+    smaller or larger by a simple ratio, as programs make them."""
     factor = cause.numbers["factor_x"], cause.numbers["factor_y"]
     if abs(factor[0] / factor[1] - 1) > _SAME_SIZE:
         return False
+    if any(abs(factor[0] * ratio - 1) < _SAME_RATIO or abs(factor[0] / ratio - 1) < _SAME_RATIO for ratio in _RATIOS):
+        return True
     return _probable_size(size_px(scene.views[cause.cameras[0]]), factor) in _turned_too(_SIZES_PX)
 
 
