@@ -134,6 +134,10 @@ class ErrorProducts:
     others: Float[np.ndarray, "joint joint"]
     """With the errors of the other joints in the same frame."""
     others_dimensions: Float[np.ndarray, "joint joint"]
+    axes: Float[np.ndarray, "joint axis"]
+    """Of the errors with themselves, by axis of the image: horizontal and vertical."""
+    axes_dimensions: Float[np.ndarray, "joint axis axis"]
+    """What each is if the errors along one of the axes have variance 1, and the others none."""
 
     @staticmethod
     def of(parity: Parity, lags: Int[np.ndarray, " lag"], spread: Int[np.ndarray, " frame"]) -> ErrorProducts:
@@ -148,7 +152,8 @@ class ErrorProducts:
         pairs = [(parity.frames(slice(0, n_frames - lag)), parity.frames(slice(lag, None))) for lag in lags.tolist()]
         later = [tuple(part.sum(axis=0) for part in products_later(*pair)) for pair in pairs]
         squared, dimensions = (np.stack(parts) for parts in zip(*later, strict=True))
-        return ErrorProducts(float(n_frames), squared, dimensions, *products_of_others(parity.frames(spread)))
+        others, axes = products_of_others(parity.frames(spread)), products_of_axes(parity)
+        return ErrorProducts(float(n_frames), squared, dimensions, *others, *axes)
 
     def mixed(self, other: ErrorProducts, share: float) -> ErrorProducts:
         """With this share of others."""
@@ -194,3 +199,12 @@ def products_of_others(parity: Parity) -> tuple[Float[np.ndarray, "joint joint"]
     basis = explained.transpose(0, 1, 3, 2).reshape(n_frames, 3 * n_joints, n_views)
     shared = np.sum((basis @ basis.swapaxes(-1, -2)) ** 2, axis=0).reshape(n_joints, 3, n_joints, 3).sum(axis=(1, 3))
     return squared, np.einsum("tjv,tkv->jk", known, known, optimize=True) - by_view - by_view.T + shared
+
+
+def products_of_axes(parity: Parity) -> tuple[Float[np.ndarray, "joint axis"], Float[np.ndarray, "joint axis axis"]]:
+    """Of each joint's errors with themselves by axis of the image, and their dimensions, summed over the frames."""
+    n_views = parity.residual.shape[-1]
+    own = parity.known[..., None] * np.eye(n_views)
+    projection = own - parity.explained @ parity.explained.swapaxes(-1, -2)
+    by_axis = np.sum(projection**2, axis=0).reshape(-1, n_views // 2, 2, n_views // 2, 2).sum(axis=(1, 3))
+    return np.sum(parity.residual**2, axis=0).reshape(-1, n_views // 2, 2).sum(axis=1), by_axis

@@ -6,15 +6,17 @@ follows the detections, slow errors the most, and detections that do not agree w
 from what the views of each frame contradict each other by (fgpose.estimation.detection_errors), with the detections
 that were rejected although a visible joint might have given them. Then each component is simulated, with the
 correlation between joints that was found, and the joints deviate as the linearised problem says. The covariance of the
-joints is that of their simulated deviations, plus what bones and motion leave uncertain.
+joints is that of their simulated deviations, plus what bones and motion leave uncertain, as much as the residuals show
+of it: people move less roughly than white noise on the acceleration, or more.
 """
 
 from __future__ import annotations
 
 import itertools
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.estimation.detection_errors import (
     ErrorProducts,
@@ -34,36 +36,138 @@ from fgpose.sampling import spread_evenly, usual_step_s
 # Deviations are averaged over the axes of a joint and over so much time as well. Then so few samples give standard
 # deviations to some 5 %.
 _SAMPLES, _AVERAGED_S = 8, 1.0
-_LEAST_FACTOR = 0.05  # what is left of a variance where nothing errs
+_LEAST_FACTOR = 0.02  # what is left of a variance where nothing errs
+_NEXT_TO_NOTHING_M2 = 1e-12
+_NINETIETH = 6.251 / 3  # of chi-squared with three degrees of freedom, in their number
+# How much more rough than in the graph motion is; joints tell it anew after so long; so many tell more than the graph.
+_MOST_EXCESS, _TELLS_AGAIN_S, _PRIOR_MEASUREMENTS = 30.0, 0.2, 50.0
+_LEAST_TELLING = 1e-3  # of the variance of the graph
+_HALVINGS = 12  # to a hundredth
 _LONGEST_STEP_S = 1e3  # beyond any recording; a single frame has no next one
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
 
 def covariance_of_errors_m2(
     segment: Segment, positions_m: Float[np.ndarray, "frame joint 3"]
-) -> Float[np.ndarray, "frame joint 3 3"]:
-    """Covariance of every active joint around the solution of a segment; NaN elsewhere.
+) -> tuple[Float[np.ndarray, "frame joint 3 3"], Float[np.ndarray, " joint"]]:
+    """Covariance of every active joint around the solution of a segment, NaN elsewhere; and the variance of the
+    lasting errors of each joint's detections, in that of the graph.
 
     Raises:
         ValueError: a joint is not held by any factor.
     """
-    linearized = NormalEquations(segment).linearized(positions_m)
+    linearized, joints = NormalEquations(segment).linearized(positions_m), segment.joints
     step_s = min(usual_step_s(segment.evidence.time_s), _LONGEST_STEP_S)
+    bias_share = segment.evidence.bias_share[:, joints, None, None]
     with one_blas_thread():
         covariance_m2 = surely_positive(linearized.covariance_m2())
         of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
         components = _components(segment, linearized, residual, step_s)
-        mixing, rng = _root(components.correlation), np.random.default_rng(0)
-        deviations_m2 = np.stack([_simulated_m2(linearized, time_s, step_s, mixing, rng) for time_s in TIMES_S])
-    bias_share = segment.evidence.bias_share[:, segment.joints]
-    deviations_m2[-1] *= bias_share
-    of_graph_m2 = _averaged(np.nan_to_num(np.trace(covariance_m2[:, segment.joints], axis1=-2, axis2=-1)), step_s)
-    of_bones_and_motion_m2 = np.maximum(of_graph_m2 - deviations_m2[0], 0.0)  # the graph takes all errors for white
-    total_m2 = of_bones_and_motion_m2 + np.einsum("jk,ktj->tj", components.variances, deviations_m2)
-    factor = np.divide(total_m2, of_graph_m2, out=np.ones_like(total_m2), where=of_graph_m2 > 0)
-    covariance_m2[:, segment.joints] *= np.maximum(factor, _LEAST_FACTOR)[..., None, None]
-    covariance_m2[:, segment.joints] += bias_share[..., None, None] * of_cameras_m2
-    return covariance_m2
+        rng = np.random.default_rng(0)
+        deviations = Deviations.of(linearized, components, bias_share, step_s, rng)
+        known = np.asarray(np.isfinite(covariance_m2[:, joints]).all(axis=(-1, -2)))
+        in_graph_m2 = np.where(known[..., None, None], covariance_m2[:, joints], 0.0)
+        of_graph_m2 = _averaged(in_graph_m2, step_s) + _NEXT_TO_NOTHING_M2 * np.eye(3)
+        tells = known & segment.evidence.observed[:, joints]
+        of_motion = share_of_motion(linearized, deviations, of_graph_m2, tells, step_s, rng)
+        # In the directions and units of the covariance of the graph, which knows each frame.
+        inverse = np.linalg.inv(np.linalg.cholesky(of_graph_m2))
+        relative = inverse @ deviations.covariance_m2 @ inverse.swapaxes(-1, -2)
+        relative += np.maximum(of_motion, _LEAST_FACTOR)[..., None, None] * np.eye(3)
+        root = np.linalg.cholesky(in_graph_m2[known])
+        found_m2 = root @ relative[known] @ root.swapaxes(-1, -2) + (bias_share * of_cameras_m2)[known]
+    frames, slots = np.nonzero(known)
+    covariance_m2[frames, joints[slots]] = found_m2
+    lasting = np.ones(positions_m.shape[1])
+    lasting[joints] = components.lasting
+    return covariance_m2, lasting
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """Of the joints, from simulated errors of their detections."""
+
+    samples_m: Float[np.ndarray, "sample frame slot 3"]
+    covariance_m2: Float[np.ndarray, "frame slot 3 3"]
+    """Averaged over some time."""
+
+    @staticmethod
+    def of(
+        linearized: Linearized,
+        components: ErrorComponents,
+        bias_share: Float[np.ndarray, "frame slot 1 1"] | float,
+        step_s: float,
+        rng: np.random.Generator,
+    ) -> Deviations:
+        """From errors with these components, of whose constant part this much is left."""
+        (n_frames, _, n_slots), mixing = linearized.weight.shape, _root(components.correlation)
+        samples_m, covariance_m2 = np.zeros((_SAMPLES, n_frames, n_slots, 3)), np.zeros((n_frames, n_slots, 3, 3))
+        for time_s, variance in zip(TIMES_S, components.variances.T, strict=True):
+            if not variance.any():
+                continue
+            sigma = np.sqrt(variance[:, None] * components.axes)
+            errors = _samples(linearized.weight.shape, float(correlation_after(time_s, np.array([step_s]))[0]), rng)
+            own_m = np.stack([linearized.deviation_m(sigma * (mixing @ sample)) for sample in errors])
+            samples_m += own_m
+            own_m2 = _averaged(np.einsum("stja,stjb->tjab", own_m, own_m) / _SAMPLES, step_s)
+            covariance_m2 += own_m2 * (bias_share if np.isinf(time_s) else 1.0)
+        return Deviations(samples_m, covariance_m2)
+
+
+def share_of_motion(
+    linearized: Linearized,
+    deviations: Deviations,
+    of_graph_m2: Float[np.ndarray, "frame slot 3 3"],
+    tells: Bool[np.ndarray, "frame slot"],
+    step_s: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "frame slot"]:
+    """What bones and motion leave uncertain, in the variance of the graph.
+
+    The graph is a filter H. From the positions x + n that detections alone would give, with errors n, it takes
+    (1 - H) (x + n) away, which is in the residuals; (1 - H) x is what is wrong because people move otherwise than bones
+    and motion say. Filtered once more, H (1 - H) (x + n), hardly any noise is left (twicing, Tukey 1977). As far as it
+    exceeds what the simulated n makes of it, it tells how much larger or smaller (1 - H) x is than in the graph. Of all
+    detections the largest tenth does not count: that may be occlusions that were not noticed.
+
+    Args:
+        linearized: the problem.
+        deviations: from errors as they are.
+        of_graph_m2: covariance of the graph, averaged as the deviations are.
+        tells: the joints whose residuals count.
+        step_s: from frame to frame.
+        rng: of the errors.
+    """
+
+    def filtered_m(deviation_m: Float[np.ndarray, "frame slot 3"]) -> Float[np.ndarray, "frame slot 3"]:
+        return linearized.deviation_m(np.einsum("tcjia,tja->tcji", linearized.jacobian, deviation_m))
+
+    white = Deviations.of(linearized, ErrorComponents.white(tells.shape[1]), 1.0, step_s, rng)
+    twice_m = np.stack([filtered_m(sample) for sample in white.samples_m])
+    in_graph_m2 = _averaged(np.sum(twice_m * (white.samples_m - twice_m), axis=(0, -1)) / _SAMPLES, step_s)
+    off_m = np.stack([sample - filtered_m(sample) for sample in deviations.samples_m])
+    noise_m2 = _averaged(np.sum(off_m**2, axis=(0, -1)) / _SAMPLES, step_s)
+    found_m2 = np.sum(linearized.deviation_m(linearized.residual) ** 2, axis=-1)
+    total_m2 = np.trace(of_graph_m2, axis1=-2, axis2=-1)
+    share = np.maximum(1 - np.trace(white.covariance_m2, axis1=-2, axis2=-1) / total_m2, 0.0)
+    tells = tells & (in_graph_m2 > _LEAST_TELLING * total_m2)
+    if not tells.any():
+        return share
+    measurements = float(tells.sum()) * min(step_s / _TELLS_AGAIN_S, 1.0)
+    found = _excess(found_m2[tells], noise_m2[tells], in_graph_m2[tells])
+    return share * (measurements * found + _PRIOR_MEASUREMENTS) / (measurements + _PRIOR_MEASUREMENTS)
+
+
+def _excess(
+    found: Float[np.ndarray, " joint"], noise: Float[np.ndarray, " joint"], expected: Float[np.ndarray, " joint"]
+) -> float:
+    """How many times what is expected is needed besides the noise, that squares are as large as those found."""
+    least, most = 0.0, _MOST_EXCESS
+    for _ in range(_HALVINGS):
+        times = (least + most) / 2
+        is_too_small = np.quantile(found / (noise + times * expected), 0.9) > _NINETIETH
+        least, most = (times, most) if is_too_small else (least, times)
+    return least
 
 
 def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "frame camera slot 2"]:
@@ -114,23 +218,6 @@ def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slo
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def _simulated_m2(
-    linearized: Linearized,
-    time_s: float,
-    step_s: float,
-    mixing: Float[np.ndarray, "slot slot"],
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "frame slot"]:
-    """Variance of the joints (sum over the axes) from errors of variance 1 that are correlated over this time, and
-    between joints by the product of the mixing matrix with its transpose."""
-    correlation = float(correlation_after(time_s, np.array([step_s]))[0])
-    samples = _samples(linearized.weight.shape, correlation, rng)
-    deviation_m2 = np.zeros((len(linearized.weight), len(mixing)))
-    for errors in samples:
-        deviation_m2 += np.sum(linearized.deviation_m(mixing @ errors) ** 2, axis=-1) / len(samples)
-    return _averaged(deviation_m2, step_s)
-
-
 def _samples(
     shape: tuple[int, ...], correlation: float, rng: np.random.Generator
 ) -> Float[np.ndarray, "sample frame camera slot 2"]:
@@ -151,7 +238,7 @@ def _samples(
     return np.broadcast_to(errors.transpose(2, 0, 3, 1, 4), (_SAMPLES, *shape, 2))
 
 
-def _averaged(values: Float[np.ndarray, "frame slot"], step_s: float) -> Float[np.ndarray, "frame slot"]:
+def _averaged(values: Float[np.ndarray, "frame slot *more"], step_s: float) -> Float[np.ndarray, "frame slot *more"]:
     from scipy.ndimage import uniform_filter1d
 
     # Frames may be nanoseconds apart: to average more than there are tells nothing, and takes memory without bound.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.estimation.detection_bias import USUAL_M
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.uncertainty import at_least, holders
 from fgpose.geometry.camera import CameraRig
@@ -18,18 +17,31 @@ def widened(
     covariance_m2: Float[np.ndarray, "frame joint 3 3"],
     evidence: Evidence,
     positions_m: Float[np.ndarray, "frame joint 3"],
+    lasting: Float[np.ndarray, " joint"],
     rig: CameraRig,
     skeleton: Skeleton,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
-    """The covariance of the graph with what it does not know of joints that fewer than two cameras surely see."""
+    """The covariance of the graph with what it does not know of joints that fewer than two cameras surely see.
+
+    Args:
+        covariance_m2: of the graph.
+        evidence: what it was found from.
+        positions_m: the pose.
+        lasting: variance of the lasting errors of each joint's detections, in that of the graph.
+        rig: the cameras.
+        skeleton: for the bones.
+    """
     if not evidence.observed.all():
-        least_m2 = sole_view_errors_m2(evidence, positions_m, rig)
+        least_m2 = sole_view_errors_m2(evidence, positions_m, lasting, rig)
         covariance_m2 = at_least(covariance_m2, least_m2) + other_explanations_m2(evidence, positions_m, rig, skeleton)
     return covariance_m2 + taken_for_mirrored_m2(evidence, positions_m, rig, skeleton)
 
 
 def sole_view_errors_m2(
-    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    lasting: Float[np.ndarray, " joint"],
+    rig: CameraRig,
 ) -> Float[np.ndarray, "frame joint 3 3"]:
     """Covariance of the error of every joint that one camera alone sees: along the ray that of a depth that follows
     from bone lengths, across it that of a detection, for no other one averages its errors out. 0 for the others.
@@ -38,7 +50,7 @@ def sole_view_errors_m2(
     those of a view's own 3D do not.
     """
     sigma_m = np.where(evidence.sole_view, evidence.detection_sigma_px / rig.px_per_m(positions_m), np.nan)
-    across_m2 = np.nan_to_num(sigma_m**2 + USUAL_M**2)
+    across_m2 = np.nan_to_num(lasting * sigma_m**2)
     depth_m2 = np.zeros_like(across_m2)
     if evidence.depth_sigma_m.shape[1]:
         follows = (across_m2 > 0) & evidence.from_bones[:, None]

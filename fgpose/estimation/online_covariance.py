@@ -52,7 +52,8 @@ def online_covariance_m2(
         covariance_m2[state.joints] = factor[state.joints, None, None] * correlated_m2
         covariance_m2 += errors.of_cameras_m2(state.evidence, state.positions_m, rig)
     covariance_m2, positions_m = covariance_m2[None], state.positions_m[None]
-    widened_m2 = widened(covariance_m2, state.evidence, positions_m, rig, skeleton)
+    lasting = errors.components.lasting
+    widened_m2 = widened(covariance_m2, state.evidence, positions_m, lasting, rig, skeleton)
     swing = unseen_s[None], skeleton, config.swing, widened_m2 - covariance_m2
     return with_swing(widened_m2, positions_m, *swing, doubt=1 - state.evidence.credible)[0]
 

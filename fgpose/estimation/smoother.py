@@ -277,9 +277,9 @@ def _minimized(problem: _SegmentProblem[State], segment: Segment) -> Solution:
 def _with_covariance(segment: Segment, solution: Solution) -> Solution:
     if not segment.active.any():
         return solution
-    covariance_m2 = covariance_of_errors_m2(segment, solution.positions_m)
+    covariance_m2, lasting = covariance_of_errors_m2(segment, solution.positions_m)
     covariance_m2 = distrust_factor(segment.evidence.total_weight)[..., None, None] * covariance_m2
-    widened_m2 = widened(covariance_m2, segment.evidence, solution.positions_m, segment.rig, segment.skeleton)
+    widened_m2 = widened(covariance_m2, segment.evidence, solution.positions_m, lasting, segment.rig, segment.skeleton)
     return replace(solution, covariance_m2=widened_m2, widening_m2=widened_m2 - covariance_m2)
 
 

@@ -4,7 +4,8 @@ White noise, processes that are correlated for some time (first-order Gauss-Mark
 each camera, which no number of frames averages out. Their variances are those that give the autocovariance found in the
 recording (non-negative least squares: a method of moments for variance components). Joints err differently: a network
 knows a shoulder better than a hip. How much they differ is estimated too, and each joint is drawn towards the mean of
-all as far as its own measurements leave open (empirical Bayes).
+all as far as its own measurements leave open (empirical Bayes). So are the two axes of the image: a hip is known better
+vertically than horizontally.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ _FEWEST = 3  # joints that tell how much joints differ
 _LEAST_FREEDOM = 0.5
 # The t distribution with fewer has hardly a variance.
 _LEAST_TOTAL_FREEDOM = 4.0
+# Of the variances along the axes of the image from each other, in their sum: standard deviation before anything is
+# known, and the most that is believed.
+_USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 _MOST_FRAMES = 1000.0  # of one sum; frames may be nanoseconds apart
 _STEPS = 200  # of the integral over the squared correlation
 
@@ -38,12 +42,20 @@ class ErrorComponents:
     """Of each of TIMES_S."""
     correlation: Float[np.ndarray, "joint joint"]
     """Between the joints of one view; positive semidefinite."""
+    axes: Float[np.ndarray, "joint axis"]
+    """Variance along the horizontal and the vertical axis of the images, in that of both."""
 
     @staticmethod
     def usual(n_joints: int, total: float) -> ErrorComponents:
         """Before anything is known: correlated as usual, with this total variance."""
         usual = total / _usual().sum() * _usual()
-        return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints))
+        return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints), np.ones((n_joints, 2)))
+
+    @staticmethod
+    def white(n_joints: int) -> ErrorComponents:
+        """As the graph takes them."""
+        variances = np.tile([float(time_s == 0) for time_s in TIMES_S], (n_joints, 1))
+        return ErrorComponents(variances, np.eye(n_joints), np.ones((n_joints, 2)))
 
     @staticmethod
     def of(products: ErrorProducts, lags_s: Float[np.ndarray, " lag"], step_s: float) -> ErrorComponents:
@@ -66,7 +78,13 @@ class ErrorComponents:
         total = np.maximum(freedom + prior, _LEAST_TOTAL_FREEDOM)[:, None]
         variances = total / (total - 2) * (share * own + (1 - share) * of_all)
         frames_as_one = max(products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12), 1.0)
-        return ErrorComponents(variances, _shrunk(products.correlation, products.others_dimensions / frames_as_one))
+        correlation = _shrunk(products.correlation, products.others_dimensions / frames_as_one)
+        return ErrorComponents(variances, correlation, _by_axis(products, freedom))
+
+    @property
+    def lasting(self) -> Float[np.ndarray, " joint"]:
+        """Variance of what lasts for longer than a few frames."""
+        return self.variances[:, np.array(TIMES_S) >= CORRELATION_S].sum(axis=1)
 
     def independent(self, duration_s: float, step_s: float) -> float:
         """How much of an independent measurement, in the variance of the graph, each detection is of what all joints
@@ -148,3 +166,30 @@ def _shrunk(
     positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
     sigma = np.sqrt(np.diag(positive))
     return positive / np.outer(sigma, sigma)
+
+
+def _by_axis(products: ErrorProducts, freedom: Float[np.ndarray, " joint"]) -> Float[np.ndarray, "joint axis"]:
+    """Variance along each axis of the image in that of both, drawn towards the mean of all joints and towards equal
+    ones as far as the measurements leave open. Two cameras of one height contradict each other vertically alone."""
+    total = np.maximum(products.axes_dimensions.sum(axis=(1, 2)), 1e-9)
+    dimensions = products.axes_dimensions / total[:, None, None]
+    horizontal, vertical = np.moveaxis(dimensions.sum(axis=2), 1, 0)
+    # The variances are 1 + 2 vertical d and 1 - 2 horizontal d.
+    sum_of_both = products.axes.sum(axis=1)
+    share = np.divide(products.axes[:, 0], sum_of_both, out=horizontal.copy(), where=sum_of_both > 0)
+    by_difference = 2 * np.linalg.det(dimensions)
+    information = freedom * by_difference**2 / np.maximum(2 * horizontal * vertical, 1e-9)
+    tells = information > 1e-6
+    if not tells.any():
+        return np.ones((len(share), 2))
+    difference = np.divide(share - horizontal, by_difference, out=np.zeros_like(share), where=tells)
+    information = np.where(tells, information, 0.0)
+    mean = np.sum(information * difference) / (information.sum() + 1 / _USUAL_DIFFERENCE**2)
+    spread = np.sum(information * (difference - mean) ** 2) - (tells.sum() - 1)
+    squared = information.sum() - np.sum(information**2) / information.sum()
+    between = max(float(spread / max(squared, 1e-9)), 1e-9)
+    own = mean + (difference - mean) * information / (information + 1 / between)
+    own = np.clip(
+        own, -_MOST_DIFFERENCE / 2 / np.maximum(vertical, 0.5), _MOST_DIFFERENCE / 2 / np.maximum(horizontal, 0.5)
+    )
+    return np.stack([1 + 2 * vertical * own, 1 - 2 * horizontal * own], axis=1)

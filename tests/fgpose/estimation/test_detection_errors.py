@@ -56,6 +56,27 @@ def test_joints_that_err_more_are_found_and_equal_ones_stay_equal() -> None:
     assert differing[1:].max() < 1.5
 
 
+def test_errors_that_differ_by_the_axis_of_the_image_are_found() -> None:
+    """Hips err sideways; and vertical errors tell nothing of horizontal ones where views contradict each other
+    vertically alone."""
+    rng = np.random.default_rng(0)
+    errors, jacobian = rng.standard_normal((*SHAPE, 2)), jacobians(rng)
+    equal = components(errors, jacobian).axes
+    np.testing.assert_allclose(equal, 1.0, atol=0.2)  # 1,250 dimensions of each joint, of which one axis has half
+    errors[:, :, 0, 0] *= 2.0
+    sideways, up = components(errors, jacobian).axes[0]
+    assert sideways / up == pytest.approx(4.0, rel=0.3)
+    forwards = np.array([[[1.0, 0, 0], [0, 0, 1.0]], [[0, 1.0, 0], [0, 0, 1.0]]])  # two cameras at a right angle
+    two = Parity.of(
+        errors[:, :2],
+        np.broadcast_to(forwards[None, :, None], (FRAMES, 2, 6, 2, 3)),
+        np.ones((FRAMES, 2, 6), dtype=bool),
+    )
+    lags = lags_of(FRAMES, STEP_S)
+    found = ErrorComponents.of(ErrorProducts.of(two, lags, np.arange(FRAMES)), lags * STEP_S, STEP_S)
+    np.testing.assert_allclose(found.axes, 1.0, atol=1e-6)
+
+
 def test_joints_that_share_their_errors_are_found() -> None:
     rng = np.random.default_rng(0)
     errors, jacobian = rng.standard_normal((*SHAPE, 2)), jacobians(rng)
