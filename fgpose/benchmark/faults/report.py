@@ -20,7 +20,8 @@ _HEAD = (
     "and nothing is called wrong or doubtful. *Cause*: of the recordings of which something is said, or whose damage "
     "is harmful, those in which the first thing said is the cause, of the right camera. *Error*: median of the 95 % "
     "error over that without damage; *after*: the same after the advice was followed, where it can be followed on what "
-    "was recorded, median and largest."
+    "was recorded, median and largest, over that of the undamaged recording with the cameras that the advice leaves; "
+    "*worse*: how often it is larger than before."
 )
 
 
@@ -79,16 +80,20 @@ def _names(outcomes: Sequence[Outcome]) -> list[str]:
 
 def _table(outcomes: Sequence[Outcome]) -> str:
     rows = [
-        "| damage | recordings | harmful | silent | cause [%] | error | after (largest) |",
-        "|---|---:|---:|---:|---:|---:|---:|",
+        "| damage | recordings | harmful | silent | cause [%] | error | after (largest) | worse |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for damage in dict.fromkeys(outcome.damage for outcome in outcomes):
         own = [outcome for outcome in outcomes if outcome.damage == damage]
         named = [outcome.right for outcome in own if outcome.said or outcome.harmful]
         ratio = np.array([outcome.error_mm / outcome.undamaged_mm for outcome in own])
-        after = np.array([outcome.followed_mm / outcome.undamaged_mm for outcome in own])
+        after = np.array([outcome.followed_mm / outcome.attainable_mm for outcome in own])
+        # A fiftieth is not larger: the estimator converges to millimetres.
+        worse = sum(outcome.followed_mm > 1.02 * outcome.error_mm for outcome in own)
         counts = f"{len(own)} | {sum(each.harmful for each in own)} | {sum(each.silent for each in own)}"
-        rows.append(f"| {damage} | {counts} | {_share(named)} | {_median(ratio)} | {_median(after, largest=True)} |")
+        rows.append(
+            f"| {damage} | {counts} | {_share(named)} | {_median(ratio)} | {_median(after, largest=True)} | {worse} |"
+        )
     return "\n".join(rows)
 
 
