@@ -118,8 +118,8 @@ def test_uncertainty(camera: str):
         assert sigmas_mm[joint][2] > 2.5 * sigmas_mm[joint][0]
     assert sigmas_mm["left_wrist"][2] > sigmas_mm["left_elbow"][2]
     assert np.mean([without_one / everything for everything, without_one, _ in sigmas_mm.values()]) > 1
-    # what is seen hardly notices: the components of the errors are estimated from other detections
-    assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], rel=0.2)
+    # what is seen notices by a quarter: the components of its errors are estimated from what is left in 45 frames
+    assert sigmas_mm["right_wrist"][2] == pytest.approx(sigmas_mm["right_wrist"][0], rel=0.25)
     # 2 of 25 joints
     assert numbers(r"arm hidden: # %", printed)[0] == pytest.approx(8, abs=1)
 

@@ -37,7 +37,7 @@ class Faults:
     clips: Annotated[int, arg(metavar="N")] = 5
     """On so many of the five clips, the first ones."""
     quick: bool = False
-    """Five damages on one clip of 10 s: for a first look."""
+    """Five damages on one clip of 6 s: for a first look."""
     resume: bool = False
     """Keep the outcomes that stand in the output folder, and find the others."""
     output: Annotated[Path, arg(metavar="FOLDER", aliases=("-o",))] = Path("out/benchmark-faults")
@@ -58,7 +58,7 @@ class Faults:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         damages = find_damages(self.damages or (_QUICK_DAMAGES if self.quick else ()))
         check_writable(self.output)
-        every = list(takes(CLIPS[: 1 if self.quick else self.clips], 10.0 if self.quick else SECONDS))
+        every = list(takes(CLIPS[: 1 if self.quick else self.clips], 6.0 if self.quick else SECONDS))
         n_all = sum(1 + sum(take.rig.n_cameras >= each.least_cameras for each in damages) for take in every)
         stored = self.output / OUTCOMES
         found = read_outcomes(stored) if self.resume and stored.exists() else []

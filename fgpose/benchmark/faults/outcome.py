@@ -140,8 +140,8 @@ def _estimated(
             result = smooth(given.observations.frames(part), given.rig)
         except ValueError:
             return diagnose(given.observations, given.rig), np.nan, np.nan
-    shift_s = min(shifts_s.tolist(), key=lambda each: float(np.median(_errors(result, given.truth_m, each)[0])))
-    error_m, inside = _errors(result, given.truth_m, shift_s)
+    found = [_errors(result, given.truth_m, shift_s) for shift_s in shifts_s.tolist()]
+    error_m, inside = min(found, key=lambda each: float(np.median(each[0])) if each[0].size else np.inf)
     diagnosis = diagnose(given.observations, given.rig, result)
     return diagnosis, float(1000 * np.quantile(error_m, 0.95)) if error_m.size else np.nan, inside
 

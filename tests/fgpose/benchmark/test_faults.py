@@ -55,20 +55,13 @@ def test_the_cause_of_a_damage_is_named_first(damage: Damage) -> None:
 
 
 @pytest.mark.slow
-def test_a_damage_is_harmful_and_said() -> None:
-    (damage,) = find_damages(["half as large images"])
-    outcome = outcome_of(every_take()["4 cameras"], damage)
+def test_a_damage_is_harmful_and_said_and_following_the_advice_mends_it() -> None:
+    (damage,) = find_damages(["inches as metres"])
+    outcome = outcome_of(every_take()["2 cameras"], damage)
     assert outcome.harmful
     assert outcome.said
     assert outcome.right
     assert not outcome.silent
-
-
-@pytest.mark.slow
-def test_following_the_advice_mends_the_unit() -> None:
-    (damage,) = find_damages(["inches as metres"])
-    outcome = outcome_of(every_take()["2 cameras"], damage)
-    assert outcome.right
     assert outcome.followed_mm == pytest.approx(outcome.undamaged_mm, rel=1e-3)  # the factor is exact
 
 
