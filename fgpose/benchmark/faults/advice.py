@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+from fgpose.association.common_clock import on_common_clock
 from fgpose.benchmark.faults.damage import Damaged
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.finding import Code, Finding
@@ -32,6 +33,16 @@ def _with_clocks(given: Damaged, finding: Finding) -> Damaged | None:
     return replace(given, rig=found.rig, observations=found.observations)
 
 
+def _at_its_rate(given: Damaged, finding: Finding) -> Damaged | None:
+    """With the clock_drift that is named; drifts of a few per cent are found by the option."""
+    if "clock_drift" not in finding.numbers:
+        return _with_clocks(given, finding)
+    drift = finding.numbers["clock_drift"]
+    cameras = [replace(each, clock_drift=drift) if each.name == finding.camera else each for each in given.rig.cameras]
+    observations, rig = on_common_clock(given.observations, CameraRig(tuple(cameras)))
+    return replace(given, rig=rig, observations=observations)
+
+
 def _left_out(given: Damaged, finding: Finding) -> Damaged | None:
     kept = [name for name in given.rig.names if name != finding.camera]
     if not finding.camera or len(kept) < 2:
@@ -56,7 +67,7 @@ _ACTIONS: Mapping[Code, Callable[[Damaged, Finding], Damaged | None]] = {
     Code.BUMPED_CAMERA: _refined,
     Code.LATE_CAMERA: _with_clocks,
     Code.LOST_FRAMES: _with_clocks,
-    Code.CLOCK_RATE: _with_clocks,
+    Code.CLOCK_RATE: _at_its_rate,
     Code.WRONG_CAMERA: _left_out,
     Code.WRONG_LENS: _left_out,
     Code.OTHER_PERSON: _left_out,

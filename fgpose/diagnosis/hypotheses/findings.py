@@ -184,7 +184,7 @@ def _at_another_rate(name: str, misses: str, odd: OddCamera, numbers: dict[str, 
         f"Give the times of its images, or clock_drift {odd.rate - 1:.4g} of this camera in the calibration, or leave "
         "it out with --cameras."
     )
-    numbers = {**numbers, "rate": odd.rate}
+    numbers = {**numbers, "clock_drift": odd.rate - 1}
     return Finding(Code.CLOCK_RATE, Severity.WRONG, reason, remedy, 0.9, camera=name, numbers=numbers)
 
 
