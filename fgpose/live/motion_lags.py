@@ -41,6 +41,8 @@ class MotionLags:
     def add(self, sighting: CommonSighting, sigma_s: Float[np.ndarray, " camera"]) -> None:
         """Somebody as all cameras see them, and what is not known of the clocks (standard deviations)."""
         path = self._paths.setdefault(sighting.person, deque())
+        if path and not sighting.time_s > path[-1].time_s:
+            return  # the tracker knows nothing new of them
         path.append(sighting)
         oldest_s = sighting.time_s - _REMEMBERED_S
         while path[0].time_s < oldest_s:
