@@ -15,7 +15,6 @@ from fgpose.estimation.detection_errors import (
     accepted,
     lags_of,
     products_later,
-    products_of_axes,
     products_of_others,
     share_of_visible,
 )
@@ -58,8 +57,6 @@ class RunningErrors:
         self._lags = np.zeros(1, dtype=int)
         self._sums = np.zeros((0, 2, 2, n_joints))  # by lag; of accepted detections and of all; products, dimensions
         self._others = np.zeros((2, n_joints, n_joints))  # products, dimensions
-        # By axis of the image: products, dimensions.
-        self._axes: tuple[np.ndarray, ...] = np.zeros((n_joints, 2)), np.zeros((n_joints, 2, 2))
         self._moves = MoveSums(np.zeros((n_cameras, 6, 6)), np.zeros((n_cameras, 6)))
         self._moved = self._moves.most_likely()
         self._n_frames, self._step_s, self._since_s, self._since_others_s = 0.0, 0.0, 0.0, np.inf
@@ -87,8 +84,6 @@ class RunningErrors:
         if tells_others:
             memory = float(np.exp(-self._since_others_s / _MEMORY_S))
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
-            axes = zip(self._axes, products_of_axes(telling.parities[0]), strict=True)
-            self._axes = tuple(memory * earlier + new for earlier, new in axes)
             self._since_others_s = 0.0
         self._since_s += step_s
         if self._since_s >= _EVERY_S:
@@ -123,7 +118,11 @@ class RunningErrors:
     def _fit(self) -> None:
         share = share_of_visible(self._within, self._around)
         products, dimensions = np.moveaxis((1 - share) * self._sums[:, 0] + share * self._sums[:, 1], 1, 0)
-        found = ErrorProducts(self._n_frames, products, dimensions, *self._others, *self._axes)
+        # Nothing asks in which direction of the image a detection errs.
+        axes, axes_dimensions = np.zeros((products.shape[1], 2)), np.zeros((products.shape[1], 2, 2))
+        found = ErrorProducts(
+            self._n_frames, products, dimensions, *self._others, axes=axes, axes_dimensions=axes_dimensions
+        )
         self.components = ErrorComponents.of(found, self._lags * self._step_s, self._step_s)
         independent = self.components.independent(MEMORY_S, self._step_s) * _OTHERS_EVERY_S / self._step_s
         self.moments_m2, self._since_s = self._moves.moments(independent), 0.0
