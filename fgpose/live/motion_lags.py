@@ -60,7 +60,7 @@ def _lag_s(path: deque[CommonSighting], c: int, camera: Camera, allowed_s: float
     """Zero if somebody who moves is seen where they are; None: it cannot be told."""
     at_s = np.array([each.time_s for each in path])
     seen = [each for each in path if (each.confidence[c] > 0).any()]
-    if len(seen) < _FEWEST or not np.ptp(at_s) > 0:
+    if len(seen) < _FEWEST:
         return None
     # By how much beside, of every image (column) at every lag (row).
     positions_m = np.array([each.positions_m for each in path])

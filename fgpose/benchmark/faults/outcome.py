@@ -6,12 +6,12 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.benchmark.faults.advice import followed
 from fgpose.benchmark.faults.damage import Damage, Damaged
 from fgpose.benchmark.faults.take import FPS, Take
-from fgpose.diagnosis.diagnose import Diagnosis, diagnose
+from fgpose.diagnosis.diagnose import diagnose
 from fgpose.estimation.smoother import smooth
 from fgpose.finding import Code, Finding, Severity
 from fgpose.trajectory import Status, Trajectory
@@ -24,7 +24,6 @@ _MORE_THAN = 2.0
 _LEAST_INSIDE = 0.9
 """Share of the errors within the 99 % ellipsoids; less is wrong."""
 _DAMAGES_SEED = 7
-_NO_SHIFT = np.zeros(1)
 _PART_S = 4.0
 """From the middle: what is estimated where a damage does the same to every frame. It is diagnosed as a whole."""
 
@@ -74,8 +73,9 @@ def outcome_of(take: Take, damage: Damage | None) -> Outcome:
     name = UNDAMAGED if damage is None else damage.name
     rng = np.random.default_rng([_DAMAGES_SEED, take.seed, len(name)])
     given = Damaged(take.rig, take.observations, take.truth_m) if damage is None else damage.inflict(take, rng)
-    diagnosis, error_mm, inside = _estimated(given, part)
-    findings = diagnosis.findings
+    result = _estimated(given, part)
+    error_mm, inside = _errors(result, given)
+    findings = diagnose(given.observations, given.rig, result).findings
     serious = [each for each in findings if each.severity is not Severity.NOTE]
     named = [] if damage is None else [each for each in findings if _names(each, damage, given)]
     first = serious[0] if serious else named[0] if named else None
@@ -115,7 +115,7 @@ def _undamaged_mm(take: Take, part: slice, names: tuple[str, ...] | None = None)
     given = Damaged(take.rig.subset(kept), take.observations.subset(kept), take.truth_m)
     key = take.name, len(take.truth_m[part]), tuple(kept)
     if key not in _UNDAMAGED_MM:
-        _UNDAMAGED_MM[key] = _estimated(given, part)[1]
+        _UNDAMAGED_MM[key], _ = _errors(_estimated(given, part), given)
     return _UNDAMAGED_MM[key]
 
 
@@ -125,43 +125,60 @@ _OF_CLOCKS = (Code.LATE_CAMERA, Code.LOST_FRAMES, Code.CLOCK_RATE)
 def _error_after(changed: Damaged | None, finding: Finding | None, part: slice) -> float:
     if changed is None or finding is None:
         return np.nan
+    result = _estimated(changed, part)
+    if result is None or finding.code not in _OF_CLOCKS:
+        return _errors(result, changed)[0]
     # Cameras are put on one clock; which of theirs that is makes no difference.
-    shifts_s = np.arange(-90, 91) / 60 if finding.code in _OF_CLOCKS else np.zeros(1)
-    return _estimated(changed, part, shifts_s)[1]
+    shifts_s = (np.arange(-90, 91) / 60).tolist()
+    return _errors(result, changed, min(shifts_s, key=lambda shift_s: _typical_m(result, changed, shift_s)))[0]
 
 
-def _estimated(
-    given: Damaged, part: slice, shifts_s: Float[np.ndarray, " shift"] = _NO_SHIFT
-) -> tuple[Diagnosis, float, float]:
-    """The diagnosis, the error and the share within the 99 % ellipsoids of a part."""
+def _typical_m(result: Trajectory, given: Damaged, shift_s: float) -> float:
+    known, difference_m = _differences_m(result, given, shift_s)
+    return float(np.median(_lengths_m(difference_m[known]))) if known.any() else np.inf
+
+
+def _estimated(given: Damaged, part: slice) -> Trajectory | None:
+    """Of a part; None: it was refused."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # what does not converge is a finding
         try:
-            result = smooth(given.observations.frames(part), given.rig)
+            return smooth(given.observations.frames(part), given.rig)
         except ValueError:
-            return diagnose(given.observations, given.rig), np.nan, np.nan
-    found = [_errors(result, given.truth_m, shift_s) for shift_s in shifts_s.tolist()]
-    error_m, inside = min(found, key=lambda each: float(np.median(each[0])) if each[0].size else np.inf)
-    diagnosis = diagnose(given.observations, given.rig, result)
-    return diagnosis, float(1000 * np.quantile(error_m, 0.95)) if error_m.size else np.nan, inside
+            return None
 
 
-def _errors(
-    result: Trajectory, truth_m: Float[np.ndarray, "frame joint 3"], shift_s: float
-) -> tuple[Float[np.ndarray, " known"], float]:
-    """A position where nobody is has no error that could be measured: it counts as outside, and as 10 m."""
-    given = result.status != Status.UNOBSERVABLE
-    given &= (result.time_s + shift_s <= (len(truth_m) - 1) / FPS)[
-        :, None
-    ]  # images may be taken later than there are frames
-    difference_m = (result.positions_m - _at(truth_m, result.time_s + shift_s))[given]
+def _errors(result: Trajectory | None, given: Damaged, shift_s: float = 0.0) -> tuple[float, float]:
+    """The error in millimetres and the share within the 99 % ellipsoids; NaN where nothing is given."""
+    if result is None:
+        return np.nan, np.nan
+    known, difference_m = _differences_m(result, given, shift_s)
+    difference_m = difference_m[known]
+    if not len(difference_m):
+        return np.nan, np.nan
+    error_mm = float(1000 * np.quantile(_lengths_m(difference_m), 0.95))
+    if result.covariance_m2 is None:
+        return error_mm, np.nan
+    nobody, difference_m = np.isnan(difference_m).any(axis=-1), np.nan_to_num(difference_m)
+    whitened = np.linalg.solve(result.covariance_m2[known], difference_m[..., None])[..., 0]
+    squared = np.einsum("ni,ni->n", difference_m, whitened)
+    return error_mm, float(np.mean((squared < _CHI2_99) & ~nobody))
+
+
+def _differences_m(
+    result: Trajectory, given: Damaged, shift_s: float
+) -> tuple[Bool[np.ndarray, "frame joint"], Float[np.ndarray, "frame joint 3"]]:
+    """Which joints are given, and how far they are from the truth; NaN where nobody is."""
+    known = result.status != Status.UNOBSERVABLE
+    last_s = (len(given.truth_m) - 1) / FPS  # images may be taken later than there are frames
+    known &= (result.time_s + shift_s <= last_s)[:, None]
+    return known, result.positions_m - _at(given.truth_m, result.time_s + shift_s)
+
+
+def _lengths_m(difference_m: Float[np.ndarray, "known 3"]) -> Float[np.ndarray, " known"]:
+    """A position where nobody is has no error that could be measured: it counts as 10 m."""
     nobody = np.isnan(difference_m).any(axis=-1)
-    error_m = np.where(nobody, 10.0, np.linalg.norm(np.nan_to_num(difference_m), axis=-1))
-    if result.covariance_m2 is None or not len(error_m):
-        return error_m, np.nan
-    whitened = np.linalg.solve(result.covariance_m2[given], np.nan_to_num(difference_m)[..., None])[..., 0]
-    squared = np.einsum("ni,ni->n", np.nan_to_num(difference_m), whitened)
-    return error_m, float(np.mean((squared < _CHI2_99) & ~nobody))
+    return np.where(nobody, 10.0, np.linalg.norm(np.nan_to_num(difference_m), axis=-1))
 
 
 def _at(
