@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import threading
 import time
@@ -86,8 +87,13 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
         stop.set()
         for thread in threads:
             thread.join()
-    # Frames come at all times, also before the first image and after the last, and none is lost.
-    assert (np.diff([frame.sequence for frame in frames]) == 1).all()
+    report = capsys.readouterr().out
+    # Frames come at all times, also before the first image and after the last. Of those that are skipped it says so.
+    n_missing = np.diff([frame.sequence for frame in frames]) - 1
+    assert (n_missing >= 0).all()
+    skipped = re.search(r"ZeroMQ at \S+: \d+ published, (\d+) skipped", report)
+    assert skipped
+    assert n_missing.sum() <= int(skipped[1])
     assert frames[0].people == ()
     seen = [
         frame for frame in frames if frame.people and all(camera.state is CameraState.OK for camera in frame.cameras)
@@ -95,7 +101,6 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
     assert max(len(frame.people) for frame in seen) == 2
     assert {camera.state for camera in frames[-1].cameras} == {CameraState.LOST}
     assert frames[-1].observed_share == 0.0
-    report = capsys.readouterr().out
     assert "from image to frame: median" in report
     assert all(name in report for name in scene().rig.names)
 
