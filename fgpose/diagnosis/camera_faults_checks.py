@@ -8,6 +8,7 @@ import numpy as np
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes, find_changes
+from fgpose.calibration.changes.zooms import ZoomFit
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
 from fgpose.diagnosis.short_recordings import faults_of_short
@@ -52,6 +53,7 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     late = [each for each in of_kind[Kind.OFFSET] if each.camera not in jumped]
     together = also_clock and also_pose
     return [
+        *(_zoomed(each, names) for each in found.zooms),
         *(_late(each, found, names, together) for each in late),
         *_lost(of_kind[Kind.JUMP], found, names, together),
         *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
@@ -60,11 +62,25 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     ]
 
 
-def _which(change: Change, names: Sequence[str]) -> str:
+def _which(camera: int, names: Sequence[str]) -> str:
     """Two cameras cannot tell which of them is wrong."""
-    if len(names) > 2:
-        return ""
-    return f" (or {names[1 - change.camera]}: with two cameras it cannot be told which)"
+    return f" (or {names[1 - camera]}: with two cameras it cannot be told which)" if len(names) == 2 else ""
+
+
+def _zoomed(fit: ZoomFit, names: Sequence[str]) -> Finding:
+    one = len(fit.cameras) == 1
+    who = f"{names[fit.cameras[0]]}{_which(fit.cameras[0], names)}" if one else "all cameras"
+    return Finding(
+        Code.WRONG_LENS,
+        Severity.WRONG,
+        f"The focal length of {who} is not that of the calibration, but about {fit.factor:.2f} times as long: with it, "
+        "cameras agree better on somebody who walks about, in the seconds that were not used to find it",
+        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate "
+        f"{'its lens' if one else 'the lenses'} anew, or multiply the focal lengths by {fit.factor:.2f}.",
+        0.9,
+        camera=names[fit.cameras[0]] if one else "",
+        numbers={"focal_factor": fit.factor},
+    )
 
 
 def _remedy(option: str, other: str, *, together: bool) -> str:
@@ -129,7 +145,7 @@ def _rate(change: Change, found: Changes, names: Sequence[str], together: bool) 
     return Finding(
         Code.CLOCK_RATE,
         Severity.WRONG,
-        f"the images of {name}{_which(change, names)} follow each other {100 * abs(change.rate):.2f} % more "
+        f"the images of {name}{_which(change.camera, names)} follow each other {100 * abs(change.rate):.2f} % more "
         f"{'slowly' if change.rate > 0 else 'quickly'} than their times say, measured by the others{likely}; that adds "
         f"up to {abs(total_s) / found.step_s:.1f} frames ({1000 * abs(total_s):.0f} +/- {1000 * change.sigma:.0f} ms)",
         f"{_remedy(_CLOCKS, _POSES, together=together)} It finds the rate. Or give the true rate, or the times of the "
@@ -145,7 +161,8 @@ def _moved(change: Change, names: Sequence[str], together: bool) -> Finding:
     return Finding(
         Code.MOVED_CAMERA,
         Severity.DOUBTFUL,
-        f"{name}{_which(change, names)} seems to have been moved since it was calibrated, by about {_by(change)}",
+        f"{name}{_which(change.camera, names)} seems to have been moved since it was calibrated, by about "
+        f"{_by(change)}",
         _mended(change, together, f"{name} is not where the calibration says: calibrate again."),
         0.6,
         camera=name,
@@ -161,7 +178,8 @@ def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
     return Finding(
         Code.BUMPED_CAMERA,
         Severity.WRONG,
-        f"{name}{_which(change, names)} was moved at {at_s:.1f} s, while it filmed, by about {_by(change)}{when}",
+        f"{name}{_which(change.camera, names)} was moved at {at_s:.1f} s, while it filmed, by about "
+        f"{_by(change)}{when}",
         _mended(change, together, by_hand, " It gives the camera one pose before and one after."),
         0.8,
         camera=name,

@@ -16,6 +16,7 @@ from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, Blocks, LagC
 from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
+from fgpose.calibration.changes.zooms import ZoomFit, with_zoom, zoom_fits
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
@@ -29,8 +30,11 @@ _GAIN = 25.0
 _NOTICEABLE_FRAMES = 0.2
 # Lost images are whole ones; a rate adds up to this from the first to the last second.
 _JUMP_FRAMES, _RATE_FRAMES = 0.5, 0.6
-# What a network errs by differs with the side from which it sees somebody, by a tenth of a degree.
+# What a network errs by differs with the side from which it sees somebody: the rays of right cameras miss each other by
+# up to this, root mean square (webcams a metre from somebody who stands still). That it changes at a moment is rarer.
 _NOTICEABLE_SHIFT = 0.4
+_NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.012}
+_NOTICEABLE_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
 _WHOLE_FRAMES = 0.25
@@ -51,6 +55,8 @@ class Changes:
     duration_s: float
     compared: bool
     """Whether two cameras saw the same person for some seconds; else nothing could be found."""
+    zooms: tuple[ZoomFit, ...] = ()
+    """Focal lengths that are not those of the calibration: a camera with another one looks as if it was moved."""
 
 
 class _Candidate(NamedTuple):
@@ -62,9 +68,9 @@ class _Candidate(NamedTuple):
 def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     """Find clocks that are late, jump or drift, and cameras that were moved or bumped, from two cameras on.
 
-    Of each camera every kind of change is fitted to the angles by which its rays miss those of the others, on every
-    other second, and judged by the seconds between. The one that makes most better is taken, if that is not by chance
-    and matters; then the next is looked for, until there is none.
+    Of each camera every kind of change, and another focal length, is fitted to the angles by which its rays miss those
+    of the others, on every other second, and judged by the seconds between. The one that makes most better is taken, if
+    that is not by chance and matters; then the next is looked for, until there is none.
 
     Args:
         people: what the cameras saw of each, by their stamps.
@@ -74,11 +80,16 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     changes: list[Change] = []
+    zooms: list[ZoomFit] = []
     compared = rig.n_cameras >= 2 and bool(np.isfinite(step_s)) and _compared(people)
     if compared:
-        while len(changes) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
-            changes += found
-    return Changes(tuple(changes), step_s, duration_s, compared)
+        while len(changes) + len(zooms) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
+            if isinstance(found, ZoomFit):
+                zooms.append(found)
+                rig = with_zoom(rig, found)
+            else:
+                changes += found
+    return Changes(tuple(changes), step_s, duration_s, compared, tuple(zooms))
 
 
 def _compared(people: Sequence[Observations]) -> bool:
@@ -87,7 +98,9 @@ def _compared(people: Sequence[Observations]) -> bool:
     return by_two > 2 * MIN_BLOCKS * BLOCK_S
 
 
-def _next(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float) -> list[Change]:
+def _next(
+    people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float
+) -> list[Change] | ZoomFit:
     """The clearest change on top of others; none if there is no other."""
     grid_s = grid_step_s(people)
     n_lags = round(_MAX_LAG_S / grid_s)
@@ -95,9 +108,13 @@ def _next(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Chan
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, n_lags)
     candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, rig, step_s)]
-    if not candidates:
-        return []
-    return _placed(_chosen(candidates, step_s / costs.step_s), people, rig, changes, rays, blocks, step_s)
+    chosen = _chosen(candidates, step_s / costs.step_s) if candidates else None
+    zooms = [fit for fit in zoom_fits(rays, costs) if _is_clear(fit) and abs(np.log(fit.factor)) > _NOTICEABLE_ZOOM]
+    zoom = max(zooms, key=lambda fit: float(fit.gain.sum()), default=None)
+    # A focal length is one number, a pose are six.
+    if zoom is not None and (chosen is None or float(zoom.gain.sum()) * _CLEARLY > chosen.gain):
+        return zoom
+    return [] if chosen is None else _placed(chosen, people, rig, changes, rays, blocks, step_s)
 
 
 def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
@@ -140,13 +157,18 @@ def _of_camera(rays: Rays, costs: LagCosts, c: int, rig: CameraRig, step_s: floa
         lag_s = fit.lag * costs.step_s
         if _is_clear(fit) and _matters(fit.kind, lag_s / step_s):
             found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
-    for fit in pose_fits(rays, costs, c):
-        if _is_clear(fit) and fit.shift > _NOTICEABLE_SHIFT:
-            found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
+    poses = [fit for fit in pose_fits(rays, costs, c) if _is_clear(fit)]
+    best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
+    if best is not None and _is_noticeable(best):
+        found += [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in poses if _is_noticeable(fit)]
     return found
 
 
-def _is_clear(fit: ClockFit | PoseFit) -> bool:
+def _is_noticeable(fit: PoseFit) -> bool:
+    return fit.shift > _NOTICEABLE_SHIFT and fit.shift_m > _NOTICEABLE_M[fit.kind]
+
+
+def _is_clear(fit: ClockFit | PoseFit | ZoomFit) -> bool:
     return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
 
 

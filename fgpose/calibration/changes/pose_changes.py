@@ -38,6 +38,8 @@ class PoseFit:
     """Standard deviation, radians."""
     shift: float
     """By how much the move changes the angles between rays, root mean square, in their standard deviations."""
+    shift_m: float
+    """The same of the distances by which the rays miss each other at the body."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +52,24 @@ class _Views:
     centres_m: Float[np.ndarray, "other sample 3"]
     weight: Float[np.ndarray, "other sample joint"]
     scale: Float[np.ndarray, " other"]
+    reach_m: Float[np.ndarray, " other"]
+    """What an angle has to be multiplied by to be the distance by which the rays miss each other at the body; NaN
+    where no rays meet."""
     blocks: Blocks
 
     @staticmethod
     def of(rays: Rays, costs: LagCosts, c: int) -> _Views:
         index, others = costs.blocks.index, [o for o in range(rays.n_cameras) if o != c]
-        share = independent(costs.blocks)
+        own, own_centre_m = rays.direction[c, index], rays.centre_m[c, index]
+        directions, centres_m = rays.direction[others][:, index], rays.centre_m[others][:, index]
         return _Views(
-            rays.direction[c, index],
-            rays.centre_m[c, index],
-            rays.direction[others][:, index],
-            rays.centre_m[others][:, index],
-            share * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
+            own,
+            own_centre_m,
+            directions,
+            centres_m,
+            independent(costs.blocks) * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
             np.array([costs.scale[min(c, o), max(c, o)] for o in others]),
+            _reach_m(own, directions, (centres_m - own_centre_m)[:, :, None]),
             costs.blocks,
         )
 
@@ -109,6 +116,23 @@ class _Views:
         np.add.at(of_block[0], block, information)
         np.add.at(of_block[1], block, gradient)
         return of_block
+
+
+def _reach_m(
+    own: Float[np.ndarray, "sample joint 3"],
+    others: Float[np.ndarray, "other sample joint 3"],
+    baseline_m: Float[np.ndarray, "other sample 1 3"],
+) -> Float[np.ndarray, " other"]:
+    """Of each other camera the median of the root of the summed squares of both distances to where the rays are
+    nearest: both directions err."""
+    cosine = np.sum(own * others, axis=-1)
+    along_own, along_other = np.sum(own * baseline_m, axis=-1), np.sum(others * baseline_m, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth_m = (along_own - cosine * along_other) / (1 - cosine**2)
+        other_depth_m = (cosine * along_own - along_other) / (1 - cosine**2)
+    meet = (depth_m > 0) & (other_depth_m > 0)
+    length_m = np.hypot(depth_m, other_depth_m)
+    return np.array([np.median(each[of]) if of.any() else np.nan for each, of in zip(length_m, meet, strict=True)])
 
 
 def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
@@ -214,6 +238,12 @@ def _fitted(
     covariance = np.linalg.inv(views.independent(used) * information[used].sum(axis=0) + np.diag(_SIGMAS**-2))
     changed = views.angles(move) - views.angles(np.zeros(6))
     there = (views.weight > 0) & used[views.blocks.block][None, :, None] & np.isfinite(changed)
-    shift = float(np.sqrt(np.mean(changed[there] ** 2))) if there.any() else 0.0
     sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
-    return PoseFit(kind, move[:3], move[3:], held, gain, sigma, shift)
+    shift_m = _root_mean_square((changed * (views.scale * views.reach_m)[:, None, None])[there])
+    return PoseFit(kind, move[:3], move[3:], held, gain, sigma, _root_mean_square(changed[there]), shift_m)
+
+
+def _root_mean_square(values: Float[np.ndarray, " value"]) -> float:
+    """Of those that are known; 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(known**2))) if known.size else 0.0
