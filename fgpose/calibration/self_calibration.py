@@ -87,9 +87,9 @@ def calibrate_cameras(
 ) -> CameraCalibration[Recording]:
     """Refine the cameras' poses, estimate their time offsets, or both at once, as asked for.
 
-    What changes in time is found first (fgpose.calibration.changes): with clocks jumps and rates, with poses cameras
-    that were bumped while they filmed. The recording is put together with it (fgpose.on_common_clock), and what is
-    constant is calibrated then.
+    What changes in time is found first (fgpose.calibration.changes): with clocks jumps and rates, and cameras that were
+    started at another moment, with poses cameras that were bumped while they filmed. The recording is put together with
+    it (fgpose.on_common_clock), and what is constant is calibrated then.
 
     Raises:
         ValueError: see refine_rig, estimate_time_offsets and self_calibrate.
@@ -110,7 +110,7 @@ def _in_time(
         return None
     found = find_changes(everybody_of(observations, rig, config), rig)
     changed = with_changes(rig, found.changes, poses=poses, clocks=clocks)
-    return changed if is_changing(changed) else None
+    return changed if is_changing(changed) or any(changed.time_offsets_s != rig.time_offsets_s) else None
 
 
 def _constant(
