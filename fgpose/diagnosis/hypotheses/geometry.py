@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.diagnosis.hypotheses.agreeing import agreeing
+from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.lenses import other_focal
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
 from fgpose.diagnosis.hypotheses.scene import Scene
@@ -97,7 +98,7 @@ def _examined(scene: Scene) -> Geometry:
     first = Geometry(State(sample))
     if scene.n_cameras < 2 or not first.state.agreement.judged.any():
         return first
-    if first.state.is_clean and not _zoomed(sample):
+    if first.state.is_clean and not _clearly_better(sample):
         return first
     explanation = explain(sample)
     if explanation is not None or not (first.wrong or first.stands_out):
@@ -109,12 +110,14 @@ def _examined(scene: Scene) -> Geometry:
     return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
 
 
-def _zoomed(scene: Scene) -> bool:
-    """Whether cameras agree better with other focal lengths of all: as long as the body is in the middle of the images,
-    rays hardly miss each other by that. Two cameras cannot tell."""
+def _clearly_better(scene: Scene) -> bool:
+    """Whether cameras that agree do so much better with what hardly makes rays miss each other: another focal length of
+    all, as long as the body is in the middle of the images; left and right exchanged in one of two cameras that look
+    from the front and from behind. Focal lengths two cameras cannot tell."""
     everybody = tuple(range(scene.n_cameras))
-    costs = [State(other_focal(scene, everybody, factor).mend(scene)).cost for factor in _ZOOMS]
-    return scene.n_cameras > 2 and min(costs) < EXPLAINED * State(scene).cost
+    zooms = [other_focal(scene, everybody, factor) for factor in _ZOOMS] if scene.n_cameras > 2 else []
+    sides = [cause for c in everybody for cause in side_hypotheses((c,))]
+    return min(State(cause.mend(scene)).cost for cause in (*zooms, *sides)) < EXPLAINED * State(scene).cost
 
 
 def _dense(scene: Scene) -> Scene:

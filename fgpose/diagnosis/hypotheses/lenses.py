@@ -38,7 +38,8 @@ def other_focal(scene: Scene, cameras: tuple[int, ...], factor: float) -> Hypoth
         each_view(longer, cameras),
         f"The focal length of {{cameras}} is not that of the calibration: about {factor * given_px:.0f} px instead of "
         f"{given_px:.0f}",
-        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate its lens anew.",
+        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate its lens anew, or "
+        f"multiply its focal lengths by {factor:.3g}.",
         {"focal_factor": factor},
         preference=2,
     )

@@ -27,6 +27,8 @@ NORMAL_M = 0.06
 # A cause is found if what is left of the cost is this share of it; the next best other one has to leave so many times
 # as much.
 EXPLAINED, _CLEARLY = 0.5, 1.5
+_ANOTHER_SIZE = 0.2  # of the logarithm: a turn by 6 degrees moves the person by a fifth of half an image
+_NEARLY = 1.1  # times the cost that the best leaves
 _WELL = 0.2  # of the cost: what leaves more may have another cause
 _STEP = 0.85  # share of the cost that a first of several causes may leave, where each is of one camera
 _STEADY_OF_MORE = 0.4
@@ -140,9 +142,10 @@ def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation 
         ranked = _ranked(fine, list(_candidates(coarse, causes, whom)), coarse)
         if not ranked:
             return None
-        (best, after), *rivals = ranked
-        if after.cost > _STEP * State(fine).cost or not _is_credible(best, fine):
+        chosen = _first_credible(ranked, fine)
+        if chosen is None or ranked[chosen][1].cost > _STEP * State(fine).cost:
             return None
+        (best, after), rivals = ranked[chosen], ranked[chosen + 1 :]
         causes = (*causes, best)
         coarse, fine, judge = (best.mend(each) for each in (coarse, fine, judge))
         if after.is_normal and State(judge).is_normal and State(judge).cost < EXPLAINED * before.cost:
@@ -152,10 +155,22 @@ def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation 
     return None
 
 
+def _first_credible(ranked: list[tuple[Hypothesis, State]], scene: Scene) -> int | None:
+    """Of those that are nearly as good as the best: sizes are common ones, of which the best on a grid may miss one."""
+    for place, (cause, after) in enumerate(ranked):
+        if after.cost > _NEARLY * ranked[0][1].cost:
+            return None
+        if _is_credible(cause, scene):
+            return place
+    return None
+
+
 def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
-    """Two cameras agree on so little that almost any size or focal length can be found that makes them agree."""
+    """Two cameras agree on so little that almost any size or focal length can be found that makes them agree; and a
+    camera that was turned agrees better with images of another size, but not of one that anybody uses."""
     if cause.code is Code.IMAGE_SIZE:
-        return within_image(cause, scene) and (scene.n_cameras > 2 or is_common_size(cause, scene))
+        unlike = scene.n_cameras > 2 and bool(abs(np.log(cause.numbers["factor_x"])) > _ANOTHER_SIZE)
+        return within_image(cause, scene) and (unlike or is_common_size(cause, scene))
     return cause.code is not Code.WRONG_LENS or (scene.n_cameras > 2 and _has_size(cause.mend(scene)))
 
 
