@@ -179,7 +179,9 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
         {Code.EXCHANGED_SIDES, Code.MISPLACED_JOINT, Code.WORLD_UP, Code.UNIT, Code.IMPOSSIBLE_TURN}
     ),
     Code.EXCHANGED_SIDES: _OF_ONE_CAMERA,
-    Code.UNIT: frozenset({Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE}),
+    Code.UNIT: frozenset(
+        {Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE, Code.MOVED_CAMERA, Code.BUMPED_CAMERA}
+    ),
     Code.MOVED_CAMERA: _OF_ONE_CAMERA,
     Code.BUMPED_CAMERA: _OF_ONE_CAMERA | {Code.MOVED_CAMERA, Code.LATE_CAMERA, Code.CLOCK_RATE},
     Code.LATE_CAMERA: _OF_ONE_CAMERA,
@@ -188,6 +190,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.SOMEBODY_ELSE: frozenset({Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED}),
     Code.NOBODY: frozenset({Code.GAP}),
     Code.LOW_CONFIDENCE: frozenset({Code.MISPLACED_JOINT, Code.CONTRADICTED}),
+    Code.FEW_CAMERAS: frozenset({Code.IMPOSSIBLE_TURN, Code.IMPOSSIBLE_SPEED}),
 }
 
 

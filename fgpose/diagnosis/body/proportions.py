@@ -56,10 +56,10 @@ def lengths_m(
     return usual, change, share
 
 
-def stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
-    """Median over the long parts of what each says; NaN with fewer than three."""
+def stature_m(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton, n_parts: int = 3) -> float:
+    """Median over the long parts of what each says; NaN with fewer than so many."""
     usual, _, share = lengths_m(positions_m, skeleton, _LONG)
-    return float(np.median(usual / share)) if len(usual) >= 3 else np.nan
+    return float(np.median(usual / share)) if len(usual) >= n_parts else np.nan
 
 
 def strangeness(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:

@@ -11,8 +11,9 @@ from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 
 # A child of one year is 0.75 m tall, the tallest people 2.3 m (WHO Child Growth Standards; NCD-RisC 2020); the stature
-# is known to about 10 % from the lengths of limbs.
+# is known to about 10 % from the lengths of limbs, to half of it from one or two of them.
 _SMALLEST_M, _TALLEST_M = 0.65, 2.4
+_ROUGHLY = 1.5
 _USUAL_M = 1.7
 _LIKE = 0.15  # of a known factor: statures of adults, and the error of the measured one
 
@@ -47,9 +48,12 @@ _SQUARE_M = (0.012, 0.13)
 def wrong_unit(examined: Examined) -> list[Finding]:
     """A body that is smaller or larger than any."""
     tall_m = stature_m(examined.body_m, examined.main.skeleton)
+    margin = 1.0
+    if np.isnan(tall_m):
+        tall_m, margin = stature_m(examined.body_m, examined.main.skeleton, n_parts=1), _ROUGHLY
     if np.isnan(tall_m):
         raise NotJudgedError("too few limbs are seen to tell how large the person is")
-    if _SMALLEST_M < tall_m < _TALLEST_M:
+    if _SMALLEST_M / margin < tall_m < _TALLEST_M * margin:
         return []
     factor = _USUAL_M / tall_m
     likely = [mistake for mistake in _MISTAKES if abs(np.log(factor / mistake.factor)) < _LIKE]
