@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from fgpose.association.common_clock import on_common_clock
-from fgpose.benchmark.faults.damage import Damaged
+from fgpose.benchmark.faults.damage import Damaged, with_points
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import CameraRig
@@ -50,6 +52,39 @@ def _left_out(given: Damaged, finding: Finding) -> Damaged | None:
     return replace(given, rig=given.rig.subset(kept), observations=given.observations.subset(kept))
 
 
+def _without_its_images(given: Damaged, finding: Finding) -> Damaged | None:
+    """Of the time that is named."""
+    assert finding.from_s is not None
+    assert finding.to_s is not None
+    time_s = given.observations.frame_time_s
+    named = (time_s >= finding.from_s) & (time_s <= finding.to_s)
+    points = given.observations.points2d_px.copy()
+    points[named, given.rig.names.index(finding.camera)] = np.nan
+    return replace(given, observations=with_points(given.observations, points))
+
+
+def _exchanged_back(given: Damaged, finding: Finding) -> Damaged | None:
+    """Left and right; None where it is not said in which camera."""
+    if not finding.camera:
+        return None
+    seen, c = given.observations, given.rig.names.index(finding.camera)
+    points, confidence = seen.points2d_px.copy(), seen.confidence.copy()
+    points[:, c], confidence[:, c] = points[:, c][:, seen.skeleton.mirror], confidence[:, c][:, seen.skeleton.mirror]
+    return replace(given, observations=with_points(seen, points, confidence))
+
+
+def _with_its_lens(given: Damaged, finding: Finding) -> Damaged | None:
+    """With the focal lengths that are named."""
+    if "focal_factor" not in finding.numbers:
+        return _left_out(given, finding)
+    cameras = []
+    for camera in given.rig.cameras:
+        K = camera.K.copy()
+        K[[0, 1], [0, 1]] *= finding.numbers["focal_factor"] if finding.camera in ("", camera.name) else 1.0
+        cameras.append(replace(camera, K=K))
+    return replace(given, rig=CameraRig(tuple(cameras)))
+
+
 def _in_metres(given: Damaged, finding: Finding) -> Damaged | None:
     if finding.numbers["factor_sigma"] > 0:  # a length has to be measured in the room
         return None
@@ -69,10 +104,10 @@ _ACTIONS: Mapping[Code, Callable[[Damaged, Finding], Damaged | None]] = {
     Code.LOST_FRAMES: _with_clocks,
     Code.CLOCK_RATE: _at_its_rate,
     Code.WRONG_CAMERA: _left_out,
-    Code.WRONG_LENS: _left_out,
+    Code.WRONG_LENS: _with_its_lens,
     Code.OTHER_PERSON: _left_out,
-    Code.EXCHANGED_SIDES: _left_out,
-    Code.FROZEN_CAMERA: _left_out,
+    Code.EXCHANGED_SIDES: _exchanged_back,
+    Code.FROZEN_CAMERA: _without_its_images,
     Code.HALLUCINATING_CAMERA: _left_out,
     Code.UNIT: _in_metres,
 }
