@@ -25,9 +25,9 @@ _QUICK_DAMAGES = (
 class Faults:
     """Damaged recordings: what is noticed, named rightly, and mended by the advice.
 
-    Each damage on five clips with two, three and four cameras, and the same recordings undamaged. Writes outcomes.json
-    and report.md into the output folder. Takes an hour and a half on two cores; outcomes are kept as they come, and an
-    interrupted run goes on with --resume.
+    Each damage on five simulated clips and two real ones with two, three and four cameras, and the same recordings
+    undamaged. Writes outcomes.json and report.md into the output folder. Takes an hour and a half on two cores;
+    outcomes are kept as they come, and an interrupted run goes on with --resume.
 
     Example: fgpose benchmark faults --quick
     """
@@ -35,7 +35,9 @@ class Faults:
     damages: Annotated[tuple[str, ...], arg(metavar="NAME ...", help_behavior_hint="(default: all)")] = ()
     """Only these damages, by the names in the report."""
     clips: Annotated[int, arg(metavar="N")] = 5
-    """On so many of the five clips, the first ones."""
+    """On so many of the five simulated clips, the first ones."""
+    real: bool = True
+    """On the real recordings too."""
     quick: bool = False
     """Five damages on one clip of 6 s: for a first look."""
     resume: bool = False
@@ -48,18 +50,20 @@ class Faults:
     def run(self) -> None:
         from fgpose.benchmark.faults.benchmark import find_damages, run
         from fgpose.benchmark.faults.outcome import Outcome
+        from fgpose.benchmark.faults.real import real_takes
         from fgpose.benchmark.faults.report import OUTCOMES, read_outcomes, write_outcomes, write_report
         from fgpose.benchmark.faults.take import CLIPS, SECONDS, takes
         from fgpose.io.atomic import check_writable
 
-        if not 1 <= self.clips <= len(CLIPS):
-            raise ValueError(f"--clips must be from 1 to {len(CLIPS)}, got {self.clips}")
+        if not 0 <= self.clips <= len(CLIPS):
+            raise ValueError(f"--clips must be from 0 to {len(CLIPS)}, got {self.clips}")
         if self.workers < 1:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         damages = find_damages(self.damages or (_QUICK_DAMAGES if self.quick else ()))
         check_writable(self.output)
         every = list(takes(CLIPS[: 1 if self.quick else self.clips], 6.0 if self.quick else SECONDS))
-        n_all = sum(1 + sum(take.rig.n_cameras >= each.least_cameras for each in damages) for take in every)
+        every += real_takes() if self.real and not self.quick else ()
+        n_all = sum(1 + sum(each.can_befall(take) for each in damages) for take in every)
         stored = self.output / OUTCOMES
         found = read_outcomes(stored) if self.resume and stored.exists() else []
         with progress_bar("benchmark", "recordings") as progress:

@@ -43,7 +43,7 @@ def record_real(name: str) -> CalibrationRecording:
     """
     if name not in available():
         raise ValueError(f"no recording {name!r} here; there is {', '.join(available())}")
-    rig, observations = load_recording(name) if name in recordings() else _webcam()
+    rig, observations = load_recording(name) if name in recordings() else webcam()
     observations = replace(observations, covariance3d_m2=None)
     joints_m = smooth(observations, rig, Config().replace(solver={"covariance": False})).positions_m
     own = _in_camera_frames(observations, rig)
@@ -82,7 +82,8 @@ def _in_camera_frames(observations: Observations, rig: CameraRig) -> Observation
     return replace(observations, points3d_m=np.stack(views_m, axis=1))
 
 
-def _webcam() -> tuple[CameraRig, Observations]:
+def webcam() -> tuple[CameraRig, Observations]:
+    """The rig, and the detections of the person; from the folder of the source code."""
     rig, skeleton = load_rig(WEBCAM / "config.toml"), load_skeleton("blazepose_33")
     arrays = read_arrays(WEBCAM / "landmarks.npz")
     points2d_px = checked(arrays, "points2d_px", "numbers", None, rig.n_cameras, skeleton.n_joints, 2).astype(float)

@@ -53,7 +53,7 @@ def run(
     jobs = [
         (take, name)
         for take in takes
-        for name in (UNDAMAGED, *(each.name for each in damages if take.rig.n_cameras >= each.least_cameras))
+        for name in (UNDAMAGED, *(each.name for each in damages if each.can_befall(take)))
         if (take.clip, take.rig_name, name) not in found
     ]
     if n_workers == 0:

@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.benchmark.faults.take import Take
+from fgpose.benchmark.faults.take import FPS, Take
 from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+
+# For a real recording: what changes in its middle is told from what it was before and after.
+_LEAST_S = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +43,14 @@ class Damage:
     """With fewer it cannot be inflicted."""
     is_constant: bool = False
     """Whether it does the same to every frame: a few seconds show its errors."""
+    of_simulated: bool = False
+    """Whether it needs a body that stands upright, and all of whose joints are seen."""
+
+    def can_befall(self, take: Take) -> bool:
+        """Whether a recording has enough cameras, is long enough, and shows enough."""
+        if take.rig.n_cameras < self.least_cameras or (self.of_simulated and take.is_real):
+            return False
+        return self.is_constant or len(take.truth_m) / FPS > _LEAST_S or not take.is_real
 
 
 def with_points(

@@ -165,7 +165,7 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("OpenGL axes", (Code.CAMERA_AXES,), of_cameras(_opengl, one=False)),
     Damage("camera to world stored as world to camera", (Code.CAMERA_AXES,), of_cameras(_inverse, one=False)),
     Damage("position in place of translation", (Code.CAMERA_AXES,), of_cameras(_position_as_translation, one=False)),
-    Damage("y down", (Code.WORLD_UP,), _y_down),
+    Damage("y down", (Code.WORLD_UP,), _y_down, of_simulated=True),
     Damage("moved by 2 degrees, 3 cm", (Code.MOVED_CAMERA, Code.WRONG_CAMERA), moved(2.0, 0.03), 3),
     Damage("moved by 6 degrees, 10 cm", (Code.MOVED_CAMERA, Code.WRONG_CAMERA), moved(6.0, 0.1), 3),
     Damage("moved by 40 degrees, 1 m", (Code.WRONG_CAMERA, Code.MOVED_CAMERA), moved(40.0, 1.0), 3),

@@ -96,17 +96,18 @@ def _hallucinating(take: Take, rng: np.random.Generator) -> Damaged:
 
 PEOPLE: tuple[Damage, ...] = (
     Damage("left and right exchanged, one camera", (Code.EXCHANGED_SIDES,), _sides, is_constant=True),
-    Damage("joints in another order", (Code.WRONG_SKELETON,), _skeleton, is_constant=True),
+    Damage("joints in another order", (Code.WRONG_SKELETON,), _skeleton, is_constant=True, of_simulated=True),
     Damage(
         "somebody else's keypoints, one camera",
         (Code.OTHER_PERSON, Code.WRONG_CAMERA),
         _other_person,
         3,
         is_constant=True,
+        of_simulated=True,
     ),
     Damage("nobody for most of the time", (Code.NOBODY,), _nobody),
     Damage("somebody else from the middle on", (Code.SOMEBODY_ELSE,), _somebody_else),
-    Damage("legs out of the images", (Code.LOW_CONFIDENCE,), _legs, is_constant=True),
+    Damage("legs out of the images", (Code.LOW_CONFIDENCE,), _legs, is_constant=True, of_simulated=True),
     Damage("one camera alone", (Code.FEW_CAMERAS, Code.BLIND_CAMERA, Code.GAP), _alone),
     Damage(
         "a coat stand",

@@ -55,6 +55,11 @@ class Take:
     def name(self) -> str:
         return f"{self.clip}, {self.rig_name}"
 
+    @property
+    def is_real(self) -> bool:
+        """Whether a network detected the body in real images; its truth is an estimate then."""
+        return False
+
     def film(self, rig: CameraRig, truth_m: Float[np.ndarray, "frame joint 3"] | None = None) -> Observations:
         """The same motion, or another one, with these cameras and the same errors of detection."""
         return _filmed(self.truth_m if truth_m is None else truth_m, rig, self.seed)

@@ -13,6 +13,8 @@ from fgpose.diagnosis.hypotheses.steadiness import STEADY
 # Two cameras agree on much. With a third that is wrong, the two right ones see a body that is so much steadier than the
 # other pairs do.
 _CLEARLY_STEADIER = 2.0
+# Times the cost of the next pair. Of a camera that was turned by 6 degrees one pair may still be normal.
+_CLEARLY_NEARER = 4.0
 
 
 def agreeing(scene: Scene) -> tuple[int, ...]:
@@ -39,5 +41,8 @@ def _pair_that_sees_a_body(scene: Scene, cameras: tuple[int, ...]) -> tuple[int,
     agree = [pair for pair in ranked if states[pair].is_normal]
     if len(agree) == 1:
         return agree[0]
+    nearest, next_nearest = sorted(states, key=lambda pair: states[pair].cost)[:2]
+    if states[nearest].is_normal and states[next_nearest].cost > _CLEARLY_NEARER * states[nearest].cost:
+        return nearest
     clear = best.is_normal and second.unsteadiness > max(_CLEARLY_STEADIER * best.unsteadiness, STEADY)
     return ranked[0] if clear else ()

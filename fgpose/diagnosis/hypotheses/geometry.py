@@ -9,6 +9,7 @@ import numpy as np
 
 from fgpose.diagnosis.hypotheses.agreeing import agreeing
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
+from fgpose.diagnosis.hypotheses.images import turned_hypotheses
 from fgpose.diagnosis.hypotheses.lenses import other_focal
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
 from fgpose.diagnosis.hypotheses.scene import Scene
@@ -111,13 +112,19 @@ def _examined(scene: Scene) -> Geometry:
 
 
 def _clearly_better(scene: Scene) -> bool:
-    """Whether cameras that agree do so much better with what hardly makes rays miss each other: another focal length of
-    all, as long as the body is in the middle of the images; left and right exchanged in one of two cameras that look
-    from the front and from behind. Focal lengths two cameras cannot tell."""
+    """Whether cameras that agree do so much better with a cause that may hardly make rays miss each other.
+
+    Another focal length of all, as long as the body is in the middle of the images, which two cameras cannot tell; and
+    where the body is nearly the same, seen from the front and from behind, exchanged sides and mirrored images.
+    """
     everybody = tuple(range(scene.n_cameras))
-    zooms = [other_focal(scene, everybody, factor) for factor in _ZOOMS] if scene.n_cameras > 2 else []
-    sides = [cause for c in everybody for cause in side_hypotheses((c,))]
-    return min(State(cause.mend(scene)).cost for cause in (*zooms, *sides)) < EXPLAINED * State(scene).cost
+    causes = [cause for c in everybody for cause in side_hypotheses((c,))]
+    causes += turned_hypotheses(scene, everybody)
+    if scene.n_cameras == 2:
+        causes += [cause for c in everybody for cause in turned_hypotheses(scene, (c,))]
+    else:
+        causes += [other_focal(scene, everybody, factor) for factor in _ZOOMS]
+    return min(State(cause.mend(scene)).cost for cause in causes) < EXPLAINED * State(scene).cost
 
 
 def _dense(scene: Scene) -> Scene:

@@ -30,12 +30,17 @@ _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 def image_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """All that may be wrong of the pixels of these cameras alike; the size by a coarse grid."""
     yield from _normalised(scene, cameras)
-    yield from _turned(scene, cameras)
-    yield from _mirrored(scene, cameras)
+    yield from turned_hypotheses(scene, cameras)
     yield from _common_sizes(scene, cameras)
     for factor in _FACTORS.tolist():
         if abs(factor - 1) > _UNCHANGED:
             yield resized(scene, cameras, (factor, factor))
+
+
+def turned_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Turned or mirrored."""
+    yield from _turned(scene, cameras)
+    yield from _mirrored(scene, cameras)
 
 
 def _of_points(change: Callable[[View], Points]) -> Callable[[View], View]:

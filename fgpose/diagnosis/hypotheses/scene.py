@@ -16,6 +16,7 @@ from fgpose.skeleton import Skeleton
 # Joints that all detectors mark at about the same place, and that no hat, hair or shoe moves.
 _LIMB_JOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 _MOST_JOINTS = 12
+_FEW_FRAMES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +102,15 @@ class Scene:
     def seen(self) -> Bool[np.ndarray, "frame joint camera"]:
         """Which joints were detected, be it where the lens cannot have shown them: there they have no ray."""
         return np.stack([np.isfinite(view.points_px).all(axis=-1) for view in self.views], axis=2)
+
+    @property
+    def shows_limbs(self) -> bool:
+        """Whether two cameras see some limb of both sides in a few frames."""
+        if not len(self.limbs):
+            return False
+        by_two = self.seen.sum(axis=-1) >= 2
+        whole = by_two[:, self.limbs[..., 0]] & by_two[:, self.limbs[..., 1]]
+        return bool((whole.sum(axis=0) >= _FEW_FRAMES).all(axis=-1).any())
 
     @cached_property
     def origins_m(self) -> Float[np.ndarray, "camera 3"]:

@@ -27,8 +27,10 @@ NORMAL_M = 0.06
 # A cause is found if what is left of the cost is this share of it; the next best other one has to leave so many times
 # as much.
 EXPLAINED, _CLEARLY = 0.5, 1.5
-_ANOTHER_SIZE = 0.2  # of the logarithm: a turn by 6 degrees moves the person by a fifth of half an image
-_NEARLY = 1.1  # times the cost that the best leaves
+# Of logarithms: a camera that was turned by 6 degrees moves the person by a sixth of half an image, by 10 degrees by a
+# quarter.
+_OTHER_SIZE = 0.15, 0.3
+_NEARLY, _HARDLY = 1.1, 0.1  # times the cost that the best leaves, and of the cost
 _WELL = 0.2  # of the cost: what leaves more may have another cause
 _STEP = 0.85  # share of the cost that a first of several causes may leave, where each is of one camera
 _STEADY_OF_MORE = 0.4
@@ -61,7 +63,7 @@ class State:
     @cached_property
     def cost(self) -> float:
         """Of the rays, and of the limbs: two cameras agree on much that is no body."""
-        unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else 1.0
+        unsteady = min(self.unsteadiness, 1.0) if np.isfinite(self.unsteadiness) else float(self.scene.shows_limbs)
         rays = self.agreement.cost
         return (rays if np.isfinite(rays) else 1.0) + 0.5 * max(unsteady - STEADY / 2, 0.0)
 
@@ -156,9 +158,11 @@ def _found(coarse: Scene, fine: Scene, judge: Scene, whom: Whom) -> Explanation 
 
 
 def _first_credible(ranked: list[tuple[Hypothesis, State]], scene: Scene) -> int | None:
-    """Of those that are nearly as good as the best: sizes are common ones, of which the best on a grid may miss one."""
+    """Of those that are nearly as good as the best, or leave hardly anything: sizes are common ones, which the best on
+    a grid may miss, and with two cameras some focal length suits almost everything."""
+    enough = max(_NEARLY * ranked[0][1].cost, _HARDLY * State(scene).cost)
     for place, (cause, after) in enumerate(ranked):
-        if after.cost > _NEARLY * ranked[0][1].cost:
+        if after.cost > enough:
             return None
         if _is_credible(cause, scene):
             return place
@@ -169,8 +173,11 @@ def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
     """Two cameras agree on so little that almost any size or focal length can be found that makes them agree; and a
     camera that was turned agrees better with images of another size, but not of one that anybody uses."""
     if cause.code is Code.IMAGE_SIZE:
-        unlike = scene.n_cameras > 2 and bool(abs(np.log(cause.numbers["factor_x"])) > _ANOTHER_SIZE)
-        return within_image(cause, scene) and (unlike or is_common_size(cause, scene))
+        change = abs(np.log(cause.numbers["factor_x"]))
+        of_one = len(cause.cameras) < scene.n_cameras
+        plain = bool(change > _OTHER_SIZE[1]) and scene.n_cameras > 2
+        common = is_common_size(cause, scene) and not (of_one and change < _OTHER_SIZE[0])
+        return within_image(cause, scene) and (plain or common)
     return cause.code is not Code.WRONG_LENS or (scene.n_cameras > 2 and _has_size(cause.mend(scene)))
 
 
