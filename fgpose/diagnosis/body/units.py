@@ -56,7 +56,8 @@ def wrong_unit(examined: Examined) -> list[Finding]:
     if _SMALLEST_M / margin < tall_m < _TALLEST_M * margin:
         return []
     factor = _USUAL_M / tall_m
-    likely = [mistake for mistake in _MISTAKES if abs(np.log(factor / mistake.factor)) < _LIKE]
+    near = _LIKE + np.log(margin)
+    likely = [mistake for mistake in _MISTAKES if abs(np.log(factor / mistake.factor)) < near]
     metres_per_unit, read_as = _as_read(factor)
     if likely:
         metres_per_unit = likely[0].factor / (1000 if likely[0].read_as == "millimetres" else 1)
@@ -100,4 +101,4 @@ def _tall(length_m: float) -> str:
         return f"{1000 * length_m:.2g} mm"
     if length_m < 1:
         return f"{100 * length_m:.2g} cm"
-    return f"{length_m:.3g} m"
+    return f"{length_m:.3g} m" if length_m < 1000 else f"{length_m:,.0f} m"

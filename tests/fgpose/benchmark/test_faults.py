@@ -12,6 +12,7 @@ import pytest
 from fgpose.benchmark.faults.benchmark import DAMAGES, find_damages, run
 from fgpose.benchmark.faults.damage import Damage, Damaged
 from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome, outcome_of
+from fgpose.benchmark.faults.real import real_takes
 from fgpose.benchmark.faults.report import write_report
 from fgpose.benchmark.faults.take import CLIPS, Take, takes
 from fgpose.cli import main
@@ -76,9 +77,8 @@ def test_following_the_advice_mends_lost_frames() -> None:
 def test_the_report_counts(tmp_path: Path) -> None:
     def outcome(damage: str, **values: Any) -> Outcome:
         given = {"said": True, "right": True, "error_mm": 90.0, "found": ("wrong:unit:",)} | values
-        return Outcome(
-            damage, "clip", "4 cameras", undamaged_mm=30.0, inside=0.95, followed_mm=33.0, attainable_mm=30.0, **given
-        )
+        given |= {"undamaged_mm": 30.0, "undamaged_inside": 0.98, "inside": 0.95}
+        return Outcome(damage, "clip", "4 cameras", followed_mm=33.0, attainable_mm=30.0, **given)
 
     outcomes = [
         outcome(UNDAMAGED, error_mm=30.0, said=False, right=False),
@@ -103,3 +103,19 @@ def test_what_is_undamaged_is_measured_too() -> None:
     (alone,) = run([every_take()["2 cameras"]], (), n_workers=0)
     assert alone.damage == UNDAMAGED
     assert alone.error_mm == alone.undamaged_mm
+
+
+@pytest.mark.slow
+def test_a_real_recording_is_filmed_again_as_it_was() -> None:
+    by_rig = {take.rig_name: take for take in real_takes() if take.clip == "balance"}
+    take = by_rig["3 cameras"]
+    again = take.film(take.rig)
+    np.testing.assert_allclose(again.points2d_px, take.observations.points2d_px, atol=1e-6)
+    np.testing.assert_array_equal(again.confidence > 0, take.observations.confidence > 0)
+    # It lasts 1.7 s and comes from no room that could be turned.
+    possible = {damage.name for damage in DAMAGES if damage.can_befall(take)}
+    assert "two cameras exchanged" in possible
+    assert not possible & {"6 frames lost", "y down"}
+    outcome = outcome_of(take, find_damages(["two cameras exchanged"])[0])
+    assert outcome.harmful
+    assert outcome.right

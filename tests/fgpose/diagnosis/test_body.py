@@ -90,6 +90,16 @@ def test_a_unit_is_found_by_the_size_of_the_body(seen, rig, factor: float, words
     assert finding.numbers["factor"] == pytest.approx(1 / factor, rel=0.1)
 
 
+def test_a_unit_is_found_by_one_arm(seen, rig) -> None:
+    arm = [SKELETON.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
+    points_px = np.full_like(seen.points2d_px, np.nan)
+    points_px[:, :, arm] = seen.points2d_px[:, :, arm]
+    shown = with_points(seen, points_px)
+    assert wrong_unit(Examined.of(shown, rig)) == []
+    (finding,) = wrong_unit(Examined.of(shown, scaled(rig, 1000.0)))
+    assert "millimetres read as metres" in finding.reason
+
+
 @pytest.mark.parametrize(
     ("up", "words"), [("z", "--world-up z was given, but the body stands along -y"), ("+y", "not along +z")]
 )

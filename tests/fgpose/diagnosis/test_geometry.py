@@ -16,9 +16,10 @@ import fgpose
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.finding import Code, Finding, Severity
-from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.observations import Observations
 from fgpose.synthetic import walking
+from fgpose.synthetic.rig import look_at
 from tests.fgpose.diagnosis.damaged import (
     SIZE_PX,
     SKELETON,
@@ -108,6 +109,27 @@ def test_two_cameras_that_are_exchanged(seen: Observations, rig: CameraRig) -> N
     finding = only(with_points(seen, seen.points2d_px[:, order], order), rig)
     assert finding.code is Code.EXCHANGED_CAMERAS
     assert "cam2 and cam4 are exchanged" in finding.reason
+
+
+@pytest.mark.parametrize(
+    ("code", "change", "cameras"),
+    [
+        (Code.MIRRORED_IMAGE, mirrored, (0, 1)),
+        (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (1,)),
+        (Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 1)),
+    ],
+)
+def test_two_cameras_that_look_from_the_front_and_from_behind(code, change, cameras) -> None:
+    """Their rays miss each other by little, and some focal length suits what is left."""
+    K = np.array([[1400.0, 0, 960], [0, 1400.0, 540], [0, 0, 1]])
+    places_m = [np.array([4.5, 0.3, 1.5]), np.array([-4.2, 0.8, 2.1])]
+    own = [
+        Camera(f"cam{c + 1}", SIZE_PX, K, look_at(place_m, np.array([0.0, 0.0, 0.95])), np.zeros(0))
+        for c, place_m in enumerate(places_m)
+    ]
+    rig = CameraRig(tuple(own))
+    finding = only(changed(recorded(rig, motion_m("cmu_02_10"), seed=1), change, cameras), rig)
+    assert finding.code is code
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from fgpose.calibration.changes.changed_rig import with_changes
 from fgpose.calibration.changes.find_changes import find_changes
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.geometry.changing_rig import after, in_pieces, is_changing, later_s, put_together, with_later_clock
-from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, slower, walk_m
+from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, slower, walk_m
 
 
 def error_mm(seen: fgpose.Observations, rig: fgpose.CameraRig, truth_m: np.ndarray) -> float:
@@ -33,7 +33,12 @@ def test_a_recording_is_mended() -> None:
     truth_m = walk_m(3)
     seen = filmed(truth_m)
     right_mm = error_mm(seen, RIG, truth_m)
-    for wrong, what in ((slower(seen, 2, 1.01, truth_m), "clocks"), (bumped(seen, 1, 2.0, 420, truth_m), "poses")):
+    damaged = (
+        (slower(seen, 2, 1.01, truth_m), "clocks"),
+        (late(seen, 2, 39), "clocks"),
+        (bumped(seen, 1, 2.0, 420, truth_m), "poses"),
+    )
+    for wrong, what in damaged:
         found = calibrate_cameras(wrong, RIG, poses=what == "poses", clocks=what == "clocks")
         # A fifth is what is promised.
         assert error_mm(found.observations, found.rig, truth_m) < 1.2 * right_mm, what

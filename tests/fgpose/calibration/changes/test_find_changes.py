@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import fgpose
+from fgpose.benchmark.calibration.real import webcam
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import find_changes
 from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
@@ -76,6 +78,43 @@ def test_a_bumped_camera(degrees: float, names: tuple[str, ...]) -> None:
 def test_a_camera_that_was_moved_before() -> None:
     (found,) = changes(filmed(walk_m(3)), THREE, moved_rig(2, 1.0))
     assert (found.kind, found.camera) == (Kind.MOVED, 2)
+
+
+def zoomed_rig(cameras: tuple[int, ...]) -> fgpose.CameraRig:
+    """Whose calibration was made with a lens that was 1.25 times as long."""
+    own = list(RIG.cameras)
+    for c in cameras:
+        own[c] = replace(own[c], K=own[c].K * np.array([[1.25, 1.0, 1.0], [1.0, 1.25, 1.0], [1.0, 1.0, 1.0]]))
+    return fgpose.CameraRig(tuple(own))
+
+
+@pytest.mark.parametrize("names", [FOUR, TWO])
+def test_another_focal_length_of_all(names: tuple[str, ...]) -> None:
+    """Two cameras agree with it nearly as well: it looked like a camera that was moved."""
+    seen, rig = filmed(walk_m(3)), zoomed_rig((0, 1, 2, 3))
+    found = find_changes([seen.subset(names)], rig.subset(names))
+    assert found.changes == ()
+    (zoom,) = found.zooms
+    assert len(zoom.cameras) == len(names)
+    # A hundredth moves a body 2 m from the middle by 2 cm.
+    assert zoom.factor == pytest.approx(0.8, abs=0.02)
+
+
+def test_another_focal_length_of_one() -> None:
+    found = find_changes([filmed(walk_m(3))], zoomed_rig((1,)))
+    assert found.changes == ()
+    (zoom,) = found.zooms
+    assert zoom.cameras == (1,)
+    assert zoom.factor == pytest.approx(0.8, abs=0.02)
+
+
+@pytest.mark.parametrize("n_cameras", [2, 3, 4])
+def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: int) -> None:
+    """What a network errs by in each view looks like cameras that were turned by 30 degrees about the body."""
+    rig, seen = webcam()
+    found = find_changes([seen.subset(rig.names[:n_cameras])], rig.subset(rig.names[:n_cameras]))
+    assert found.changes == ()
+    assert found.zooms == ()
 
 
 @pytest.mark.parametrize("cut", [lambda seen: seen.frames(slice(0, 1)), lambda seen: seen.subset(FOUR[:1])])
