@@ -19,7 +19,8 @@ def faults_of_short(examined: Examined) -> list[Finding]:
     if not faults:
         raise NotJudgedError("no two cameras agree on any joint")
     late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
-    return [*(_late(fault, bool(moved)) for fault in late), *(_moved(fault, bool(late)) for fault in moved)]
+    several = len(moved) > 1
+    return [*(_late(fault, bool(moved)) for fault in late), *(_moved(fault, bool(late), several) for fault in moved)]
 
 
 def _late(fault: CameraFault, also_moved: bool) -> Finding:
@@ -42,13 +43,14 @@ def _late(fault: CameraFault, also_moved: bool) -> Finding:
     )
 
 
-def _moved(fault: CameraFault, also_late: bool) -> Finding:
+def _moved(fault: CameraFault, also_late: bool, several: bool) -> Finding:
     together = " and --estimate-time-offsets together" if also_late else ""
+    lenses = "; or the focal lengths are not those of the calibration, which a short recording does not tell"
     return Finding(
         Code.MOVED_CAMERA,
         Severity.DOUBTFUL,
         f"{fault.name} seems to have been moved since it was calibrated, by about {fault.rotation_deg:.1f} degrees and "
-        f"{100 * fault.translation_m:.0f} cm",
+        f"{100 * fault.translation_m:.0f} cm{lenses if several else ''}",
         f"Use --refine-calibration{together}.",
         0.6,
         camera=fault.name,
