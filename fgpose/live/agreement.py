@@ -15,6 +15,7 @@ from jaxtyping import Float
 from fgpose.association.tracked import Tracked
 from fgpose.calibration.disagreement import Disagreement, allowed_third_view_mrad, disagreement
 from fgpose.calibration.from_people.cross_checks import third_view_of
+from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.common_sightings import CommonSighting, CommonSightings
 from fgpose.live.motion_lags import EVERY_S, MotionLags
@@ -155,13 +156,13 @@ class CameraAgreement:
             return {}
         if found.camera is not None:
             reason = f"it sees the people {found.mrad:.0f} mrad beside where the other cameras do: was it moved?"
-            return {self._rig.names[found.camera]: f"{reason} {_REMEDY}"}
+            return {self._rig.names[found.camera]: f"{reason} {_REMEDY} [{Code.MOVED_CAMERA}]"}
         reason = (
             f"the cameras do not agree where the people are ({found.mrad:.0f} mrad), and which is wrong is not clear"
         )
         limit_mrad = _OVER_SHARE * allowed_third_view_mrad(float(np.nanmedian(all_mrad)))
         involved = np.array(self._rig.names)[all_mrad > limit_mrad].tolist()
-        return dict.fromkeys(involved, f"{reason}: was one moved? {_REMEDY}")
+        return dict.fromkeys(involved, f"{reason}: was one moved? {_REMEDY} [{Code.DISAGREEING_CAMERA}]")
 
     def _say(self) -> None:
         faults = self._lags.faults | self._lasting

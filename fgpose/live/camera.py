@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fgpose.finding import Code
 from fgpose.live.clock import Clock
 from fgpose.live.clock_model import ClockModel
 from fgpose.live.frame import CameraState, CameraStatus
@@ -103,7 +104,7 @@ class LiveCamera:
                 picture_faults["frozen"] = REASON
             faults = dict(picture_faults)
             if self._model.n_jumps > n_jumps:
-                faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s"
+                faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s [{Code.LATE_CAMERA}]"
             self._health.add(arrived_s, captured_s, faults, is_damaged=image.is_damaged)
             number, self._n_images = self._n_images, self._n_images + 1
             if image.is_damaged:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from fgpose.finding import Code
 from fgpose.people import Detections
 
 # Somebody who stands still moves by fractions of a pixel, and so does noise: no network gives the same numbers twice.
 # One that looks at every second or third image only may send them again.
 _LASTS_S, _LASTS_IMAGES = 1.0, 5
-REASON = "the same keypoints again and again"
+REASON = f"the same keypoints again and again [{Code.FROZEN_CAMERA}]"
 
 
 class FrozenKeypoints:

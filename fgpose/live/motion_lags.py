@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.disagreement import MAX_MRAD
+from fgpose.finding import Code
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.live.common_sightings import CommonSighting
 
@@ -110,5 +111,6 @@ def _median(values: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, "*sh
 def _in_words(lag_s: float) -> str:
     return (
         f"it sees people where they {'will be in' if lag_s > 0 else 'were'} {abs(lag_s):.1f} s"
-        f"{'' if lag_s > 0 else ' ago'}: are its clock and its latency right?"
+        f"{'' if lag_s > 0 else ' ago'}: are its clock and its latency right? "
+        f"[{Code.LATE_CAMERA}]"
     )

@@ -7,6 +7,7 @@ from collections import deque
 import numpy as np
 from jaxtyping import UInt8
 
+from fgpose.finding import Code
 from fgpose.live.image import Picture
 from fgpose.live.moved import MovedCheck
 
@@ -76,10 +77,10 @@ class PictureFaults:
 
 
 _REASONS = {
-    "frozen": "the same picture again and again",
+    "frozen": f"the same picture again and again [{Code.FROZEN_CAMERA}]",
     "black": "black or covered",
     "garbled": "parts of the picture are blank",
-    "moved": "the camera was moved",
+    "moved": f"the camera was moved [{Code.BUMPED_CAMERA}]",
 }
 
 

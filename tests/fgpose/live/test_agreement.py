@@ -112,7 +112,9 @@ def test_a_camera_that_was_turned_by_a_degree_is_named(
     assert name == "ring_1"
     # 17.5 mrad; detectors are off by some more.
     assert reason.split(" mrad")[0] in {f"it sees the people {mrad}" for mrad in range(15, 21)}
-    assert reason.endswith("beside where the other cameras do: was it moved? fgpose calibrate --from rig.toml")
+    assert reason.endswith(
+        "beside where the other cameras do: was it moved? fgpose calibrate --from rig.toml [moved-camera]"
+    )
     assert [record.message for record in caplog.records] == [f"camera ring_1: doubtful: {reason}"]
 
 
