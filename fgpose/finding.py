@@ -187,7 +187,9 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.LATE_CAMERA: _OF_ONE_CAMERA,
     Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.CLOCK_RATE: _OF_CLOCKS,
-    Code.SOMEBODY_ELSE: frozenset({Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED}),
+    Code.SOMEBODY_ELSE: frozenset(
+        {Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED, Code.BUMPED_CAMERA, Code.MOVED_CAMERA, Code.WRONG_LENS}
+    ),
     Code.NOBODY: frozenset({Code.GAP}),
     Code.LOW_CONFIDENCE: frozenset({Code.MISPLACED_JOINT, Code.CONTRADICTED}),
     Code.FEW_CAMERAS: frozenset({Code.IMPOSSIBLE_TURN, Code.IMPOSSIBLE_SPEED}),
@@ -195,12 +197,19 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 
 
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Without what others explain and without repetitions; the severest first, of equal ones the weightiest, then what
-    may cause the others."""
+    """Without repetitions and without what others explain, a note only notes; the severest first, of equal ones the
+    weightiest, then what may cause the others."""
     different: dict[tuple[Code, str, str, int | None, float | None], Finding] = {}
     for each in findings:
         different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s), each)
-    explained = {code for each in different.values() for code in EXPLAINS.get(each.code, ())}
-    causes = [each for each in different.values() if each.code not in explained]
+    grave = [each for each in different.values() if each.severity is not Severity.NOTE]
+    explained, also_of_notes = (
+        {code for each in some for code in EXPLAINS.get(each.code, ())} for some in (grave, different.values())
+    )
+    causes = [
+        each
+        for each in different.values()
+        if each.code not in (also_of_notes if each.severity is Severity.NOTE else explained)
+    ]
     order = list(Severity)
     return tuple(sorted(causes, key=lambda each: (order.index(each.severity), -each.weight)))

@@ -14,6 +14,7 @@ from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
 
 # Less is somebody who comes and goes.
+_OFTEN_OUTSIDE = 0.2  # else the covariances say enough
 _OUTSIDE_SHARE = 0.05
 # 18 mm along each axis of the image, of BlazePose and OpenPose (fgpose.config.VisibilityConfig); three times as much.
 _LARGE_ERROR_M = 3 * USUAL_ERROR_M
@@ -45,11 +46,10 @@ def outside(recording: FinishedRecording) -> list[Finding]:
         share = float(np.mean(views_of(root_m(trajectory)[known], recording.rig) < 2))
         if share > _OUTSIDE_SHARE:
             who = recording.called(person) or "the person"
+            severity = Severity.DOUBTFUL if share > _OFTEN_OUTSIDE else Severity.NOTE
             reason = f"{who} is outside of the volume that two cameras see in {100 * share:.0f} % of the frames"
             remedy = "Leave these frames out; turn the cameras to where people walk, or keep people inside."
-            found.append(
-                Finding(Code.OUTSIDE, Severity.DOUBTFUL, reason, remedy, share, person=recording.number(person))
-            )
+            found.append(Finding(Code.OUTSIDE, severity, reason, remedy, share, person=recording.number(person)))
     return found
 
 

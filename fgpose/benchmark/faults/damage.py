@@ -48,7 +48,7 @@ class Damage:
 
     def can_befall(self, take: Take) -> bool:
         """Whether a recording has enough cameras, is long enough, and shows enough."""
-        if take.rig.n_cameras < self.least_cameras or (self.of_simulated and take.is_real):
+        if take.is_control or take.rig.n_cameras < self.least_cameras or (self.of_simulated and take.is_real):
             return False
         return self.is_constant or len(take.truth_m) / FPS > _LEAST_S or not take.is_real
 

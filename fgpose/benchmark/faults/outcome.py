@@ -141,11 +141,12 @@ def _claimed_mm(result: Trajectory) -> float:
 
 
 def _found_undamaged(take: Take, part: slice) -> set[tuple[Code, str, str]]:
-    """What is found of a recording as it is; found once in each process."""
+    """What is wrong or doubtful of a recording as it is; found once in each process."""
     key = take.name, len(take.truth_m[part]), take.rig.names
     if key not in _FOUND_UNDAMAGED:
         result = _estimated(Damaged(take.rig, take.observations, take.truth_m), part)
-        _FOUND_UNDAMAGED[key] = {_place(each) for each in diagnose(take.observations, take.rig, result).findings}
+        findings = diagnose(take.observations, take.rig, result).findings
+        _FOUND_UNDAMAGED[key] = {_place(each) for each in findings if each.severity is not Severity.NOTE}
     return _FOUND_UNDAMAGED[key]
 
 

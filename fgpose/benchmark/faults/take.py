@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +14,7 @@ from fgpose.observations import Observations
 from fgpose.synthetic import (
     NO_OCCLUSION,
     DetectionNoise,
+    Occlusion,
     crowd_motion,
     embedded_motion,
     real_errors,
@@ -34,6 +35,7 @@ CLIPS: tuple[tuple[str, str, int], ...] = (
 )
 RIGS: Mapping[str, tuple[int, ...]] = {"2 cameras": (0, 1), "3 cameras": (0, 1, 2), "4 cameras": (0, 1, 2, 3)}
 """Which cameras of the room are used. They stand as in no ring: one that is turned or mirrored looks like itself."""
+_N_CONTROLS, _OCCLUDER = 6, Occlusion(n_views=1, n_occluders=1)
 _PLACES_M = ((4.6, 1.2, 2.4), (0.9, 4.9, 1.7), (-5.2, -0.6, 2.9), (-1.1, -4.3, 2.1))
 _FOCAL_PX, _SIZE_PX, _TARGET_M = 900.0, (1600, 1200), (0.0, 0.0, 0.9)
 
@@ -50,6 +52,8 @@ class Take:
     truth_m: Float[np.ndarray, "frame joint 3"]
     """World frame, metres."""
     seed: int
+    is_control: bool = field(default=False, kw_only=True)
+    """Whether it is never damaged: one of many in which nothing may be found."""
 
     @property
     def name(self) -> str:
@@ -61,7 +65,7 @@ class Take:
         return False
 
     def film(self, rig: CameraRig, truth_m: Float[np.ndarray, "frame joint 3"] | None = None) -> Observations:
-        """The same motion, or another one, with these cameras and the same errors of detection."""
+        """The same motion, or another one, with these cameras, the same errors of detection and no occluders."""
         return _filmed(self.truth_m if truth_m is None else truth_m, rig, self.seed)
 
 
@@ -72,6 +76,17 @@ def takes(clips: Sequence[tuple[str, str, int]] = CLIPS, seconds: float = SECOND
         for rig_name, used in RIGS.items():
             rig = CameraRig(tuple(_camera(c) for c in used))
             yield Take(clip, rig_name, rig, _filmed(truth_m, rig, seed), truth_m, seed)
+
+
+def controls(clips: Sequence[tuple[str, str, int]] = CLIPS) -> Iterator[Take]:
+    """Other people on other routes, every other one with an occluder before some camera at any time."""
+    for clip, work, seed in clips:
+        for k in range(1, _N_CONTROLS + 1):
+            truth_m, occlusion = motion(work, seed + 1000 * k, SECONDS), NO_OCCLUSION if k % 2 else _OCCLUDER
+            for rig_name, used in RIGS.items():
+                rig = CameraRig(tuple(_camera(c) for c in used))
+                seen = _filmed(truth_m, rig, seed + 1000 * k, occlusion)
+                yield Take(f"{clip}, control {k}", rig_name, rig, seen, truth_m, seed + 1000 * k, is_control=True)
 
 
 def _camera(number: int) -> Camera:
@@ -89,9 +104,11 @@ def motion(work: str, seed: int, seconds: float) -> Float[np.ndarray, "frame joi
     return truth_m[known[0] : known[-1] + 1]
 
 
-def _filmed(truth_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, seed: int) -> Observations:
+def _filmed(
+    truth_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, seed: int, occlusion: Occlusion = NO_OCCLUSION
+) -> Observations:
     """With the errors of a real network, which every camera has at other times."""
     skeleton = load_skeleton("h36m_17")
     source = ("openpose", "blazepose_heavy")[seed % 2]
     errors = real_errors(np.random.default_rng(seed), len(truth_m), rig.n_cameras, skeleton, FPS, (source,))
-    return simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed, None, errors).observations
+    return simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), occlusion, seed, None, errors).observations

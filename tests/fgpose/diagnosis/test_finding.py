@@ -51,3 +51,9 @@ def test_every_code_is_explained_to_users(code: Code) -> None:
 def test_no_code_is_explained_that_does_not_exist() -> None:
     explained = re.findall(r"^\| `([a-z]+-?[a-z-]*)` \| .{20,}\|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(explained) == sorted(Code)
+
+
+def test_a_note_takes_the_place_of_notes_only() -> None:
+    note, doubtful = found(Code.NOBODY, Severity.NOTE), found(Code.GAP)
+    assert most_important([note, doubtful]) == (doubtful, note)
+    assert most_important([note, found(Code.GAP, Severity.NOTE)]) == (note,)
