@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.finding import Code, Finding, Severity
@@ -12,6 +13,7 @@ from fgpose.trajectory import Status, Trajectory
 
 # As fgpose info lists them. A gap in which the joint becomes three times as uncertain as usual is one that harms.
 _GAP_S, _GAP_SIGMAS = 0.5, 3.0
+_SAME_S = 0.25  # joints that are away at the same time, to this
 # Of one kind: more are in the tables.
 _AT_MOST = 3
 # Above the fastest run: 44.72 km/h, 12.42 m/s (U. Bolt, from 60 to 80 m, World Championships in Athletics 2009).
@@ -29,29 +31,39 @@ _SHORT_LIFE_S = 1.0
 
 
 def gaps(recording: FinishedRecording) -> list[Finding]:
-    """Joints that for long fewer than two cameras see, or are believed to see."""
-    found = [
-        (duration_s, start_s, person, joint, ratio)
-        for person, trajectory in recording.people.items()
-        for joint, start_s, duration_s, ratio in harmful_gaps(trajectory)
-    ]
-    duration_s = recording.main.time_s[-1] - recording.main.time_s[0]
-    return [
-        Finding(
-            Code.GAP,
-            Severity.NOTE,
-            f"{_of(recording, person, joint)}: fewer than two cameras see it, as far as they are believed, for "
-            f"{gap_s:.1f} s from {start_s:.1f} s on"
-            + (f"; its sigma grows to {ratio:.0f} times the usual" if np.isfinite(ratio) else ""),
-            "What stands there is predicted: leave it out of the analysis, or add a camera that sees the joint.",
-            min(0.4, float(gap_s / max(duration_s, 1e-9)) + 0.05),
-            person=recording.number(person),
-            joint=joint,
-            from_s=float(start_s),
-            to_s=float(start_s + gap_s),
-        )
-        for gap_s, start_s, person, joint, ratio in sorted(found, reverse=True)[:_AT_MOST]
-    ]
+    """Joints that for long fewer than two cameras see, or are believed to see; those of the same time are one."""
+    together: dict[tuple[int, int, int], list[tuple[str, float, float, float]]] = {}
+    for person, trajectory in recording.people.items():
+        for gap in harmful_gaps(trajectory):
+            _, start_s, gap_s, _ = gap
+            key = person, round(start_s / _SAME_S), round((start_s + gap_s) / _SAME_S)
+            together.setdefault(key, []).append(gap)
+    duration_s = float(recording.main.time_s[-1] - recording.main.time_s[0])
+    longest = sorted(together.items(), key=lambda item: item[1][0][2], reverse=True)[:_AT_MOST]
+    return [_gap(recording, person, own, duration_s) for (person, *_), own in longest]
+
+
+def _gap(
+    recording: FinishedRecording, person: int, own: list[tuple[str, float, float, float]], duration_s: float
+) -> Finding:
+    joint, start_s, gap_s, _ = own[0]
+    ratios = [ratio for *_, ratio in own if np.isfinite(ratio)]
+    return Finding(
+        Code.GAP,
+        Severity.NOTE,
+        f"{_of(recording, person, in_words(each for each, *_ in own))}: fewer than two cameras see "
+        f"{'them' if len(own) > 1 else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
+        + (
+            f"; {'their' if len(own) > 1 else 'its'} sigma grows to {max(ratios):.0f} times the usual" if ratios else ""
+        ),
+        "What stands there is predicted: leave it out of the analysis, or add a camera that sees "
+        f"{'these joints' if len(own) > 1 else 'the joint'}.",
+        min(0.4, gap_s / max(duration_s, 1e-9) + 0.05),
+        person=recording.number(person),
+        joint=joint,
+        from_s=float(start_s),
+        to_s=float(start_s + gap_s),
+    )
 
 
 def harmful_gaps(trajectory: Trajectory) -> list[tuple[str, float, float, float]]:

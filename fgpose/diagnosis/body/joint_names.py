@@ -27,7 +27,7 @@ def in_words(joints: Iterable[str]) -> str:
     for name in names:
         other = _SIDE.sub(lambda found: "right_" if found.group(1) == "left" else "left_", name)
         if other != name and other in names:
-            plural = f"{_SIDE.sub('', name)}s".replace("_", " ")
+            plural = f"{_SIDE.sub('', name)}s".replace("exs", "ices").replace("_", " ")
             words += [plural] if plural not in words else []
         else:
             words.append(name.replace("_", " "))
