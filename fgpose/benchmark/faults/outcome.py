@@ -77,7 +77,7 @@ def outcome_of(take: Take, damage: Damage | None) -> Outcome:
     rng = np.random.default_rng([_DAMAGES_SEED, take.seed, len(name)])
     given = Damaged(take.rig, take.observations, take.truth_m) if damage is None else damage.inflict(take, rng)
     result = _estimated(given, part)
-    error_mm, inside = _errors(result, given)
+    error_mm, inside = _errors(result, given, take.truth_covariance_m2)
     findings = diagnose(given.observations, given.rig, result).findings
     usual = _found_undamaged(take, part) if take.is_real and damage is not None else set()
     serious = [each for each in findings if each.severity is not Severity.NOTE and _place(each) not in usual]
@@ -126,7 +126,7 @@ def _undamaged(take: Take, part: slice, names: tuple[str, ...] | None = None) ->
     key = take.name, len(take.truth_m[part]), tuple(kept)
     if key not in _UNDAMAGED:
         result = _estimated(given, part)
-        error_mm, inside = _errors(result, given)
+        error_mm, inside = _errors(result, given, take.truth_covariance_m2)
         if take.is_real and result is not None:  # the truth is known as well as it claims itself
             error_mm = max(error_mm, _claimed_mm(result))
         _UNDAMAGED[key] = error_mm, inside
@@ -162,10 +162,10 @@ def _error_after(changed: Damaged | None, finding: Finding | None, part: slice) 
         return np.nan
     result = _estimated(changed, part)
     if result is None or finding.code not in _OF_CLOCKS:
-        return _errors(result, changed)[0]
+        return _errors(result, changed, None)[0]
     # Cameras are put on one clock; which of theirs that is makes no difference.
     shifts_s = (np.arange(-90, 91) / 60).tolist()
-    return _errors(result, changed, min(shifts_s, key=lambda shift_s: _typical_m(result, changed, shift_s)))[0]
+    return _errors(result, changed, None, min(shifts_s, key=lambda shift_s: _typical_m(result, changed, shift_s)))[0]
 
 
 def _typical_m(result: Trajectory, given: Damaged, shift_s: float) -> float:
@@ -183,7 +183,12 @@ def _estimated(given: Damaged, part: slice) -> Trajectory | None:
             return None
 
 
-def _errors(result: Trajectory | None, given: Damaged, shift_s: float = 0.0) -> tuple[float, float]:
+def _errors(
+    result: Trajectory | None,
+    given: Damaged,
+    truth_covariance_m2: Float[np.ndarray, "frame joint 3 3"] | None,
+    shift_s: float = 0.0,
+) -> tuple[float, float]:
     """The error in millimetres and the share within the 99 % ellipsoids; NaN where nothing is given."""
     if result is None:
         return np.nan, np.nan
@@ -195,7 +200,11 @@ def _errors(result: Trajectory | None, given: Damaged, shift_s: float = 0.0) -> 
     if result.covariance_m2 is None:
         return error_mm, np.nan
     nobody, difference_m = np.isnan(difference_m).any(axis=-1), np.nan_to_num(difference_m)
-    whitened = np.linalg.solve(result.covariance_m2[known], difference_m[..., None])[..., 0]
+    covariance_m2 = result.covariance_m2
+    if truth_covariance_m2 is not None:
+        frame = np.clip(np.round(result.time_s * FPS).astype(int), 0, len(truth_covariance_m2) - 1)
+        covariance_m2 = covariance_m2 + truth_covariance_m2[frame]
+    whitened = np.linalg.solve(covariance_m2[known], difference_m[..., None])[..., 0]
     squared = np.einsum("ni,ni->n", difference_m, whitened)
     return error_mm, float(np.mean((squared < _CHI2_99) & ~nobody))
 

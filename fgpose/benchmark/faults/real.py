@@ -23,10 +23,16 @@ class RealTake(Take):
 
     errors_px: Float[np.ndarray, "frame camera joint 2"]
     """Of the detections against the truth, in distorted images; NaN = missing."""
+    claimed_m2: Float[np.ndarray, "frame joint 3 3"]
+    """By the estimate from all cameras."""
 
     @property
     def is_real(self) -> bool:
         return True
+
+    @property
+    def truth_covariance_m2(self) -> Float[np.ndarray, "frame joint 3 3"]:
+        return self.claimed_m2
 
     def film(self, rig: CameraRig, truth_m: Float[np.ndarray, "frame joint 3"] | None = None) -> Observations:
         truth_m = self.truth_m if truth_m is None else truth_m
@@ -54,11 +60,14 @@ def real_takes() -> Iterator[Take]:
 def _takes(clip: str, seen: Observations, rig: CameraRig, seed: int) -> Iterator[Take]:
     # Damages count frames. Images of one frame are up to 20 ms apart, in which people who stand move millimetres.
     seen = replace(seen, time_s=np.arange(seen.n_frames) / FPS)
-    truth_m = _without_gaps(smooth(seen, rig).positions_m)
+    estimated = smooth(seen, rig)
+    assert estimated.covariance_m2 is not None
+    truth_m, claimed_m2 = _without_gaps(estimated.positions_m), np.nan_to_num(estimated.covariance_m2)
     errors_px = seen.points2d_px - _projected_px(rig, truth_m)
     for n in (2, 3, 4):
         names = list(rig.names[:n])
-        yield RealTake(clip, f"{n} cameras", rig.subset(names), seen.subset(names), truth_m, seed, errors_px[:, :n])
+        part, own = rig.subset(names), seen.subset(names)
+        yield RealTake(clip, f"{n} cameras", part, own, truth_m, seed, errors_px[:, :n], claimed_m2)
 
 
 def _without_gaps(positions_m: Float[np.ndarray, "frame joint 3"]) -> Float[np.ndarray, "frame joint 3"]:

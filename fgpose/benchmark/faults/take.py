@@ -64,6 +64,11 @@ class Take:
         """Whether a network detected the body in real images; its truth is an estimate then."""
         return False
 
+    @property
+    def truth_covariance_m2(self) -> Float[np.ndarray, "frame joint 3 3"] | None:
+        """Of the truth, where it is an estimate."""
+        return None
+
     def film(self, rig: CameraRig, truth_m: Float[np.ndarray, "frame joint 3"] | None = None) -> Observations:
         """The same motion, or another one, with these cameras, the same errors of detection and no occluders."""
         return _filmed(self.truth_m if truth_m is None else truth_m, rig, self.seed)

@@ -96,6 +96,23 @@ def angle(
     return np.sum(from_one * other, axis=-1) / np.where(length > 0, length, np.nan)
 
 
+def reach_m(
+    own: Float[np.ndarray, "sample joint 3"],
+    others: Float[np.ndarray, "other sample joint 3"],
+    baseline_m: Float[np.ndarray, "other sample 1 3"],
+) -> Float[np.ndarray, " other"]:
+    """Of each other camera the median of the root of the summed squares of both distances to where the rays are
+    nearest: both directions err."""
+    cosine = np.sum(own * others, axis=-1)
+    along_own, along_other = np.sum(own * baseline_m, axis=-1), np.sum(others * baseline_m, axis=-1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth_m = (along_own - cosine * along_other) / (1 - cosine**2)
+        other_depth_m = (cosine * along_own - along_other) / (1 - cosine**2)
+    meet = (depth_m > 0) & (other_depth_m > 0)
+    length_m = np.hypot(depth_m, other_depth_m)
+    return np.array([np.median(each[of]) if of.any() else np.nan for each, of in zip(length_m, meet, strict=True)])
+
+
 def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray, "*shape"]:
     """Half of Cauchy's kernel, whitened."""
     return 0.5 * KERNEL**2 * np.log1p((angle / (KERNEL * scale)) ** 2)

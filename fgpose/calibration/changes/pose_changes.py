@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, Blocks, LagCosts, angle, independent, robust
+from fgpose.calibration.changes.lag_costs import KERNEL, Blocks, LagCosts, angle, independent, reach_m, robust
 from fgpose.calibration.changes.rays import Rays
 
 # Weak: what is bumped turns by degrees and moves by centimetres.
@@ -69,7 +69,7 @@ class _Views:
             centres_m,
             independent(costs.blocks) * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
             np.array([costs.scale[min(c, o), max(c, o)] for o in others]),
-            _reach_m(own, directions, (centres_m - own_centre_m)[:, :, None]),
+            reach_m(own, directions, (centres_m - own_centre_m)[:, :, None]),
             costs.blocks,
         )
 
@@ -116,23 +116,6 @@ class _Views:
         np.add.at(of_block[0], block, information)
         np.add.at(of_block[1], block, gradient)
         return of_block
-
-
-def _reach_m(
-    own: Float[np.ndarray, "sample joint 3"],
-    others: Float[np.ndarray, "other sample joint 3"],
-    baseline_m: Float[np.ndarray, "other sample 1 3"],
-) -> Float[np.ndarray, " other"]:
-    """Of each other camera the median of the root of the summed squares of both distances to where the rays are
-    nearest: both directions err."""
-    cosine = np.sum(own * others, axis=-1)
-    along_own, along_other = np.sum(own * baseline_m, axis=-1), np.sum(others * baseline_m, axis=-1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        depth_m = (along_own - cosine * along_other) / (1 - cosine**2)
-        other_depth_m = (cosine * along_own - along_other) / (1 - cosine**2)
-    meet = (depth_m > 0) & (other_depth_m > 0)
-    length_m = np.hypot(depth_m, other_depth_m)
-    return np.array([np.median(each[of]) if of.any() else np.nan for each, of in zip(length_m, meet, strict=True)])
 
 
 def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
