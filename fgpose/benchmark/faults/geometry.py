@@ -62,6 +62,29 @@ def _mirrored(points: Points, sizes_px: np.ndarray) -> Points:
     return np.stack([sizes_px[..., 0] - 1 - points[..., 0], points[..., 1]], axis=-1)
 
 
+def _from_the_bottom(points: Points, sizes_px: np.ndarray) -> Points:
+    return np.stack([points[..., 0], sizes_px[..., 1] - 1 - points[..., 1]], axis=-1)
+
+
+def _letterboxed(points: Points, sizes_px: np.ndarray) -> Points:
+    """With borders that make the image square, resized to 640 pixels."""
+    longer = sizes_px.max(axis=-1, keepdims=True)
+    return (points + (longer - sizes_px) / 2) * 640 / longer
+
+
+def _cut(points: Points, sizes_px: np.ndarray) -> Points:
+    """The middle of the image, square."""
+    return points - (sizes_px - sizes_px.min(axis=-1, keepdims=True)) / 2
+
+
+def _copied(take: Take, rng: np.random.Generator) -> Damaged:
+    """A camera has the keypoints of another one."""
+    a, b = rng.permutation(take.rig.n_cameras)[:2]
+    order = np.arange(take.rig.n_cameras)
+    order[a] = b
+    return _reordered(take, order, (take.rig.names[a], take.rig.names[b]))
+
+
 def _exchanged(take: Take, rng: np.random.Generator) -> Damaged:
     a, b = rng.permutation(take.rig.n_cameras)[:2]
     order = np.arange(take.rig.n_cameras)
@@ -155,8 +178,13 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("upside down, one camera", (Code.TURNED_IMAGE,), of_points(_upside_down, one=True), 3),
     Damage("mirrored images", (Code.MIRRORED_IMAGE,), of_points(_mirrored, one=False)),
     Damage("mirrored images, one camera", (Code.MIRRORED_IMAGE,), of_points(_mirrored, one=True), 3),
+    Damage("y from the bottom", (Code.MIRRORED_IMAGE,), of_points(_from_the_bottom, one=False)),
+    Damage("x and y exchanged", (Code.TURNED_IMAGE,), of_points(lambda p, _: p[..., ::-1], one=False)),
+    Damage("letterboxed for a network", (Code.IMAGE_SIZE,), of_points(_letterboxed, one=False)),
+    Damage("sides cut off", (Code.IMAGE_SIZE,), of_points(_cut, one=False)),
     Damage("two cameras exchanged", (Code.EXCHANGED_CAMERAS,), _exchanged),
     Damage("cameras counted from another number", (Code.EXCHANGED_CAMERAS,), _counted_on),
+    Damage("one folder twice", (Code.EXCHANGED_CAMERAS,), _copied),
     Damage("millimetres as metres", (Code.UNIT,), in_unit(1000.0)),
     Damage("centimetres as metres", (Code.UNIT,), in_unit(100.0)),
     Damage("inches as metres", (Code.UNIT,), in_unit(1 / 0.0254)),

@@ -46,6 +46,14 @@ def _lost(n_frames: int) -> Callable[[np.ndarray], np.ndarray]:
     return lambda time_s: time_s + np.where(time_s >= time_s[len(time_s) // 2], n_frames / FPS, 0.0)
 
 
+def _now_and_then(time_s: np.ndarray) -> np.ndarray:
+    """Images are missing at random, and the others are numbered on."""
+    kept = np.random.default_rng(len(time_s)).random(len(time_s)) > 0.05
+    taken_s = np.full(len(time_s), np.inf)
+    taken_s[: kept.sum()] = time_s[kept]
+    return taken_s
+
+
 def bumped(degrees: float) -> Callable[[Take, np.random.Generator], Damaged]:
     """A camera that is turned, and moved by 2 cm, in the middle of the recording."""
 
@@ -80,6 +88,7 @@ IN_TIME: tuple[Damage, ...] = (
     Damage("2 frames lost", (Code.LOST_FRAMES,), at_other_times(_lost(2)), 3),
     Damage("half the rate", (Code.CLOCK_RATE,), at_other_times(lambda t: 2 * t), 3),
     Damage("0.5 % slower clock", (Code.CLOCK_RATE,), at_other_times(lambda t: 1.005 * t), 3),
+    Damage("every twentieth frame lost", (Code.CLOCK_RATE,), at_other_times(_now_and_then), 3),
     Damage("bumped by 0.7 degrees", (Code.BUMPED_CAMERA,), bumped(0.7), 3),
     Damage("bumped by 2 degrees", (Code.BUMPED_CAMERA,), bumped(2.0), 3),
     Damage("frozen images", (Code.FROZEN_CAMERA,), _frozen),

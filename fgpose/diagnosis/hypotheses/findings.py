@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -23,6 +24,7 @@ _USUAL = "2 to 6 cm are usual"
 # What a bump does: more is another place. calibration.rig_refinement refuses to move a camera further.
 BUMP_DEG, BUMP_M = 10.0, 0.15
 _FRAMES = 120
+_FEWEST_EQUAL, _MOSTLY_EQUAL = 20, 0.9
 _UNSURE = 0.6  # of the confidence of the other cameras: below, a camera hallucinates rather than sees somebody else
 
 
@@ -30,6 +32,9 @@ def disagreements(examined: Examined) -> list[Finding]:
     """Cameras that do not agree where the body is, and the cause, if what it does not rest on agrees with it."""
     if examined.rig.n_cameras < 2:
         raise NotJudgedError("one camera")
+    copies = list(_copies(examined))
+    if copies:
+        return copies
     geometry = examined.geometry
     if not geometry.state.agreement.judged.any():
         return [_nothing_in_common(examined)]
@@ -42,6 +47,23 @@ def disagreements(examined: Examined) -> list[Finding]:
     if geometry.usable and better_skeleton(examined.body_m, examined.main.skeleton) is not None:
         return []  # it is the names of the joints
     return [_no_agreement(geometry)]
+
+
+def _copies(examined: Examined) -> Iterator[Finding]:
+    """Cameras with the keypoints of another one."""
+    points_px, names = examined.main.points2d_px, examined.rig.names
+    for a, b in combinations(range(len(names)), 2):
+        both = examined.main.seen[:, a] & examined.main.seen[:, b]
+        equal = both & (points_px[:, a] == points_px[:, b]).all(axis=-1)
+        if both.sum() > _FEWEST_EQUAL and equal.sum() > _MOSTLY_EQUAL * both.sum():
+            yield Finding(
+                Code.EXCHANGED_CAMERAS,
+                Severity.WRONG,
+                f"{names[a]} and {names[b]} have the same keypoints, to the last digit: two cameras never see the same",
+                "Was a folder copied, or given twice? Give each camera its own keypoints.",
+                1.0,
+                camera=names[b],
+            )
 
 
 def _nothing_in_common(examined: Examined) -> Finding:

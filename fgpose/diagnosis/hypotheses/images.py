@@ -24,6 +24,8 @@ _FACTORS = np.exp(np.arange(np.log(1 / 4), np.log(4), 0.04))
 _UNCHANGED = 0.02  # a factor this near to 1 is the calibration's own size
 _SAME_SIZE = 0.015
 _RATIOS, _SAME_RATIO = (4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0), 0.004
+# What networks are given, and what is left if the sides of an image are cut off.
+_SQUARES_PX, _CUTS, _HEIGHTS_PX = (1280, 640, 512, 416, 384, 320, 256, 192), (4 / 3, 1.0), (720, 640, 512, 480, 256)
 _MOSTLY, _BEYOND_PX = 0.95, 30.0  # networks place hidden feet a little outside
 
 
@@ -32,15 +34,17 @@ def image_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothe
     yield from _normalised(scene, cameras)
     yield from turned_hypotheses(scene, cameras)
     yield from _common_sizes(scene, cameras)
+    yield from _parts(scene, cameras)
     for factor in _FACTORS.tolist():
         if abs(factor - 1) > _UNCHANGED:
             yield resized(scene, cameras, (factor, factor))
 
 
 def turned_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
-    """Turned or mirrored."""
+    """Turned or mirrored, or with other axes."""
     yield from _turned(scene, cameras)
     yield from _mirrored(scene, cameras)
+    yield from _other_axes(cameras)
 
 
 def _of_points(change: Callable[[View], Points]) -> Callable[[View], View]:
@@ -78,12 +82,12 @@ def resized(scene: Scene, cameras: tuple[int, ...], factor: tuple[float, float])
 
 
 def within_image(cause: Hypothesis, scene: Scene) -> bool:
-    """Whether nearly all keypoints lie in images of the size that a hypothesis says they are of."""
-    factor = np.array([cause.numbers["factor_x"], cause.numbers["factor_y"]])
+    """Whether nearly all keypoints lie in the images of the calibration, if a hypothesis is true."""
+    mended = cause.mend(scene)
     for c in cause.cameras:
-        points_px = scene.views[c].points_px[np.isfinite(scene.views[c].points_px).all(axis=-1)]
+        points_px = mended.views[c].points_px[np.isfinite(mended.views[c].points_px).all(axis=-1)]
         inside = (points_px > -_BEYOND_PX).all(axis=-1)
-        inside &= (factor * points_px < np.array(size_px(scene.views[c])) + _BEYOND_PX).all(axis=-1)
+        inside &= (points_px < np.array(size_px(scene.views[c])) + _BEYOND_PX).all(axis=-1)
         if np.mean(inside) < _MOSTLY:
             return False
     return True
@@ -121,6 +125,41 @@ def _common_sizes(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis
         same = abs(factor[0] / factor[1] - 1) < _SAME_SIZE
         if not same or not _FACTORS[0] < factor[0] < _FACTORS[-1]:
             yield resized(scene, cameras, factor)
+
+
+def _parts(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Images with borders that make them square, or of which the sides were cut off, be it resized."""
+    size = np.array(size_px(scene.views[cameras[0]]))
+    longer, shorter = float(size.max()), float(size.min())
+    for side_px in (longer, *_SQUARES_PX):
+        if longer != shorter:
+            words = f"have borders that make them square, {side_px:.0f}x{side_px:.0f}"
+            yield _part(scene, cameras, longer / side_px, (size - longer) / 2, words)
+    for ratio in _CUTS:
+        cut = np.array([ratio, 1.0]) * shorter if size[0] > size[1] else np.array([1.0, ratio]) * shorter
+        if cut.max() < (1 - _SAME_SIZE) * longer:
+            for height_px in (shorter, *_HEIGHTS_PX):
+                factor = shorter / height_px
+                words = f"are the middle of the calibration's, {cut[0] / factor:.0f}x{cut[1] / factor:.0f}"
+                yield _part(scene, cameras, factor, (size - cut) / 2, words)
+
+
+def _part(
+    scene: Scene, cameras: tuple[int, ...], factor: float, offset_px: Float[np.ndarray, " 2"], words: str
+) -> Hypothesis:
+    """Of which a pixel is so many of the calibration's, and whose corner is at this one of it."""
+    width_px, height_px = size_px(scene.views[cameras[0]])
+    by = f"Multiply the keypoints by {factor:.3g} and add" if factor != 1 else "Add"
+    return Hypothesis(
+        Code.IMAGE_SIZE,
+        cameras,
+        each_view(_of_points(lambda view: view.points_px * factor + offset_px), cameras),
+        f"The images that the keypoints of {{cameras}} are of {words}; the calibration is for "
+        f"{width_px:.0f}x{height_px:.0f}",
+        f"{by} {offset_px[0]:+.0f} to x and {offset_px[1]:+.0f} to y.",
+        {"factor_x": factor, "factor_y": factor, "offset_x_px": offset_px[0], "offset_y_px": offset_px[1]},
+        preference=1,
+    )
 
 
 def _normalised(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
@@ -187,6 +226,31 @@ def _mirrored(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
             "Switch mirroring off in the camera's program; here: replace x by width - 1 - x"
             + (", and exchange left and right joints." if sides else "."),
         )
+
+
+def _other_axes(cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """As programs count that have the origin at the bottom, or rows before columns."""
+
+    def from_the_top(view: View) -> Points:
+        x, y = np.moveaxis(view.points_px, -1, 0)
+        return np.stack([x, size_px(view)[1] - 1 - y], axis=-1)
+
+    yield Hypothesis(
+        Code.MIRRORED_IMAGE,
+        cameras,
+        each_view(_of_points(from_the_top), cameras),
+        "The keypoints of {cameras} count y from the bottom of the image, not from the top",
+        "Replace y by height - 1 - y.",
+        preference=1,
+    )
+    yield Hypothesis(
+        Code.TURNED_IMAGE,
+        cameras,
+        each_view(_of_points(lambda view: view.points_px[..., ::-1]), cameras),
+        "The keypoints of {cameras} have x and y exchanged",
+        "Exchange them: x goes to the right, y down.",
+        preference=1,
+    )
 
 
 def _mirrored_back(view: View) -> View:

@@ -175,6 +175,8 @@ def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
     if cause.code is Code.IMAGE_SIZE:
         change = abs(np.log(cause.numbers["factor_x"]))
         of_one = len(cause.cameras) < scene.n_cameras
+        if "offset_x_px" in cause.numbers:  # of one camera, a cut without a change of size looks like a turn
+            return within_image(cause, scene) and not (of_one and change < _OTHER_SIZE[0])
         plain = bool(change > _OTHER_SIZE[1]) and scene.n_cameras > 2
         common = is_common_size(cause, scene) and not (of_one and change < _OTHER_SIZE[0])
         return within_image(cause, scene) and (plain or common)
@@ -241,6 +243,8 @@ def _of_group_each(groups: Iterable[tuple[int, ...]], scene: Scene) -> Iterator[
 def _refined(hypothesis: Hypothesis, scene: Scene) -> Hypothesis:
     """With the best size or focal length near that of the grid."""
     make: Callable[[float], Hypothesis]
+    if "offset_x_px" in hypothesis.numbers:
+        return hypothesis
     if hypothesis.code is Code.IMAGE_SIZE and hypothesis.numbers["factor_x"] == hypothesis.numbers["factor_y"]:
         first = hypothesis.numbers["factor_x"]
         make = lambda factor: resized(scene, hypothesis.cameras, (factor, factor))  # noqa: E731
