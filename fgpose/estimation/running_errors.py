@@ -26,7 +26,7 @@ from fgpose.geometry.reprojection import linearized_projection
 
 # A network, a light and a person are the same for longer than this; a camera may be moved.
 _MEMORY_S = 30.0
-_EVERY_S = 0.5  # fits take a few milliseconds, and errors change slowly
+_EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
 _LONGEST_FRAMES = 1000  # a stream of more frames in a second is cut short
 
 
@@ -86,7 +86,7 @@ class RunningErrors:
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
             self._since_others_s = 0.0
         self._since_s += step_s
-        if self._since_s >= _EVERY_S:
+        if self._since_s >= min(_EVERY_S, _OF_ALL * self._n_frames * self._step_s):
             self._fit()
 
     def of_cameras_m2(
