@@ -15,7 +15,7 @@ frequencies. All of it is stated as a share of the variance of the graph, which 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -39,6 +39,13 @@ class FilterResponse:
     """From errors of the detections, each component of the variance that the graph takes for all."""
     motion: Float[np.ndarray, " joint"]
     """From motion, as rough as the graph takes it."""
+    steady: Float[np.ndarray, " joint"]
+    """Variance in the graph, in that of the detections of a frame."""
+
+    def beyond(self, excess: Float[np.ndarray, " joint"]) -> FilterResponse:
+        """The same where the variance in the graph is so many times, at least once, what it is in a steady state: fewer
+        cameras than usual see the joint now, or none. What is more is of motion."""
+        return replace(self, noise=self.noise / excess[:, None], motion=1 - (1 - self.motion) / excess)
 
 
 def filter_responses(
@@ -57,8 +64,8 @@ def filter_responses(
         model: of the motion.
     """
     if model == "none":
-        alone = FilterResponse(np.ones((len(index), len(times_s))), np.zeros(len(index)))
-        return alone, alone, FilterResponse(np.zeros_like(alone.noise), alone.motion)
+        alone = FilterResponse(np.ones((len(index), len(times_s))), np.zeros(len(index)), np.ones(len(index)))
+        return alone, alone, replace(alone, noise=np.zeros_like(alone.noise))
     places = (np.arange(_FREQUENCIES) + 0.5) / _FREQUENCIES
     frequency, share = np.pi * places**3, 3 * places**2 / _FREQUENCIES
     step, ratio = 1 - np.exp(-1j * frequency), np.clip(index, _LEAST_INDEX, _MOST_INDEX)[:, None]
@@ -77,7 +84,7 @@ def filter_responses(
         noise = (np.abs(gain) ** 2 * share) @ spectra
         noise = kept * np.where(np.isinf(times_s), constant, noise) / graph[:, None]
         white = _SHARE_OF_ALONE * ((np.abs(gain) ** 2) @ share) / graph
-        return FilterResponse(noise, np.maximum(total / graph - white, 0.0))
+        return FilterResponse(noise, np.maximum(total / graph - white, 0.0), graph)
 
     of_newest, of_smoothed = alpha[:, 0], smoothed @ share
     return (

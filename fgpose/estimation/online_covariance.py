@@ -38,7 +38,7 @@ class OnlineCovariances:
         self.errors.add(evidence, positions_m, oldest.step_s, rig)
         self.roughness.compare(oldest.at.frame, positions_m, evidence.observed[0] & oldest.active, oldest.step_s)
         information = np.nan_to_num(evidence.information(positions_m[None], rig)[0])
-        keep = np.exp(-oldest.step_s / _MEMORY_S)
+        keep = np.where(information > 0, np.exp(-oldest.step_s / _MEMORY_S), 1.0)
         self._information = keep * self._information + (1 - keep) * information
 
     def of_newest_m2(
@@ -59,6 +59,7 @@ class OnlineCovariances:
             rig: the cameras.
         """
         newest, _, difference = self._responses(state, linear_m2, step_s, rig)
+        newest = newest.beyond(self._excess(state, linear_m2, newest))
         of_joint_m2, noise_m2, motion_m2 = np.full((3, len(state.active)), np.nan)
         of_joint_m2[state.joints] = np.trace(linear_m2, axis1=-2, axis2=-1)
         noise_m2[state.joints], motion_m2[state.joints] = self._noise(state, difference), difference.motion
@@ -77,6 +78,7 @@ class OnlineCovariances:
     ) -> Float[np.ndarray, "joint 3 3"]:
         """The same of a frame of which the next ones are known."""
         _, smoothed, _ = self._responses(state, linear_m2, step_s, rig)
+        smoothed = smoothed.beyond(self._excess(state, linear_m2, smoothed))
         return self._covariance_m2(state, linear_m2, smoothed, unseen_s, rig)
 
     def _responses(
@@ -94,6 +96,13 @@ class OnlineCovariances:
         alone = np.trace(_frame_information(state, rig, self._config), axis1=-2, axis2=-1)
         of_graph = np.trace(np.linalg.inv(surely_positive(linear_m2)), axis1=-2, axis2=-1)
         return filter_responses(np.maximum(index, index_of_gain(alone / of_graph)), step_s, TIMES_S, model)
+
+    def _excess(
+        self, state: FrameState, linear_m2: Float[np.ndarray, "active_joint 3 3"], response: FilterResponse
+    ) -> Float[np.ndarray, " active_joint"]:
+        """How many times the variance of each joint is what it is in a steady state."""
+        steady = self._information[state.joints] / (3 * response.steady)
+        return np.fmax(np.trace(linear_m2, axis1=-2, axis2=-1) * steady, 1.0)
 
     def _noise(self, state: FrameState, response: FilterResponse) -> Float[np.ndarray, " active_joint"]:
         variances = self.errors.components.variances[state.joints].copy()

@@ -20,6 +20,8 @@ _NINETIETH = 6.251 / 3  # of chi-squared with three degrees of freedom, in their
 _MOST, _PRIOR_MEASUREMENTS = 30.0, 50.0  # so many measurements tell more than the graph
 _HALVINGS = 12  # to a hundredth
 _MEMORY_S = 30.0  # as fgpose.estimation.running_errors
+# At first poses move because lengths, biases and hallucinations are found.
+_SETTLES_S = 1.0
 
 
 def roughness(
@@ -65,7 +67,7 @@ class RunningRoughness:
         self.value = 1.0
         self._newest: dict[int, NewestPose] = {}
         self._found: deque[Float[np.ndarray, "3 joint"]] = deque(maxlen=int(_MEMORY_S / TELLS_AGAIN_S))
-        self._since_s = np.inf
+        self._since_s = -_SETTLES_S
 
     def note(self, frame: int, pose: NewestPose) -> None:
         """Take the newest frame, in place of what was noted of it before."""
