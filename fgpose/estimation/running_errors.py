@@ -3,6 +3,7 @@ frame by frame."""
 
 from __future__ import annotations
 
+import importlib
 from collections import deque
 
 import numpy as np
@@ -50,6 +51,7 @@ class RunningErrors:
     """Of the moves of the cameras, learned so far; see MoveSums."""
 
     def __init__(self, n_cameras: int, n_joints: int) -> None:
+        importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
         self.components = ErrorComponents.usual(n_joints, _TOTAL_AT_FIRST)
         self.moments_m2 = np.zeros((n_cameras, 6, 6))
         self._n_joints = n_joints
