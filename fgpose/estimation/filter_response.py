@@ -27,7 +27,7 @@ _FREQUENCIES = (
 _LEAST_INDEX, _MOST_INDEX = 1e-4, 1e4
 # Of what a joint alone would have: the robust kernels, and bones, leave less of errors that averages out. Simulated as
 # in fgpose.estimation.error_components in seven families of the benchmark: 0.75 to 0.85 of white errors and of those
-# that last for 0.15 s, 0.9 to 1.1 of constant ones.
+# that last for 0.15 s, 0.9 to 1.1 of constant ones. Errors that joints share are not averaged over the bones.
 _SHARE_OF_ALONE = 0.8
 
 
@@ -53,6 +53,7 @@ def filter_responses(
     step_s: float,
     times_s: Sequence[float],
     model: Literal["none", "random_walk", "constant_velocity"],
+    shared: Float[np.ndarray, " joint"] | float = 0.0,
 ) -> tuple[FilterResponse, FilterResponse, FilterResponse]:
     """Of the newest pose, of a smoothed one, and of the difference between them in the variance of the newest.
 
@@ -62,6 +63,7 @@ def filter_responses(
         step_s: from frame to frame.
         times_s: over which each component of the errors is correlated; 0: white noise, inf: constant.
         model: of the motion.
+        shared: correlation of the errors of each joint with those of the joints that bones join to it.
     """
     if model == "none":
         alone = FilterResponse(np.ones((len(index), len(times_s))), np.zeros(len(index)), np.ones(len(index)))
@@ -78,7 +80,8 @@ def filter_responses(
         roughness = ratio**2 / np.abs(step) ** 2
     smoothed = roughness / (1 + roughness)
     spectra = np.stack([_spectrum(step_s / time_s if time_s else np.inf, step) for time_s in times_s], axis=1)
-    kept = np.where(np.isinf(times_s), 1.0, _SHARE_OF_ALONE)
+    averaged = (1 - _SHARE_OF_ALONE) * (1 - np.broadcast_to(shared, index.shape)[:, None])
+    kept = np.where(np.isinf(times_s), 1.0, 1 - averaged)
 
     def response(gain: np.ndarray, constant: float, graph: np.ndarray, total: np.ndarray) -> FilterResponse:
         noise = (np.abs(gain) ** 2 * share) @ spectra

@@ -4,6 +4,7 @@ widened for what the graph does not model."""
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -19,6 +20,7 @@ from fgpose.estimation.running_errors import RunningErrors
 from fgpose.estimation.uncertainty import distrust_factor_online, with_swing
 from fgpose.estimation.variance_components import TIMES_S
 from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
 
 _MEMORY_S = 0.2  # of how much detections tell; a joint that was seen until now is filtered as if it still were
 _LEAST_FACTOR = 0.02  # what is left of a variance where nothing errs
@@ -95,7 +97,13 @@ class OnlineCovariances:
         index = np.sqrt(added_m2 * self._information[joints])
         alone = np.trace(_frame_information(state, rig, self._config), axis1=-2, axis2=-1)
         of_graph = np.trace(np.linalg.inv(surely_positive(linear_m2)), axis1=-2, axis2=-1)
-        return filter_responses(np.maximum(index, index_of_gain(alone / of_graph)), step_s, TIMES_S, model)
+        index, shared = np.maximum(index, index_of_gain(alone / of_graph)), self._shared(state)
+        return filter_responses(index, step_s, TIMES_S, model, shared[joints])
+
+    def _shared(self, state: FrameState) -> Float[np.ndarray, " joint"]:
+        """Correlation of the errors of each joint with those of its neighbours, on average."""
+        neighbours = _neighbours(state.observations.skeleton)
+        return np.clip(np.sum(neighbours * self.errors.components.correlation, axis=1), 0.0, 1.0)
 
     def _excess(
         self, state: FrameState, linear_m2: Float[np.ndarray, "active_joint 3 3"], response: FilterResponse
@@ -130,6 +138,15 @@ class OnlineCovariances:
         widened_m2 = widened(covariance_m2, evidence, positions_m, lasting, rig, skeleton)
         swing = unseen_s[None], skeleton, self._config.swing, widened_m2 - covariance_m2
         return with_swing(widened_m2, positions_m, *swing, doubt=1 - evidence.credible)[0]
+
+
+@lru_cache(maxsize=16)  # asked for at every update
+def _neighbours(skeleton: Skeleton) -> Float[np.ndarray, "joint joint"]:
+    """Share of each joint in those that bones join to another one."""
+    joined = np.zeros((skeleton.n_joints, skeleton.n_joints))
+    for start, end in skeleton.bones:
+        joined[start, end] = joined[end, start] = 1.0
+    return joined / np.maximum(joined.sum(axis=1, keepdims=True), 1.0)
 
 
 def _probable_weight(state: FrameState) -> Float[np.ndarray, " joint"]:

@@ -82,3 +82,10 @@ def test_what_a_hidden_joint_has_more_is_of_motion() -> None:
     np.testing.assert_allclose(4 * hidden.noise, newest.noise, rtol=1e-12)
     # In the graph, where errors are white and motion is as rough as it takes it, they make the whole variance.
     assert 4 * hidden.motion[0] == pytest.approx(3 + newest.motion[0])
+
+
+def test_errors_that_joints_share_are_not_averaged_over_bones() -> None:
+    index, model = np.full(2, 0.1), "constant_velocity"
+    newest, _, _ = filter_responses(index, STEP_S, TIMES_S, model, shared=np.array([0.0, 1.0]))
+    np.testing.assert_allclose(newest.noise[0] / newest.noise[1], ALONE, rtol=1e-12)
+    assert newest.motion[0] == newest.motion[1]  # of the graph, in which errors are independent
