@@ -27,6 +27,7 @@ from fgpose.estimation.detection_errors import (
 )
 from fgpose.estimation.noise import surely_positive
 from fgpose.estimation.rig_errors import MEMORY_S, SURELY_M, CameraMoves, without_move
+from fgpose.estimation.roughness import TELLS_AGAIN_S, roughness
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
@@ -38,11 +39,7 @@ from fgpose.sampling import spread_evenly, usual_step_s
 _SAMPLES, _AVERAGED_S = 8, 1.0
 _LEAST_FACTOR = 0.02  # what is left of a variance where nothing errs
 _NEXT_TO_NOTHING_M2 = 1e-12
-_NINETIETH = 6.251 / 3  # of chi-squared with three degrees of freedom, in their number
-# How much more rough than in the graph motion is; joints tell it anew after so long; so many tell more than the graph.
-_MOST_EXCESS, _TELLS_AGAIN_S, _PRIOR_MEASUREMENTS = 30.0, 0.2, 50.0
 _LEAST_TELLING = 1e-3  # of the variance of the graph
-_HALVINGS = 12  # to a hundredth
 _LONGEST_STEP_S = 1e3  # beyond any recording; a single frame has no next one
 _CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
 
@@ -127,8 +124,7 @@ def share_of_motion(
     The graph is a filter H. From the positions x + n that detections alone would give, with errors n, it takes
     (1 - H) (x + n) away, which is in the residuals; (1 - H) x is what is wrong because people move otherwise than bones
     and motion say. Filtered once more, H (1 - H) (x + n), hardly any noise is left (twicing, Tukey 1977). As far as it
-    exceeds what the simulated n makes of it, it tells how much larger or smaller (1 - H) x is than in the graph. Of all
-    detections the largest tenth does not count: that may be occlusions that were not noticed.
+    exceeds what the simulated n makes of it, it tells how much larger or smaller (1 - H) x is than in the graph.
 
     Args:
         linearized: the problem.
@@ -153,21 +149,8 @@ def share_of_motion(
     tells = tells & (in_graph_m2 > _LEAST_TELLING * total_m2)
     if not tells.any():
         return share
-    measurements = float(tells.sum()) * min(step_s / _TELLS_AGAIN_S, 1.0)
-    found = _excess(found_m2[tells], noise_m2[tells], in_graph_m2[tells])
-    return share * (measurements * found + _PRIOR_MEASUREMENTS) / (measurements + _PRIOR_MEASUREMENTS)
-
-
-def _excess(
-    found: Float[np.ndarray, " joint"], noise: Float[np.ndarray, " joint"], expected: Float[np.ndarray, " joint"]
-) -> float:
-    """How many times what is expected is needed besides the noise, that squares are as large as those found."""
-    least, most = 0.0, _MOST_EXCESS
-    for _ in range(_HALVINGS):
-        times = (least + most) / 2
-        is_too_small = np.quantile(found / (noise + times * expected), 0.9) > _NINETIETH
-        least, most = (times, most) if is_too_small else (least, times)
-    return least
+    measurements = float(tells.sum()) * min(step_s / TELLS_AGAIN_S, 1.0)
+    return share * roughness(found_m2[tells], noise_m2[tells], in_graph_m2[tells], measurements)
 
 
 def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "frame camera slot 2"]:

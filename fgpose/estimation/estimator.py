@@ -19,11 +19,10 @@ from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gathe
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
 from fgpose.estimation.images import corrected, fits_better
-from fgpose.estimation.online_covariance import online_covariance_m2
+from fgpose.estimation.online_covariance import OnlineCovariances
 from fgpose.estimation.plausibility import Bodies, RunningPlausibility
 from fgpose.estimation.presence import has_left
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
-from fgpose.estimation.running_errors import RunningErrors
 from fgpose.estimation.segment import FrameTime
 from fgpose.estimation.sole_views import RunningSoleViews
 from fgpose.estimation.visibility import RunningVisibility
@@ -74,7 +73,7 @@ class Estimator:
         self._graph = WindowGraph(self._lengths, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._sole_views = RunningSoleViews(skeleton)
-        self._errors = RunningErrors(rig.n_cameras, skeleton.n_joints)
+        self._covariances = OnlineCovariances(rig.n_cameras, skeleton.n_joints, self.config)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
@@ -375,7 +374,7 @@ class Estimator:
             oldest = self._graph.read(self._window[0])
             self._visibility.marginalise(oldest.unjudged, oldest.positions_m, oldest.velocities_mps, self._rig)
             if self.config.online.covariance:
-                self._errors.add(oldest.evidence, oldest.positions_m, oldest.step_s, self._rig)
+                self._covariances.learn(oldest, self._rig)
             if is_adaptive(self.config.motion):
                 velocities_mps = np.where(oldest.active[:, None], oldest.velocities_mps, np.nan)
                 information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
@@ -391,7 +390,7 @@ class Estimator:
         covariance_m2 = None
         if self.config.online.covariance:
             linear_m2 = self._graph.covariances_m2(state)
-            covariance_m2 = self._covariance_m2(state, linear_m2, state.unseen_s)
+            covariance_m2 = self._covariances.of_newest_m2(state, linear_m2, state.unseen_s, self._step_s, self._rig)
         return Estimate(
             skeleton=self.skeleton,
             frame=state.at.frame,
@@ -418,8 +417,10 @@ class Estimator:
     def _lagged_covariance_m2(self, oldest: FrameState) -> np.ndarray:
         later_s = [state.since_seen_s(oldest.at.time_s) for state in self._window]
         linear_m2 = self._graph.lagged_covariances_m2(oldest)
-        return self._covariance_m2(oldest, linear_m2, np.min([oldest.unseen_s, *later_s], axis=0))
+        unseen_s = np.min([oldest.unseen_s, *later_s], axis=0)
+        return self._covariances.of_lagged_m2(oldest, linear_m2, unseen_s, self._step_s, self._rig)
 
-    def _covariance_m2(self, state: FrameState, linear_m2: np.ndarray, unseen_s: np.ndarray) -> np.ndarray:
-        step_s = usual_step_s(np.array([state.at.time_s for state in self._window]))
-        return online_covariance_m2(state, linear_m2, unseen_s, step_s, self._errors, self._rig, self.config)
+    @property
+    def _step_s(self) -> float:
+        """Usual time from frame to frame."""
+        return usual_step_s(np.array([state.at.time_s for state in self._window]))

@@ -3,6 +3,7 @@ frame by frame."""
 
 from __future__ import annotations
 
+import importlib
 from collections import deque
 
 import numpy as np
@@ -26,7 +27,7 @@ from fgpose.geometry.reprojection import linearized_projection
 
 # A network, a light and a person are the same for longer than this; a camera may be moved.
 _MEMORY_S = 30.0
-_EVERY_S = 0.5  # fits take a few milliseconds, and errors change slowly
+_EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
 _LONGEST_FRAMES = 1000  # a stream of more frames in a second is cut short
 
 
@@ -50,6 +51,7 @@ class RunningErrors:
     """Of the moves of the cameras, learned so far; see MoveSums."""
 
     def __init__(self, n_cameras: int, n_joints: int) -> None:
+        importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
         self.components = ErrorComponents.usual(n_joints, _TOTAL_AT_FIRST)
         self.moments_m2 = np.zeros((n_cameras, 6, 6))
         self._n_joints = n_joints
@@ -86,7 +88,7 @@ class RunningErrors:
             self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
             self._since_others_s = 0.0
         self._since_s += step_s
-        if self._since_s >= _EVERY_S:
+        if self._since_s >= min(_EVERY_S, _OF_ALL * self._n_frames * self._step_s):
             self._fit()
 
     def of_cameras_m2(

@@ -1,4 +1,4 @@
-"""Covariances: of errors that are correlated in time, and of joints that no camera sees."""
+"""Covariances: of joints that are distrusted, and of those that no camera sees."""
 
 from __future__ import annotations
 
@@ -8,86 +8,9 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
-from fgpose.estimation.noise import with_correlated_errors
 from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_swing
 from fgpose.skeleton import Skeleton
 from fgpose.synthetic import Scene
-
-# Of one frame, across and along some axes.
-FRAME_M2 = np.diag([1.0, 4.0, 2.0]) * 1e-4
-
-
-USUAL = {0.0: 0.36, 0.15: 0.64}
-"""Variances of the components of errors, in that of the graph, by the time over which they are correlated."""
-
-
-USUAL = {0.0: 0.36, 0.15: 0.64}
-"""Variances of the components of errors, in that of the graph, by the time over which they are correlated."""
-
-
-USUAL = {0.0: 0.36, 0.15: 0.64}
-"""Variances of the components of errors, in that of the graph, by the time over which they are correlated."""
-
-
-def of_mean_m2(n_frames: int, step_s: float, variances: dict[float, float] | None = None) -> np.ndarray:
-    """Covariance of the mean of so many equal frames; in the graph it is that of a frame by their number."""
-    in_graph_m2, variances = FRAME_M2 / n_frames, variances or USUAL
-    components = np.array([list(variances.values())]), tuple(variances)
-    scaled_m2 = with_correlated_errors(in_graph_m2[None], np.linalg.inv(FRAME_M2)[None], step_s, *components)[0]
-    factor = np.trace(scaled_m2) / np.trace(in_graph_m2)
-    np.testing.assert_allclose(scaled_m2, factor * in_graph_m2, rtol=1e-10, atol=1e-18)  # the ellipsoid's shape
-    return scaled_m2
-
-
-@pytest.mark.parametrize(("n_frames", "step_s"), [(1, 0.02), (5, 10.0), (50, 10.0), (50, np.inf)])
-def test_one_frame_and_frames_far_apart_are_as_in_the_graph(n_frames: int, step_s: float) -> None:
-    np.testing.assert_allclose(of_mean_m2(n_frames, step_s), FRAME_M2 / n_frames, rtol=1e-10)
-
-
-@pytest.mark.parametrize("step_s", [1e-5, 1e-9, 1e-14])
-def test_a_constant_error_is_not_averaged_out(step_s: float) -> None:
-    """Ten times as many frames of one moment tell hardly more; were they independent, it would be a tenth."""
-    few_m2, many_m2 = of_mean_m2(50, step_s), of_mean_m2(500, step_s)
-    assert 0.9 * np.trace(few_m2) < np.trace(many_m2) < np.trace(few_m2)  # what is not correlated is averaged out
-
-
-@pytest.mark.parametrize(
-    "variances", [USUAL, {0.0: 0.2, 0.4: 0.3, np.inf: 0.5}, {0.0: 1.0}], ids=["usual", "constant", "white"]
-)
-@pytest.mark.parametrize("n_frames", [10, 50, 500])
-def test_the_covariance_is_that_of_the_mean_of_such_errors(variances: dict[float, float], n_frames: int) -> None:
-    """The mean of all elements of their covariance matrix; half of the graph's information is of detections."""
-    apart_s = 0.01 * np.abs(np.arange(n_frames)[:, None] - np.arange(n_frames))
-    correlation = sum(v * (np.exp(-apart_s / time_s) if time_s else apart_s == 0) for time_s, v in variances.items())
-    # Sums are replaced by integrals: half a step of 0.01 s on both ends of a correlation of 0.15 s are 7 %.
-    half_m2 = of_mean_m2(2 * n_frames, 0.01, variances)
-    np.testing.assert_allclose(2 * half_m2, np.mean(correlation) * FRAME_M2, rtol=0.07, atol=1e-18)
-
-
-def test_errors_smaller_than_the_graph_believes_leave_what_bones_and_motion_do() -> None:
-    """Four tenths of the variance of the graph, as simulated errors say; a tenth of the rest is of detections."""
-    found = np.trace(of_mean_m2(100, 0.01, {0.0: 0.1})) / np.trace(FRAME_M2 / 100)
-    assert found == pytest.approx(0.4 + 0.1 * 0.6)
-
-
-def test_what_is_known_depends_on_the_time_and_not_on_the_rate() -> None:
-    """What is not correlated is a twentieth here; sums are replaced by integrals."""
-    np.testing.assert_allclose(of_mean_m2(100, 0.01), of_mean_m2(50, 0.02), rtol=0.05, atol=1e-18)
-    # in 10 and 20 s there are many times the correlation, and twice as many
-    np.testing.assert_allclose(of_mean_m2(1000, 0.02), of_mean_m2(500, 0.02) / 2, rtol=0.05, atol=1e-18)
-
-
-def test_a_covariance_that_is_singular_to_rounding_becomes_positive() -> None:
-    """That of a point next to a camera: micrometres in two directions and a metre in the third (seen in a soak)."""
-    R = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
-    singular_m2 = (R * np.array([-1e-16, 4e-10, 2.0])) @ R.T
-    scaled_m2 = with_correlated_errors(
-        singular_m2[None], np.eye(3)[None], 0.02, np.array([list(USUAL.values())]), tuple(USUAL)
-    )[0]
-    # 1e-12 of the total variance is far above the rounding errors of the eigenvalues, 1e-15.
-    assert np.linalg.eigvalsh(scaled_m2).min() > 1e-12
-    # Nothing else changes: the largest variance is scaled by at least 1 and by at most a constant error's factor.
-    assert 2.0 <= np.linalg.eigvalsh(scaled_m2).max() < np.inf
 
 
 def test_batch_covariances_widen_as_trust_vanishes() -> None:
