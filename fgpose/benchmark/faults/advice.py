@@ -53,7 +53,9 @@ def _left_out(given: Damaged, finding: Finding) -> Damaged | None:
 
 
 def _without_its_images(given: Damaged, finding: Finding) -> Damaged | None:
-    """Of the time that is named."""
+    """Of the time that is named; None if one camera is left then."""
+    if given.rig.n_cameras < 3:
+        return None
     assert finding.from_s is not None
     assert finding.to_s is not None
     time_s = given.observations.frame_time_s

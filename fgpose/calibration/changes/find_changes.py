@@ -33,7 +33,7 @@ _JUMP_FRAMES, _RATE_FRAMES = 0.5, 0.6
 # What a network errs by differs with the side from which it sees somebody: the rays of right cameras miss each other by
 # up to this, root mean square (webcams a metre from somebody who stands still). That it changes at a moment is rarer.
 _NOTICEABLE_SHIFT = 0.4
-_NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.012}
+_NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.018}
 _NOTICEABLE_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
