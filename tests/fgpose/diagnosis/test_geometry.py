@@ -134,26 +134,21 @@ def test_two_cameras_that_look_from_the_front_and_from_behind(code, change, came
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("code", "change", "cameras"),
+    ("n_cameras", "code", "change", "cameras"),
     [
-        (Code.IMAGE_SIZE, lambda points: points / 2, (0, 1, 2, 3)),
-        (Code.IMAGE_SIZE, lambda points: 2 * points, (0, 1, 2, 3)),
-        (Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 2)),
-        (Code.NORMALISED, lambda points: 2 * points / np.array(SIZE_PX) - 1, (0, 1, 2, 3)),
-        (Code.TURNED_IMAGE, turned_clockwise, (0, 1, 2, 3)),
-        (Code.TURNED_IMAGE, upside_down, (3,)),
-        (Code.TURNED_IMAGE, upside_down, (0, 1, 2, 3)),
-        (Code.MIRRORED_IMAGE, mirrored, (0, 1, 2, 3)),
-        (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (0,)),
-        (Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (0, 2)),
+        (3, Code.IMAGE_SIZE, lambda points: points / 2, (0, 1, 2)),
+        (4, Code.IMAGE_SIZE, lambda points: points / 1.5, (0, 2)),
+        (3, Code.NORMALISED, lambda points: 2 * points / np.array(SIZE_PX) - 1, (0, 1, 2)),
+        (4, Code.TURNED_IMAGE, turned_clockwise, (0, 1, 2, 3)),
+        (3, Code.TURNED_IMAGE, upside_down, (0, 1, 2)),
+        (4, Code.TURNED_IMAGE, upside_down, (3,)),
+        (3, Code.MIRRORED_IMAGE, mirrored, (0, 1, 2)),
+        (3, Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (0,)),
+        (4, Code.EXCHANGED_SIDES, lambda points: points[:, SKELETON.mirror], (0, 2)),
     ],
 )
-@pytest.mark.parametrize("n_cameras", [3, 4])
-def test_keypoints_that_are_not_those_of_the_calibration(code, change, cameras, n_cameras: int) -> None:
+def test_keypoints_that_are_not_those_of_the_calibration(n_cameras: int, code, change, cameras) -> None:
     rig = room(n_cameras, seed=n_cameras)
-    cameras = tuple(c for c in cameras if c < n_cameras)
-    if not cameras or (n_cameras == 3 and len(cameras) == 2):
-        pytest.skip("two of three cameras that are wrong alike leave one: it looks like the wrong one")
     finding = only(changed(recorded(rig, motion_m("cmu_02_10"), seed=1), change, cameras), rig)
     assert finding.code is code
     assert "all cameras" in finding.reason or all(rig.names[c] in finding.reason for c in cameras)
@@ -161,16 +156,15 @@ def test_keypoints_that_are_not_those_of_the_calibration(code, change, cameras, 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("pose", "words"),
+    ("n_cameras", "pose", "words"),
     [
-        (lambda pose: pose @ OPENGL, "axes of OpenGL"),
-        (np.linalg.inv, "from the camera to the world"),
-        (lambda pose: _joined(pose[:3, :3], -pose[:3, :3] @ pose[:3, 3]), "translation is the position"),
-        (lambda pose: _joined(pose[:3, :3].T, pose[:3, 3]), "rotations are stored transposed"),
+        (2, lambda pose: pose @ OPENGL, "axes of OpenGL"),
+        (4, np.linalg.inv, "from the camera to the world"),
+        (2, lambda pose: _joined(pose[:3, :3], -pose[:3, :3] @ pose[:3, 3]), "translation is the position"),
+        (4, lambda pose: _joined(pose[:3, :3].T, pose[:3, 3]), "rotations are stored transposed"),
     ],
 )
-@pytest.mark.parametrize("n_cameras", [2, 4])
-def test_poses_in_another_convention(pose, words: str, n_cameras: int) -> None:
+def test_poses_in_another_convention(n_cameras: int, pose, words: str) -> None:
     rig = room(n_cameras, seed=5)
     finding = only(recorded(rig, seed=5), posed(rig, pose))
     assert finding.code is Code.CAMERA_AXES
