@@ -13,6 +13,7 @@ from fgpose.trajectory import Status, Trajectory
 
 # As fgpose info lists them. A gap in which the joint becomes three times as uncertain as usual is one that harms.
 _GAP_S, _GAP_SIGMAS = 0.5, 3.0
+_FEW_FRAMES_SHARE = 0.01
 _SAME_S = 0.25  # joints that are away at the same time, to this
 # Of one kind: more are in the tables.
 _AT_MOST = 3
@@ -89,13 +90,17 @@ def _believed(trajectory: Trajectory) -> Bool[np.ndarray, "frame joint"]:
 
 
 def unobservable(recording: FinishedRecording) -> list[Finding]:
-    """Joints that nothing determines for some of the time."""
+    """Joints that nothing determines for some of the time, while others are."""
     found = []
     for person, trajectory in recording.people.items():
-        shares = np.mean(trajectory.status == Status.UNOBSERVABLE, axis=0)
-        joints = [joint for joint, share in zip(trajectory.skeleton.joints, shares, strict=True) if share > 0]
+        missing = trajectory.status == Status.UNOBSERVABLE
+        somebody = ~missing.all(axis=1)
+        shares = missing[somebody].mean(axis=0) if somebody.any() else np.ones(missing.shape[1])
+        joints = [
+            joint for joint, share in zip(trajectory.skeleton.joints, shares, strict=True) if share > _FEW_FRAMES_SHARE
+        ]
         if joints:
-            named = ", ".join(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
+            named = in_words(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
             where = f"in up to {100 * shares.max():.0f} % of the frames"
             reason = f"{_of(recording, person, '')}nothing determines {named} {where}"
             remedy = "There are no numbers there. Add cameras, or a skeleton without these joints."
