@@ -14,16 +14,16 @@ from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome
 from fgpose.io.atomic import write_text
 
 _HEAD = (
-    "Recordings of one person who walks about and works, with the errors of real networks, and two real ones (balance, "
-    "1.7 s, only damages that do not change in time; webcams) are damaged as laboratories damage them, estimated with "
-    "the defaults and diagnosed. The truth of the real ones is what all four cameras say together, as good as it "
-    "claims; what is doubtful of them undamaged does not count. *Harmful*: the 95 % error is more than twice that "
-    "without damage, or fewer than 90 % of the errors lie within the claimed 99 % ellipsoids (of real ones at least 5 % "
-    "fewer than without damage). *Silent*: harmful, and nothing is called wrong or doubtful. *Cause*: of the recordings "
-    "of which something is said, or whose damage is harmful, those in which the first thing said is the cause, of the right camera. *Error*: median of the 95 % "
-    "error over that without damage; *after*: the same after the advice was followed, where it can be followed on what "
-    "was recorded, median and largest, over that of the undamaged recording with the cameras that the advice leaves; "
-    "*worse*: how often it is larger than before."
+    "Recordings of one person who walks about and works, with the errors of real networks, and two real ones "
+    "(balance, 1.7 s, only damages that do not change in time; webcams) are damaged as laboratories damage them, "
+    "estimated with the defaults and diagnosed. The truth of the real ones is what all four cameras say together, as "
+    "good as it claims; what is doubtful of them undamaged does not count. *Harmful*: the 95 % error is more than "
+    "twice that without damage, or fewer than 90 % of the errors lie within the claimed 99 % ellipsoids (of real ones"
+    " at least 5 % fewer than without damage). *Silent*: harmful, and nothing is called wrong or doubtful. *Cause*: "
+    "of the recordings of which something is said, or whose damage is harmful, those in which the first thing said is"
+    " the cause, of the right camera. *Error*: median of the 95 % error over that without damage; *after*: the same "
+    "after the advice was followed, where it can be followed on what was recorded, median and largest, over that of "
+    "the undamaged recording with the cameras that the advice leaves; *worse*: how often it is larger than before."
 )
 
 
