@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,7 +12,15 @@ from jaxtyping import Float
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
-from fgpose.calibration.changes.lag_costs import BLOCK_S, PER_STEP, Blocks, LagCosts, blocks_of, lag_costs
+from fgpose.calibration.changes.lag_costs import (
+    BLOCK_S,
+    PER_STEP,
+    Blocks,
+    LagCosts,
+    blocks_of,
+    lag_costs,
+    somebody_walks,
+)
 from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
@@ -30,10 +38,11 @@ _GAIN = 25.0
 _NOTICEABLE_FRAMES = 0.2
 # Lost images are whole ones; a rate adds up to this from the first to the last second.
 _JUMP_FRAMES, _RATE_FRAMES = 0.5, 0.6
-# What a network errs by differs with the side from which it sees somebody: the rays of right cameras miss each other by
-# up to this, root mean square (webcams a metre from somebody who stands still). That it changes at a moment is rarer.
+# What a network errs by differs with the side from which it sees somebody. Of somebody who stands, the rays of right
+# cameras miss each other by up to this, root mean square (webcams a metre away); that it changes at a moment is rarer.
 _NOTICEABLE_SHIFT = 0.4
 _NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.018}
+_NOTICEABLE_OF_WALKING_M = {Kind.MOVED: 0.01, Kind.BUMP: 0.018}
 _NOTICEABLE_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
@@ -107,7 +116,8 @@ def _next(
     rays = rays_of(people, rig, changes, grid_s, n_lags)
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, n_lags)
-    candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, rig, step_s)]
+    least_m = _NOTICEABLE_OF_WALKING_M if somebody_walks(rays, blocks) else _NOTICEABLE_M
+    candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, step_s, least_m)]
     chosen = _chosen(candidates, step_s / costs.step_s) if candidates else None
     zooms = [fit for fit in zoom_fits(rays, costs) if _is_clear(fit) and abs(np.log(fit.factor)) > _NOTICEABLE_ZOOM]
     zoom = max(zooms, key=lambda fit: float(fit.gain.sum()), default=None)
@@ -151,7 +161,7 @@ def _is_plausible(candidate: _Candidate, frame: float) -> bool:
     return bool((np.abs(frames - np.round(frames)) < _WHOLE_FRAMES).all() and (frames > 0).all())
 
 
-def _of_camera(rays: Rays, costs: LagCosts, c: int, rig: CameraRig, step_s: float) -> list[_Candidate]:
+def _of_camera(rays: Rays, costs: LagCosts, c: int, step_s: float, least_m: Mapping[Kind, float]) -> list[_Candidate]:
     found = []
     for fit in clock_fits(costs, c, step_s):
         lag_s = fit.lag * costs.step_s
@@ -159,13 +169,10 @@ def _of_camera(rays: Rays, costs: LagCosts, c: int, rig: CameraRig, step_s: floa
             found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
     poses = [fit for fit in pose_fits(rays, costs, c) if _is_clear(fit)]
     best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
-    if best is not None and _is_noticeable(best):
-        found += [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in poses if _is_noticeable(fit)]
+    noticeable = [fit for fit in poses if fit.shift > _NOTICEABLE_SHIFT and fit.shift_m > least_m[fit.kind]]
+    if best in noticeable:
+        found += [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in noticeable]
     return found
-
-
-def _is_noticeable(fit: PoseFit) -> bool:
-    return fit.shift > _NOTICEABLE_SHIFT and fit.shift_m > _NOTICEABLE_M[fit.kind]
 
 
 def _is_clear(fit: ClockFit | PoseFit | ZoomFit) -> bool:

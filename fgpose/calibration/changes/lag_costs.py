@@ -27,6 +27,8 @@ _SAMPLE_HZ = 10.0
 PER_STEP = 4
 KERNEL = 2.0
 """Scale of the Cauchy kernel, in standard deviations of the angles between rays that meet."""
+# Of the directions in which cameras see people, and of the people, root mean square.
+_WALKS_RAD, _WALKS_M = 0.08, 0.3
 # A camera's pairs of rays say something of a block if there are so many.
 _MIN_SEEN = 8
 
@@ -111,6 +113,21 @@ def reach_m(
     meet = (depth_m > 0) & (other_depth_m > 0)
     length_m = np.hypot(depth_m, other_depth_m)
     return np.array([np.median(each[of]) if of.any() else np.nan for each, of in zip(length_m, meet, strict=True)])
+
+
+def somebody_walks(rays: Rays, blocks: Blocks) -> bool:
+    """Whether cameras see people in different places, and so from different sides. Of somebody who stands still, errors
+    that a network makes in each view look like another place or another lens of a camera."""
+    direction, centre_m = rays.direction[:, blocks.index], rays.centre_m[:, blocks.index]
+    spreads = []
+    for c, own in enumerate(direction):
+        seen = own[np.isfinite(own).all(axis=(1, 2))].mean(axis=1)
+        if len(seen):
+            spread = float(np.sqrt(np.mean(np.sum((seen - seen.mean(axis=0)) ** 2, axis=-1))))
+            others = np.delete(np.arange(rays.n_cameras), c)
+            far_m = reach_m(own, direction[others], (centre_m[others] - centre_m[c])[:, :, None]) / np.sqrt(2)
+            spreads.append((spread, spread * float(np.nanmedian(far_m)) if np.isfinite(far_m).any() else 0.0))
+    return bool(spreads) and bool((np.median(spreads, axis=0) > (_WALKS_RAD, _WALKS_M)).all())
 
 
 def robust(angle: Float[np.ndarray, "*shape"], scale: float) -> Float[np.ndarray, "*shape"]:

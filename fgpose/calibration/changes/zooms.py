@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, reach_m, robust
+from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust, somebody_walks
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import CameraRig
 
@@ -17,9 +17,6 @@ _LOGARITHMS = np.linspace(-0.48, 0.48, 13)
 _STEP = 0.02  # of the logarithm, for derivatives
 # In-sample gain below which the blocks that did not enter need not be asked.
 _LEAST_GAIN = 20.0
-# Of the directions in which cameras see the body, and of the body, root mean square. Who stands still is seen as
-# well through another lens by cameras that stand elsewhere.
-_WALKS_RAD, _WALKS_M = 0.08, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +53,7 @@ class _Pair:
 def zoom_fits(rays: Rays, costs: LagCosts) -> list[ZoomFit]:
     """The best of each camera, and of all alike, that is not plainly none."""
     pairs = list(_pairs(rays, costs))
-    if costs.blocks.n_blocks < 2 * MIN_BLOCKS or not _walks(rays, costs):
+    if costs.blocks.n_blocks < 2 * MIN_BLOCKS or not somebody_walks(rays, costs.blocks):
         return []
     everybody = tuple(range(rays.n_cameras))
     groups = (everybody, *((c,) for c in everybody))
@@ -84,19 +81,6 @@ def _pairs(rays: Rays, costs: LagCosts) -> Iterator[_Pair]:
             share * np.minimum(rays.weight[a, index], rays.weight[b, index]),
             costs.scale[a, b],
         )
-
-
-def _walks(rays: Rays, costs: LagCosts) -> bool:
-    direction, centre_m = rays.direction[:, costs.blocks.index], rays.centre_m[:, costs.blocks.index]
-    spreads = []
-    for c, own in enumerate(direction):
-        seen = own[np.isfinite(own).all(axis=(1, 2))].mean(axis=1)
-        if len(seen):
-            spread = float(np.sqrt(np.mean(np.sum((seen - seen.mean(axis=0)) ** 2, axis=-1))))
-            others = np.delete(np.arange(rays.n_cameras), c)
-            far_m = reach_m(own, direction[others], (centre_m[others] - centre_m[c])[:, :, None]) / np.sqrt(2)
-            spreads.append((spread, spread * float(np.nanmedian(far_m)) if np.isfinite(far_m).any() else 0.0))
-    return bool(spreads) and bool((np.median(spreads, axis=0) > (_WALKS_RAD, _WALKS_M)).all())
 
 
 def _zoomed(

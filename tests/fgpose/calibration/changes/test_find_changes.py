@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -115,6 +116,16 @@ def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: 
     found = find_changes([seen.subset(rig.names[:n_cameras])], rig.subset(rig.names[:n_cameras]))
     assert found.changes == ()
     assert found.zooms == ()
+
+
+def test_a_camera_that_was_turned_about_its_axis() -> None:
+    """Rays miss each other by 2 cm only, as they do of somebody who stands; who walks is seen from all sides."""
+    own = list(RIG.cameras)
+    pose = own[1].world_T_camera.copy()
+    pose[:3, :3] = pose[:3, :3] @ gtsam.Rot3.Rz(np.deg2rad(1.0)).matrix()
+    own[1] = replace(own[1], world_T_camera=pose)
+    (found,) = changes(filmed(walk_m(3)), THREE, fgpose.CameraRig(tuple(own)))
+    assert (found.kind, found.camera) == (Kind.MOVED, 1)
 
 
 @pytest.mark.parametrize("cut", [lambda seen: seen.frames(slice(0, 1)), lambda seen: seen.subset(FOUR[:1])])
