@@ -116,7 +116,7 @@ def _middle(take: Take) -> slice:
 
 _Key = tuple[str, int, tuple[str, ...]]
 _UNDAMAGED: dict[_Key, tuple[float, float]] = {}
-_FOUND_UNDAMAGED: dict[_Key, set[tuple[Code, str, str]]] = {}
+_FOUND_UNDAMAGED: dict[_Key, set[tuple[Code, str]]] = {}
 
 
 def _undamaged(take: Take, part: slice, names: tuple[str, ...] | None = None) -> tuple[float, float]:
@@ -140,7 +140,7 @@ def _claimed_mm(result: Trajectory) -> float:
     return float(1000 * np.quantile(np.sqrt(variance_m2[np.isfinite(variance_m2)]), 0.95))
 
 
-def _found_undamaged(take: Take, part: slice) -> set[tuple[Code, str, str]]:
+def _found_undamaged(take: Take, part: slice) -> set[tuple[Code, str]]:
     """What is wrong or doubtful of a recording as it is; found once in each process."""
     key = take.name, len(take.truth_m[part]), take.rig.names
     if key not in _FOUND_UNDAMAGED:
@@ -150,8 +150,8 @@ def _found_undamaged(take: Take, part: slice) -> set[tuple[Code, str, str]]:
     return _FOUND_UNDAMAGED[key]
 
 
-def _place(finding: Finding) -> tuple[Code, str, str]:
-    return finding.code, finding.camera, finding.joint
+def _place(finding: Finding) -> tuple[Code, str]:
+    return finding.code, finding.camera
 
 
 _OF_CLOCKS = (Code.LATE_CAMERA, Code.LOST_FRAMES, Code.CLOCK_RATE)
@@ -214,9 +214,10 @@ def _differences_m(
 ) -> tuple[Bool[np.ndarray, "frame joint"], Float[np.ndarray, "frame joint 3"]]:
     """Which joints are given, and how far they are from the truth; NaN where nobody is."""
     known = result.status != Status.UNOBSERVABLE
-    last_s = (len(given.truth_m) - 1) / FPS  # images may be taken later than there are frames
-    known &= (result.time_s + shift_s <= last_s)[:, None]
-    return known, result.positions_m - _at(given.truth_m, result.time_s + shift_s)
+    at_s = result.time_s + shift_s
+    last_s = (len(given.truth_m) - 1) / FPS  # images may be taken before or after those of the truth
+    known &= ((at_s >= 0) & (at_s <= last_s))[:, None]
+    return known, result.positions_m - _at(given.truth_m, at_s)
 
 
 def _lengths_m(difference_m: Float[np.ndarray, "known 3"]) -> Float[np.ndarray, " known"]:
