@@ -26,6 +26,13 @@ def without_pose(camera: Camera) -> Camera:
     return replace(camera, world_T_camera=pose, time_offset_s=0.0, clock_drift=0.0, clock_jumps=(), moves=())
 
 
+def zoomed(camera: Camera, factor: float) -> Camera:
+    """The camera with a focal length that is so many times as long."""
+    K = camera.K.copy()
+    K[[0, 1], [0, 1]] *= factor
+    return replace(camera, K=K)
+
+
 def is_of_another_size(camera: Camera) -> bool:
     """Whether the principal point is so far from the middle of the image that K seems to be for images of another size,
     or for the whole image where this is a part."""

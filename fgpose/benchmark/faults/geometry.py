@@ -12,6 +12,7 @@ from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_po
 from fgpose.benchmark.faults.take import Take
 from fgpose.finding import Code
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.intrinsics import zoomed
 
 Points = Float[np.ndarray, "frame camera joint 2"]
 
@@ -157,13 +158,8 @@ def nudge(rng: np.random.Generator, degrees: float, metres: float) -> Float[np.n
     return pose
 
 
-def _other_lens(share: float) -> Callable[[Camera, np.random.Generator], Camera]:
-    def change(camera: Camera, rng: np.random.Generator) -> Camera:
-        K = camera.K.copy()
-        K[[0, 1], [0, 1]] *= share
-        return replace(camera, K=K)
-
-    return change
+def _other_lens(camera: Camera, rng: np.random.Generator) -> Camera:
+    return zoomed(camera, 1.25)
 
 
 _CONSTANT: tuple[Damage, ...] = (
@@ -197,10 +193,8 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("moved by 2 degrees, 3 cm", (Code.MOVED_CAMERA, Code.WRONG_CAMERA), moved(2.0, 0.03), 3),
     Damage("moved by 6 degrees, 10 cm", (Code.MOVED_CAMERA, Code.WRONG_CAMERA), moved(6.0, 0.1), 3),
     Damage("moved by 40 degrees, 1 m", (Code.WRONG_CAMERA, Code.MOVED_CAMERA), moved(40.0, 1.0), 3),
-    Damage(
-        "another zoom, one camera", (Code.WRONG_LENS, Code.WRONG_CAMERA), of_cameras(_other_lens(1.25), one=True), 3
-    ),
-    Damage("another zoom, all cameras", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_other_lens(1.25), one=False)),
+    Damage("another zoom, one camera", (Code.WRONG_LENS, Code.WRONG_CAMERA), of_cameras(_other_lens, one=True), 3),
+    Damage("another zoom, all cameras", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_other_lens, one=False)),
 )
 
 GEOMETRY = tuple(replace(each, is_constant=True) for each in _CONSTANT)

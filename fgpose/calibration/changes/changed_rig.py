@@ -10,8 +10,8 @@ import numpy as np
 from fgpose.calibration.changes.change import Change, Kind, pieces
 from fgpose.geometry.camera import Camera, CameraRig
 
-FAR_APART_S = 0.1
-"""More than the calibration finds from the images that the frames put together (calibration.offset_sigma_s)."""
+# More than the calibration finds from the images that the frames put together (calibration.offset_sigma_s).
+_FAR_APART_S = 0.1
 
 
 def with_changes(rig: CameraRig, changes: Sequence[Change], *, poses: bool, clocks: bool) -> CameraRig:
@@ -31,7 +31,7 @@ def with_changes(rig: CameraRig, changes: Sequence[Change], *, poses: bool, cloc
 
 
 def _is_far_apart(change: Change) -> bool:
-    return change.kind is Kind.OFFSET and abs(change.offset_s) > FAR_APART_S
+    return change.kind is Kind.OFFSET and abs(change.offset_s) > _FAR_APART_S
 
 
 def _changed(camera: Camera, c: int, changes: Sequence[Change]) -> Camera:

@@ -116,10 +116,12 @@ def _next(
     rays = rays_of(people, rig, changes, grid_s, n_lags)
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, n_lags)
-    least_m = _NOTICEABLE_OF_WALKING_M if somebody_walks(rays, blocks) else _NOTICEABLE_M
+    walks = somebody_walks(rays, blocks)
+    least_m = _NOTICEABLE_OF_WALKING_M if walks else _NOTICEABLE_M
     candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, step_s, least_m)]
     chosen = _chosen(candidates, step_s / costs.step_s) if candidates else None
-    zooms = [fit for fit in zoom_fits(rays, costs) if _is_clear(fit) and abs(np.log(fit.factor)) > _NOTICEABLE_ZOOM]
+    fits = zoom_fits(rays, costs) if walks else []
+    zooms = [fit for fit in fits if _is_clear(fit) and abs(np.log(fit.factor)) > _NOTICEABLE_ZOOM]
     zoom = max(zooms, key=lambda fit: float(fit.gain.sum()), default=None)
     # A focal length is one number, a pose are six.
     if zoom is not None and (chosen is None or float(zoom.gain.sum()) * _CLEARLY > chosen.gain):

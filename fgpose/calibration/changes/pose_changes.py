@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import gtsam
 import numpy as np
@@ -52,24 +53,25 @@ class _Views:
     centres_m: Float[np.ndarray, "other sample 3"]
     weight: Float[np.ndarray, "other sample joint"]
     scale: Float[np.ndarray, " other"]
-    reach_m: Float[np.ndarray, " other"]
-    """What an angle has to be multiplied by to be the distance by which the rays miss each other at the body; NaN
-    where no rays meet."""
     blocks: Blocks
+
+    @cached_property
+    def reach_m(self) -> Float[np.ndarray, " other"]:
+        """What an angle has to be multiplied by to be the distance by which the rays miss each other at the body; NaN
+        where no rays meet."""
+        return reach_m(self.own, self.others, (self.centres_m - self.own_centre_m)[:, :, None])
 
     @staticmethod
     def of(rays: Rays, costs: LagCosts, c: int) -> _Views:
         index, others = costs.blocks.index, [o for o in range(rays.n_cameras) if o != c]
-        own, own_centre_m = rays.direction[c, index], rays.centre_m[c, index]
-        directions, centres_m = rays.direction[others][:, index], rays.centre_m[others][:, index]
+        share = independent(costs.blocks)
         return _Views(
-            own,
-            own_centre_m,
-            directions,
-            centres_m,
-            independent(costs.blocks) * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
+            rays.direction[c, index],
+            rays.centre_m[c, index],
+            rays.direction[others][:, index],
+            rays.centre_m[others][:, index],
+            share * np.minimum(rays.weight[c, index], rays.weight[others][:, index]),
             np.array([costs.scale[min(c, o), max(c, o)] for o in others]),
-            reach_m(own, directions, (centres_m - own_centre_m)[:, :, None]),
             costs.blocks,
         )
 

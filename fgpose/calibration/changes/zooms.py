@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust, somebody_walks
+from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.intrinsics import zoomed
 
 _LOGARITHMS = np.linspace(-0.48, 0.48, 13)
 _STEP = 0.02  # of the logarithm, for derivatives
@@ -45,16 +46,16 @@ class _Pair:
     def angles(self, logarithms: tuple[float, float]) -> Float[np.ndarray, "sample joint"]:
         """Whitened, with both focal lengths changed by so much. The longer one is, the smaller is the angle of a pixel,
         in which detections err."""
-        one, other = (_zoomed(*each) for each in zip(self.rays, self.axes, logarithms, strict=True))
+        one, other = (_rays_zoomed(*each) for each in zip(self.rays, self.axes, logarithms, strict=True))
         per_pixel = np.sqrt(np.mean(np.exp(2 * np.array(logarithms))))
         return angle(one, other, self.baseline_m) * (per_pixel / self.scale)
 
 
 def zoom_fits(rays: Rays, costs: LagCosts) -> list[ZoomFit]:
-    """The best of each camera, and of all alike, that is not plainly none."""
-    pairs = list(_pairs(rays, costs))
-    if costs.blocks.n_blocks < 2 * MIN_BLOCKS or not somebody_walks(rays, costs.blocks):
+    """The best of each camera, and of all alike, that is not plainly none; of people who walk (somebody_walks)."""
+    if costs.blocks.n_blocks < 2 * MIN_BLOCKS:
         return []
+    pairs = list(_pairs(rays, costs))
     everybody = tuple(range(rays.n_cameras))
     groups = (everybody, *((c,) for c in everybody))
     return [_fitted(group, pairs, costs) for group in _promising(groups, pairs)]
@@ -62,11 +63,7 @@ def zoom_fits(rays: Rays, costs: LagCosts) -> list[ZoomFit]:
 
 def with_zoom(rig: CameraRig, fit: ZoomFit) -> CameraRig:
     """The rig with these focal lengths."""
-    cameras = list(rig.cameras)
-    for c in fit.cameras:
-        K = cameras[c].K.copy()
-        K[[0, 1], [0, 1]] *= fit.factor
-        cameras[c] = replace(cameras[c], K=K)
+    cameras = [zoomed(each, fit.factor) if c in fit.cameras else each for c, each in enumerate(rig.cameras)]
     return CameraRig(tuple(cameras))
 
 
@@ -83,7 +80,7 @@ def _pairs(rays: Rays, costs: LagCosts) -> Iterator[_Pair]:
         )
 
 
-def _zoomed(
+def _rays_zoomed(
     rays: Float[np.ndarray, "sample joint 3"], axes: Float[np.ndarray, "sample 3"], logarithm: float
 ) -> Float[np.ndarray, "sample joint 3"]:
     """Unit vectors nearer to the optical axis the longer the focal length is."""
@@ -91,8 +88,8 @@ def _zoomed(
         return rays
     axis = axes[:, None].astype(np.float32)
     ahead = np.sum(rays * axis, axis=-1, keepdims=True)
-    zoomed = rays + ahead * (np.exp(logarithm) - 1) * axis
-    return zoomed / np.linalg.norm(zoomed, axis=-1, keepdims=True)
+    nearer = rays + ahead * (np.exp(logarithm) - 1) * axis
+    return nearer / np.linalg.norm(nearer, axis=-1, keepdims=True)
 
 
 def _promising(groups: tuple[tuple[int, ...], ...], pairs: list[_Pair]) -> Iterator[tuple[int, ...]]:

@@ -10,6 +10,7 @@ import numpy as np
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view
 from fgpose.diagnosis.hypotheses.scene import Scene, View
 from fgpose.finding import Code
+from fgpose.geometry.intrinsics import zoomed
 
 _FACTORS = (*np.exp(np.arange(np.log(0.4), np.log(2.5), 0.05)),)
 _UNCHANGED = 0.04
@@ -27,9 +28,7 @@ def other_focal(scene: Scene, cameras: tuple[int, ...], factor: float) -> Hypoth
     """A focal length that is so many times as long."""
 
     def longer(view: View) -> View:
-        K = view.camera.K.copy()
-        K[0, 0], K[1, 1] = factor * K[0, 0], factor * K[1, 1]
-        return View(replace(view.camera, K=K), view.points_px)
+        return View(zoomed(view.camera, factor), view.points_px)
 
     given_px = float(np.median([scene.views[c].camera.K[0, 0] for c in cameras]))
     return Hypothesis(
