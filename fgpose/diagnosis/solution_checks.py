@@ -13,9 +13,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
 
-# Less is somebody who comes and goes.
-_OFTEN_OUTSIDE = 0.2  # else the covariances say enough
-_OUTSIDE_SHARE = 0.05
+# Less is somebody who comes and goes. Where it is not often, the covariances say enough.
+_OUTSIDE_SHARE, _OFTEN_OUTSIDE = 0.05, 0.2
 # 18 mm along each axis of the image, of BlazePose and OpenPose (fgpose.config.VisibilityConfig); three times as much.
 _LARGE_ERROR_M = 3 * USUAL_ERROR_M
 

@@ -21,9 +21,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-_FREQUENCIES = (
-    96  # denser towards 0, where slow filters and lasting errors are: good to 1 % from a tracking index of 1e-4
-)
+# Denser towards 0, where slow filters and lasting errors are: good to 1 % from a tracking index of 1e-4.
+_FREQUENCIES = 96
 _LEAST_INDEX, _MOST_INDEX = 1e-4, 1e4
 # Of what a joint alone would have: the robust kernels, and bones, leave less of errors that averages out. Simulated as
 # in fgpose.estimation.error_components in seven families of the benchmark: 0.75 to 0.85 of white errors and of those

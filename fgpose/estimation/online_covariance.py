@@ -88,11 +88,8 @@ class OnlineCovariances:
     ) -> tuple[FilterResponse, FilterResponse, FilterResponse]:
         """Of the newest pose, the smoothed one and their difference; at first, when a frame alone tells more than in a
         steady state, as if motion were that fast."""
-        step_s, joints, model = (
-            float(np.clip(step_s, _LEAST_STEP_S, _MOST_STEP_S)),
-            state.joints,
-            self._config.motion.model,
-        )
+        step_s = float(np.clip(step_s, _LEAST_STEP_S, _MOST_STEP_S))
+        joints, model = state.joints, self._config.motion.model
         added_m2 = state.process_density[joints] * step_s ** (3 if model == "constant_velocity" else 1)
         index = np.sqrt(added_m2 * self._information[joints])
         alone = np.trace(_frame_information(state, rig, self._config), axis1=-2, axis2=-1)

@@ -93,6 +93,11 @@ def within_image(cause: Hypothesis, scene: Scene) -> bool:
     return True
 
 
+def is_part(cause: Hypothesis) -> bool:
+    """Whether the images would begin elsewhere than the calibration's: borders, or sides that were cut off."""
+    return "offset_x_px" in cause.numbers
+
+
 def is_common_size(cause: Hypothesis, scene: Scene) -> bool:
     """Whether the images would be of a size that cameras and networks have, as wide for their height as before, or
     smaller or larger by a simple ratio, as programs make them."""

@@ -13,7 +13,7 @@ from jaxtyping import Int
 from fgpose.diagnosis.hypotheses.agreement import SPREAD_M, Agreement, agreement
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
-from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, resized, within_image
+from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, is_part, resized, within_image
 from fgpose.diagnosis.hypotheses.lenses import lens_hypotheses, other_focal
 from fgpose.diagnosis.hypotheses.poses import pose_hypotheses
 from fgpose.diagnosis.hypotheses.scene import Scene
@@ -174,12 +174,10 @@ def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
     camera that was turned agrees better with images of another size, but not of one that anybody uses."""
     if cause.code is Code.IMAGE_SIZE:
         change = abs(np.log(cause.numbers["factor_x"]))
-        of_one = len(cause.cameras) < scene.n_cameras
-        if "offset_x_px" in cause.numbers:  # of one camera, a cut without a change of size looks like a turn
-            return within_image(cause, scene) and not (of_one and change < _OTHER_SIZE[0])
+        if len(cause.cameras) < scene.n_cameras and change < _OTHER_SIZE[0]:
+            return False
         plain = bool(change > _OTHER_SIZE[1]) and scene.n_cameras > 2
-        common = is_common_size(cause, scene) and not (of_one and change < _OTHER_SIZE[0])
-        return within_image(cause, scene) and (plain or common)
+        return within_image(cause, scene) and (plain or is_part(cause) or is_common_size(cause, scene))
     return cause.code is not Code.WRONG_LENS or (scene.n_cameras > 2 and _has_size(cause.mend(scene)))
 
 
@@ -243,9 +241,8 @@ def _of_group_each(groups: Iterable[tuple[int, ...]], scene: Scene) -> Iterator[
 def _refined(hypothesis: Hypothesis, scene: Scene) -> Hypothesis:
     """With the best size or focal length near that of the grid."""
     make: Callable[[float], Hypothesis]
-    if "offset_x_px" in hypothesis.numbers:
-        return hypothesis
-    if hypothesis.code is Code.IMAGE_SIZE and hypothesis.numbers["factor_x"] == hypothesis.numbers["factor_y"]:
+    is_size = hypothesis.code is Code.IMAGE_SIZE and not is_part(hypothesis)
+    if is_size and hypothesis.numbers["factor_x"] == hypothesis.numbers["factor_y"]:
         first = hypothesis.numbers["factor_x"]
         make = lambda factor: resized(scene, hypothesis.cameras, (factor, factor))  # noqa: E731
     elif "focal_factor" in hypothesis.numbers:
