@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.association.common_clock import on_common_clock
-from fgpose.benchmark.faults.damage import Damaged, with_points
+from fgpose.benchmark.faults.damage import Damaged, with_points, with_sides_exchanged
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.intrinsics import zoomed
 
 
 def followed(given: Damaged, finding: Finding) -> Damaged | None:
@@ -69,21 +70,16 @@ def _exchanged_back(given: Damaged, finding: Finding) -> Damaged | None:
     """Left and right; None where it is not said in which camera."""
     if not finding.camera:
         return None
-    seen, c = given.observations, given.rig.names.index(finding.camera)
-    points, confidence = seen.points2d_px.copy(), seen.confidence.copy()
-    points[:, c], confidence[:, c] = points[:, c][:, seen.skeleton.mirror], confidence[:, c][:, seen.skeleton.mirror]
-    return replace(given, observations=with_points(seen, points, confidence))
+    camera = given.rig.names.index(finding.camera)
+    return replace(given, observations=with_sides_exchanged(given.observations, camera))
 
 
 def _with_its_lens(given: Damaged, finding: Finding) -> Damaged | None:
     """With the focal lengths that are named."""
     if "focal_factor" not in finding.numbers:
         return _left_out(given, finding)
-    cameras = []
-    for camera in given.rig.cameras:
-        K = camera.K.copy()
-        K[[0, 1], [0, 1]] *= finding.numbers["focal_factor"] if finding.camera in ("", camera.name) else 1.0
-        cameras.append(replace(camera, K=K))
+    factor = finding.numbers["focal_factor"]
+    cameras = [zoomed(each, factor) if finding.camera in ("", each.name) else each for each in given.rig.cameras]
     return replace(given, rig=CameraRig(tuple(cameras)))
 
 

@@ -65,5 +65,16 @@ def with_points(
     return replace(observations, points2d_px=points2d_px, confidence=np.where(known, given, 0.0))
 
 
+def with_sides_exchanged(observations: Observations, camera: int) -> Observations:
+    """Left and right, in one camera."""
+    points, confidence, mirror = (
+        observations.points2d_px.copy(),
+        observations.confidence.copy(),
+        observations.skeleton.mirror,
+    )
+    points[:, camera], confidence[:, camera] = points[:, camera][:, mirror], confidence[:, camera][:, mirror]
+    return with_points(observations, points, confidence)
+
+
 def some_camera(take: Take, rng: np.random.Generator) -> int:
     return int(rng.integers(take.rig.n_cameras))

@@ -76,7 +76,7 @@ def outcome_of(take: Take, damage: Damage | None) -> Outcome:
     name = UNDAMAGED if damage is None else damage.name
     rng = np.random.default_rng([_DAMAGES_SEED, take.seed, len(name)])
     given = Damaged(take.rig, take.observations, take.truth_m) if damage is None else damage.inflict(take, rng)
-    result = _estimated(given, part)
+    result = _undamaged_result(take, part) if damage is None else _estimated(given, part)
     error_mm, inside = _errors(result, given, take.truth_covariance_m2)
     findings = diagnose(given.observations, given.rig, result).findings
     usual = _found_undamaged(take, part) if take.is_real and damage is not None else set()
@@ -115,22 +115,27 @@ def _middle(take: Take) -> slice:
 
 
 _Key = tuple[str, int, tuple[str, ...]]
-_UNDAMAGED: dict[_Key, tuple[float, float]] = {}
+_UNDAMAGED: dict[_Key, Trajectory | None] = {}
 _FOUND_UNDAMAGED: dict[_Key, set[tuple[Code, str]]] = {}
 
 
-def _undamaged(take: Take, part: slice, names: tuple[str, ...] | None = None) -> tuple[float, float]:
-    """Error and share inside of some of the cameras; found once in each process."""
+def _undamaged_result(take: Take, part: slice, names: tuple[str, ...] | None = None) -> Trajectory | None:
+    """Of some of the cameras; found once in each process."""
     kept = [name for name in take.rig.names if names is None or name in names]
-    given = Damaged(take.rig.subset(kept), take.observations.subset(kept), take.truth_m)
     key = take.name, len(take.truth_m[part]), tuple(kept)
     if key not in _UNDAMAGED:
-        result = _estimated(given, part)
-        error_mm, inside = _errors(result, given, take.truth_covariance_m2)
-        if take.is_real and result is not None:  # the truth is known as well as it claims itself
-            error_mm = max(error_mm, _claimed_mm(result))
-        _UNDAMAGED[key] = error_mm, inside
+        given = Damaged(take.rig.subset(kept), take.observations.subset(kept), take.truth_m)
+        _UNDAMAGED[key] = _estimated(given, part)
     return _UNDAMAGED[key]
+
+
+def _undamaged(take: Take, part: slice, names: tuple[str, ...] | None = None) -> tuple[float, float]:
+    """Error and share inside of some of the cameras."""
+    result, given = _undamaged_result(take, part, names), Damaged(take.rig, take.observations, take.truth_m)
+    error_mm, inside = _errors(result, given, take.truth_covariance_m2)
+    if take.is_real and result is not None:  # the truth is known as well as it claims itself
+        error_mm = max(error_mm, _claimed_mm(result))
+    return error_mm, inside
 
 
 def _claimed_mm(result: Trajectory) -> float:
@@ -144,8 +149,7 @@ def _found_undamaged(take: Take, part: slice) -> set[tuple[Code, str]]:
     """What is wrong or doubtful of a recording as it is; found once in each process."""
     key = take.name, len(take.truth_m[part]), take.rig.names
     if key not in _FOUND_UNDAMAGED:
-        result = _estimated(Damaged(take.rig, take.observations, take.truth_m), part)
-        findings = diagnose(take.observations, take.rig, result).findings
+        findings = diagnose(take.observations, take.rig, _undamaged_result(take, part)).findings
         _FOUND_UNDAMAGED[key] = {_place(each) for each in findings if each.severity is not Severity.NOTE}
     return _FOUND_UNDAMAGED[key]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points
+from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points, with_sides_exchanged
 from fgpose.benchmark.faults.in_time import away
 from fgpose.benchmark.faults.take import FPS, Take, motion
 from fgpose.finding import Code
@@ -12,10 +12,8 @@ from fgpose.finding import Code
 
 def _sides(take: Take, rng: np.random.Generator) -> Damaged:
     """Left and right are exchanged in one camera, throughout."""
-    c, mirror = some_camera(take, rng), take.observations.skeleton.mirror
-    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
-    points[:, c], confidence[:, c] = points[:, c][:, mirror], confidence[:, c][:, mirror]
-    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
+    c = some_camera(take, rng)
+    return Damaged(take.rig, with_sides_exchanged(take.observations, c), take.truth_m, (take.rig.names[c],))
 
 
 def _skeleton(take: Take, rng: np.random.Generator) -> Damaged:

@@ -77,21 +77,29 @@ class Take:
 def takes(clips: Sequence[tuple[str, str, int]] = CLIPS, seconds: float = SECONDS) -> Iterator[Take]:
     """Every clip with every rig."""
     for clip, work, seed in clips:
-        truth_m = motion(work, seed, seconds)
-        for rig_name, used in RIGS.items():
-            rig = CameraRig(tuple(_camera(c) for c in used))
-            yield Take(clip, rig_name, rig, _filmed(truth_m, rig, seed), truth_m, seed)
+        yield from _by_each_rig(clip, motion(work, seed, seconds), seed)
 
 
 def controls(clips: Sequence[tuple[str, str, int]] = CLIPS) -> Iterator[Take]:
     """Other people on other routes, every other one with an occluder before some camera at any time."""
     for clip, work, seed in clips:
         for k in range(1, _N_CONTROLS + 1):
-            truth_m, occlusion = motion(work, seed + 1000 * k, SECONDS), NO_OCCLUSION if k % 2 else _OCCLUDER
-            for rig_name, used in RIGS.items():
-                rig = CameraRig(tuple(_camera(c) for c in used))
-                seen = _filmed(truth_m, rig, seed + 1000 * k, occlusion)
-                yield Take(f"{clip}, control {k}", rig_name, rig, seen, truth_m, seed + 1000 * k, is_control=True)
+            other, occlusion = seed + 1000 * k, NO_OCCLUSION if k % 2 else _OCCLUDER
+            truth_m = motion(work, other, SECONDS)
+            yield from _by_each_rig(f"{clip}, control {k}", truth_m, other, occlusion, is_control=True)
+
+
+def _by_each_rig(
+    clip: str,
+    truth_m: Float[np.ndarray, "frame joint 3"],
+    seed: int,
+    occlusion: Occlusion = NO_OCCLUSION,
+    *,
+    is_control: bool = False,
+) -> Iterator[Take]:
+    for rig_name, used in RIGS.items():
+        rig = CameraRig(tuple(_camera(c) for c in used))
+        yield Take(clip, rig_name, rig, _filmed(truth_m, rig, seed, occlusion), truth_m, seed, is_control=is_control)
 
 
 def _camera(number: int) -> Camera:
