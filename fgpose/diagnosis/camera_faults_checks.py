@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.calibration.changes.change import Change, Kind
-from fgpose.calibration.changes.find_changes import Changes, find_changes
-from fgpose.calibration.changes.zooms import ZoomFit
+from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_changes
+from fgpose.calibration.changes.lenses import Lens, LensFit
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
 from fgpose.diagnosis.short_recordings import faults_of_short
@@ -21,7 +21,6 @@ _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 _FAR_APART_S = 0.12
 # A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
 _FURTHEST_DEG, _FURTHEST_M = 10.0, 0.15
-_LEAST_S = 8.0
 # A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
 _NTSC = (9e-4, 1.1e-3)
 
@@ -37,13 +36,13 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     if len(kept) < examined.rig.n_cameras:
         examined = examined.with_cameras([examined.rig.names[c] for c in kept])
     people = list(examined.people.values())
-    if max(float(np.ptp(own.frame_time_s)) for own in people) < _LEAST_S:
+    if max(float(np.ptp(own.frame_time_s)) for own in people) < LEAST_S:
         return faults_of_short(examined)
     found = find_changes(people, examined.rig)
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")
     if not examined.geometry.usable:  # with rays that meet nowhere some focal length suits always
-        found = replace(found, zooms=())
+        found = replace(found, lenses=())
     return findings_of(found, examined.rig.names)
 
 
@@ -56,7 +55,7 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     late = [each for each in of_kind[Kind.OFFSET] if each.camera not in jumped]
     together = also_clock and also_pose
     return [
-        *(_zoomed(each, names) for each in found.zooms),
+        *(_other_lens(each, names) for each in found.lenses),
         *(_late(each, found, names, together) for each in late),
         *_lost(of_kind[Kind.JUMP], found, names, together),
         *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
@@ -70,20 +69,78 @@ def _which(camera: int, names: Sequence[str]) -> str:
     return f" (or {names[1 - camera]}: with two cameras it cannot be told which)" if len(names) == 2 else ""
 
 
-def _zoomed(fit: ZoomFit, names: Sequence[str]) -> Finding:
+_OF_LENS = {
+    Lens.FOCAL_LENGTH: (
+        "The focal length of {who} is not that of the calibration, but about {factor:.2f} times as long",
+        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate {whose} anew, or "
+        "multiply the focal lengths by {factor:.2f}.",
+    ),
+    Lens.WIDTH: (
+        "The horizontal focal length (fx) of {who} is not the calibration's, but about {factor:.2f} times as long",
+        "Were images resized in one direction only? Multiply fx by {factor:.2f}, or calibrate {whose} anew.",
+    ),
+    Lens.HEIGHT: (
+        "The vertical focal length (fy) of {who} is not the calibration's, but about {factor:.2f} times as long",
+        "Were images resized in one direction only? Multiply fy by {factor:.2f}, or calibrate {whose} anew.",
+    ),
+    Lens.DISTORTION: (
+        "The lens of {who} distorts (k1 is about {value:+.2f}), and the calibration has no distortion",
+        "Were the coefficients left out, or is it a fisheye lens? Give them with the calibration, or calibrate {whose} "
+        "anew.",
+    ),
+    Lens.NONE_LEFT: (
+        "The keypoints of {who} have no distortion, and the calibration has",
+        "Were the images undistorted before? Then leave the distortion out of the calibration.",
+    ),
+    Lens.SIGN: (
+        "The distortion of {who} has the other sign than the calibration says",
+        "Some programs state the coefficients that undistort: give those of OpenCV, or change their signs.",
+    ),
+    Lens.ORDER: (
+        "The distortion of {who} suits if the coefficients are k1 k2 k3 p1 p2 and not k1 k2 p1 p2 k3",
+        "Write them in OpenCV's order: k1 k2 p1 p2 k3.",
+    ),
+    Lens.PINHOLE: (
+        "The lens of {who} is no fisheye lens, as the calibration says",
+        "Are the coefficients those of OpenCV's pinhole, k1 k2 p1 p2? Say so in the calibration.",
+    ),
+    Lens.FISHEYE: (
+        "The lens of {who} is a fisheye lens, and the calibration has it as a pinhole",
+        "Are the coefficients those of cv2.fisheye? Say so in the calibration (lens: fisheye), or calibrate {whose} "
+        "anew as one.",
+    ),
+}
+
+
+def _other_lens(fit: LensFit, names: Sequence[str]) -> Finding:
     one = len(fit.cameras) == 1
     who = f"{names[fit.cameras[0]]}{_which(fit.cameras[0], names)}" if one else "all cameras"
+    words = {
+        "who": who, "whose": "its lens" if one else "the lenses", "value": fit.value, "factor": fit.factor,
+    }  # fmt: skip
+    reason, remedy = (text.format(**words) for text in _OF_LENS[fit.lens])
     return Finding(
         Code.WRONG_LENS,
         Severity.WRONG,
-        f"The focal length of {who} is not that of the calibration, but about {fit.factor:.2f} times as long: with it, "
-        "cameras agree better on somebody who walks about, in the seconds that were not used to find it",
-        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate "
-        f"{'its lens' if one else 'the lenses'} anew, or multiply the focal lengths by {fit.factor:.2f}.",
+        f"{reason}: with it, cameras agree better on somebody who walks about, in the seconds that were not used to "
+        "find it",
+        remedy,
         0.9,
         camera=names[fit.cameras[0]] if one else "",
-        numbers={"focal_factor": fit.factor},
+        numbers=_numbers_of_lens(fit),
     )
+
+
+def _numbers_of_lens(fit: LensFit) -> dict[str, float]:
+    named = {
+        Lens.FOCAL_LENGTH: {"focal_factor": fit.factor},
+        Lens.WIDTH: {"fx_factor": fit.factor},
+        Lens.HEIGHT: {"fy_factor": fit.factor},
+        Lens.DISTORTION: {"k1": fit.value},
+        Lens.NONE_LEFT: {"distortion_factor": 0.0},
+        Lens.SIGN: {"distortion_factor": -1.0},
+    }
+    return named.get(fit.lens, {})
 
 
 def _remedy(option: str, other: str, *, together: bool) -> str:

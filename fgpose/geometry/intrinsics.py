@@ -33,6 +33,13 @@ def zoomed(camera: Camera, factor: float) -> Camera:
     return replace(camera, K=K)
 
 
+def stretched(camera: Camera, factor: float, axis: int) -> Camera:
+    """The camera with a focal length along one axis of the image that is so many times as long."""
+    K = camera.K.copy()
+    K[axis, axis] *= factor
+    return replace(camera, K=K)
+
+
 def is_of_another_size(camera: Camera) -> bool:
     """Whether the principal point is so far from the middle of the image that K seems to be for images of another size,
     or for the whole image where this is a part."""

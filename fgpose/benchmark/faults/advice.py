@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,8 +12,8 @@ from fgpose.association.common_clock import on_common_clock
 from fgpose.benchmark.faults.damage import Damaged, with_points, with_sides_exchanged
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.finding import Code, Finding
-from fgpose.geometry.camera import CameraRig
-from fgpose.geometry.intrinsics import zoomed
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.intrinsics import stretched, zoomed
 
 
 def followed(given: Damaged, finding: Finding) -> Damaged | None:
@@ -75,12 +76,21 @@ def _exchanged_back(given: Damaged, finding: Finding) -> Damaged | None:
 
 
 def _with_its_lens(given: Damaged, finding: Finding) -> Damaged | None:
-    """With the focal lengths that are named."""
-    if "focal_factor" not in finding.numbers:
+    """With the focal lengths that are named, or without distortion."""
+    named = [(change, finding.numbers[name]) for name, change in _OF_LENS.items() if name in finding.numbers]
+    if not named:
         return _left_out(given, finding)
-    factor = finding.numbers["focal_factor"]
-    cameras = [zoomed(each, factor) if finding.camera in ("", each.name) else each for each in given.rig.cameras]
+    change, number = named[0]
+    cameras = [change(each, number) if finding.camera in ("", each.name) else each for each in given.rig.cameras]
     return replace(given, rig=CameraRig(tuple(cameras)))
+
+
+_OF_LENS: Mapping[str, Callable[[Camera, float], Camera]] = {
+    "focal_factor": zoomed,
+    "fx_factor": partial(stretched, axis=0),
+    "fy_factor": partial(stretched, axis=1),
+    "distortion_factor": lambda camera, factor: replace(camera, distortion=factor * camera.distortion),
+}
 
 
 def _in_metres(given: Damaged, finding: Finding) -> Damaged | None:

@@ -12,7 +12,9 @@ from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_po
 from fgpose.benchmark.faults.take import Take
 from fgpose.finding import Code
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.intrinsics import zoomed
+from fgpose.geometry.intrinsics import stretched, zoomed
+
+_DISTORTION = np.array([-0.28, 0.09, 0.001, -0.001, -0.01])  # of a wide lens: k1 k2 p1 p2 k3
 
 Points = Float[np.ndarray, "frame camera joint 2"]
 
@@ -162,6 +164,24 @@ def _other_lens(camera: Camera, rng: np.random.Generator) -> Camera:
     return zoomed(camera, 1.25)
 
 
+def _distorting(camera: Camera, rng: np.random.Generator) -> Camera:
+    return replace(camera, distortion=_DISTORTION)
+
+
+def _wrong_height(camera: Camera, rng: np.random.Generator) -> Camera:
+    return stretched(camera, 1.12, axis=1)
+
+
+def _without_distortion(*, one: bool) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Filmed by lenses that distort, of which the calibration knows nothing."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        true = of_cameras(_distorting, one=one)(take, rng)
+        return Damaged(take.rig, take.film(true.rig), take.truth_m, true.cameras)
+
+    return inflict
+
+
 _CONSTANT: tuple[Damage, ...] = (
     Damage("half as large images", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 2, one=False)),
     Damage("720p instead of 1080p", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 1.5, one=False)),
@@ -195,6 +215,10 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("moved by 40 degrees, 1 m", (Code.WRONG_CAMERA, Code.MOVED_CAMERA), moved(40.0, 1.0), 3),
     Damage("another zoom, one camera", (Code.WRONG_LENS, Code.WRONG_CAMERA), of_cameras(_other_lens, one=True), 3),
     Damage("another zoom, all cameras", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_other_lens, one=False)),
+    Damage("distortion left out", (Code.WRONG_LENS,), _without_distortion(one=False)),
+    Damage("distortion left out, one camera", (Code.WRONG_LENS, Code.WRONG_CAMERA), _without_distortion(one=True), 3),
+    Damage("undistorted before, distortion kept", (Code.WRONG_LENS,), of_cameras(_distorting, one=False)),
+    Damage("fy of another image", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_wrong_height, one=False), 3),
 )
 
 GEOMETRY = tuple(replace(each, is_constant=True) for each in _CONSTANT)

@@ -21,14 +21,16 @@ from fgpose.calibration.changes.lag_costs import (
     lag_costs,
     somebody_walks,
 )
+from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
 from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
-from fgpose.calibration.changes.zooms import ZoomFit, with_zoom, zoom_fits
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
 
+LEAST_S = 8.0
+"""Shorter recordings do not tell what changes in time."""
 _MAX_LAG_S = 1.5
 _MAX_CHANGES = 6
 # Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
@@ -44,6 +46,7 @@ _NOTICEABLE_SHIFT = 0.4
 _NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.018}
 _NOTICEABLE_OF_WALKING_M = {Kind.MOVED: 0.01, Kind.BUMP: 0.018}
 _NOTICEABLE_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
+_NOTICEABLE_BENT_RAD = 0.005  # 2 cm at 4 m
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
 _WHOLE_FRAMES = 0.25
@@ -64,8 +67,8 @@ class Changes:
     duration_s: float
     compared: bool
     """Whether two cameras saw the same person for some seconds; else nothing could be found."""
-    zooms: tuple[ZoomFit, ...] = ()
-    """Focal lengths that are not those of the calibration: a camera with another one looks as if it was moved."""
+    lenses: tuple[LensFit, ...] = ()
+    """That are not those of the calibration: a camera with another one looks as if it was moved."""
 
 
 class _Candidate(NamedTuple):
@@ -89,16 +92,16 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     begin_s = min(float(own.frame_time_s[0]) for own in people)
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     changes: list[Change] = []
-    zooms: list[ZoomFit] = []
+    lenses: list[LensFit] = []
     compared = rig.n_cameras >= 2 and bool(np.isfinite(step_s)) and _compared(people)
     if compared:
-        while len(changes) + len(zooms) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
-            if isinstance(found, ZoomFit):
-                zooms.append(found)
-                rig = with_zoom(rig, found)
+        while len(changes) + len(lenses) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
+            if isinstance(found, LensFit):
+                lenses.append(found)
+                rig = with_lens(rig, found)
             else:
                 changes += found
-    return Changes(tuple(changes), step_s, duration_s, compared, tuple(zooms))
+    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses))
 
 
 def _compared(people: Sequence[Observations]) -> bool:
@@ -109,7 +112,7 @@ def _compared(people: Sequence[Observations]) -> bool:
 
 def _next(
     people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float
-) -> list[Change] | ZoomFit:
+) -> list[Change] | LensFit:
     """The clearest change on top of others; none if there is no other."""
     grid_s = grid_step_s(people)
     n_lags = round(_MAX_LAG_S / grid_s)
@@ -120,12 +123,12 @@ def _next(
     least_m = _NOTICEABLE_OF_WALKING_M if walks else _NOTICEABLE_M
     candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, step_s, least_m)]
     chosen = _chosen(candidates, step_s / costs.step_s) if candidates else None
-    fits = zoom_fits(rays, costs) if walks else []
-    zooms = [fit for fit in fits if _is_clear(fit) and abs(np.log(fit.factor)) > _NOTICEABLE_ZOOM]
-    zoom = max(zooms, key=lambda fit: float(fit.gain.sum()), default=None)
-    # A focal length is one number, a pose are six.
-    if zoom is not None and (chosen is None or float(zoom.gain.sum()) * _CLEARLY > chosen.gain):
-        return zoom
+    fits = [fit for fit in lens_fits(rays, costs, rig) if _is_clear(fit) and _is_noticeable(fit)] if walks else []
+    # What needs no number goes before what does.
+    lens = max(fits, key=lambda fit: fit.gain.sum() * (_CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
+    # A lens is one number, a pose are six.
+    if lens is not None and (chosen is None or float(lens.gain.sum()) * _CLEARLY > chosen.gain):
+        return lens
     return [] if chosen is None else _placed(chosen, people, rig, changes, rays, blocks, step_s)
 
 
@@ -177,8 +180,14 @@ def _of_camera(rays: Rays, costs: LagCosts, c: int, step_s: float, least_m: Mapp
     return found
 
 
-def _is_clear(fit: ClockFit | PoseFit | ZoomFit) -> bool:
+def _is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
     return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
+
+
+def _is_noticeable(fit: LensFit) -> bool:
+    if fit.lens is Lens.FOCAL_LENGTH:
+        return abs(fit.value) > _NOTICEABLE_ZOOM
+    return fit.shift_rad > _NOTICEABLE_BENT_RAD
 
 
 def _matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:

@@ -31,8 +31,8 @@ class Rays:
     """Unit vectors in the world; NaN: not seen."""
     centre_m: Float[np.ndarray, "camera time 3"]
     """Where each camera was."""
-    axis: Float[np.ndarray, "camera time 3"]
-    """Where each camera looked: its optical axis, a unit vector in the world."""
+    world_R_camera: Float[np.ndarray, "camera time 3 3"]
+    """How each camera was turned."""
     weight: Float[np.ndarray, "camera time joint"]
     """Confidence; zero where not seen."""
 
@@ -48,7 +48,7 @@ class Rays:
             self.step_s,
             self.direction[:, part],
             self.centre_m[:, part],
-            self.axis[:, part],
+            self.world_R_camera[:, part],
             self.weight[:, part],
         )
 
@@ -74,11 +74,11 @@ def rays_of(
     parts = [_of_person(own, rig, changes, step_s) for own in people]
     gap = np.full(n_gap, np.nan)
     time_s = np.concatenate([piece for time_s, *_ in parts for piece in (time_s, gap)])
-    direction, weight, centre_m, axis = (
+    direction, weight, centre_m, world_R_camera = (
         np.concatenate([piece for part in parts for piece in (part[n], _nothing(part[n], n_gap))], axis=1)
         for n in (1, 2, 3, 4)
     )
-    return Rays(time_s, step_s, direction, centre_m, axis, np.nan_to_num(weight))
+    return Rays(time_s, step_s, direction, centre_m, world_R_camera, np.nan_to_num(weight))
 
 
 def _nothing(array: np.ndarray, n_gap: int) -> np.ndarray:
@@ -94,7 +94,7 @@ def _of_person(
     n_cameras, shape = rig.n_cameras, (rig.n_cameras, len(time_s), len(joints))
     direction = np.full((*shape, 3), np.nan, dtype=np.float32)
     weight = np.zeros(shape, dtype=np.float32)
-    centre_m, axis = np.empty((2, n_cameras, len(time_s), 3))
+    centre_m, world_R_camera = np.empty((n_cameras, len(time_s), 3)), np.empty((n_cameras, len(time_s), 3, 3))
     for c, camera in enumerate(rig.cameras):
         stamp_s = own.frame_time_s if own.time_s.ndim == 1 else own.time_s[:, c]
         there = np.isfinite(stamp_s)
@@ -108,9 +108,9 @@ def _of_person(
             normalized = (at_px[holds] - camera.K[:2, 2]) / np.diag(camera.K)[:2]
             ray = np.concatenate([normalized, np.ones((*normalized.shape[:-1], 1))], axis=-1) @ pose[:3, :3].T
             direction[c, holds] = ray / np.linalg.norm(ray, axis=-1, keepdims=True)
-            centre_m[c, holds], axis[c, holds] = pose[:3, 3], pose[:3, 2]
+            centre_m[c, holds], world_R_camera[c, holds] = pose[:3, 3], pose[:3, :3]
         weight[c] = np.where(np.isfinite(direction[c]).all(axis=-1), at_weight, 0.0)
-    return time_s, direction, weight, centre_m, axis
+    return time_s, direction, weight, centre_m, world_R_camera
 
 
 def _neighbours(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fgpose.calibration.changes.find_changes import LEAST_S
 from fgpose.diagnosis.hypotheses.agreeing import agreeing
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.images import turned_hypotheses
@@ -14,6 +15,7 @@ from fgpose.diagnosis.hypotheses.lenses import other_focal
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
 from fgpose.diagnosis.hypotheses.scene import Scene
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, State, explain
+from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 
 _FRAMES = 120
@@ -102,6 +104,8 @@ def _examined(scene: Scene) -> Geometry:
     if first.state.is_clean and not _clearly_better(sample):
         return first
     explanation = explain(sample)
+    if explanation is not None and first.normal and _is_told_by_time(explanation, scene):
+        return first
     if explanation is not None or not (first.wrong or first.stands_out):
         return Geometry(first.state, explanation)
     kept, dense = agreeing(sample), _dense(scene)
@@ -109,6 +113,13 @@ def _examined(scene: Scene) -> Geometry:
         return Geometry(first.state, clocks_differ=first.wrong and clocks_differ(dense))
     others = [c for c in range(scene.n_cameras) if c not in kept]
     return Geometry(first.state, None, kept, tuple((c, why_odd(sample, dense, c, kept)) for c in others))
+
+
+def _is_told_by_time(explanation: Explanation, scene: Scene) -> bool:
+    """Whether rays that hardly miss each other miss by even less with another lens: so they do where a camera was
+    bumped, or from one side. From enough seconds find_changes tells it apart from that, or that nothing does."""
+    lenses = all(cause.code is Code.WRONG_LENS for cause in explanation.causes)
+    return lenses and float(np.ptp(scene.time_s)) >= LEAST_S
 
 
 def _clearly_better(scene: Scene) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Literal
 
 import gtsam
 import numpy as np
@@ -13,6 +14,8 @@ import fgpose
 from fgpose.benchmark.calibration.real import webcam
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import find_changes
+from fgpose.calibration.changes.lenses import Lens
+from fgpose.geometry.intrinsics import stretched
 from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
 
 FOUR, THREE, TWO = RIG.names, RIG.names[:3], RIG.names[1:3]
@@ -95,18 +98,62 @@ def test_another_focal_length_of_all(names: tuple[str, ...]) -> None:
     seen, rig = filmed(walk_m(3)), zoomed_rig((0, 1, 2, 3))
     found = find_changes([seen.subset(names)], rig.subset(names))
     assert found.changes == ()
-    (zoom,) = found.zooms
-    assert len(zoom.cameras) == len(names)
+    (lens,) = found.lenses
+    assert len(lens.cameras) == len(names)
     # A hundredth moves a body 2 m from the middle by 2 cm.
-    assert zoom.factor == pytest.approx(0.8, abs=0.02)
+    assert lens.factor == pytest.approx(0.8, abs=0.02)
 
 
 def test_another_focal_length_of_one() -> None:
     found = find_changes([filmed(walk_m(3))], zoomed_rig((1,)))
     assert found.changes == ()
-    (zoom,) = found.zooms
-    assert zoom.cameras == (1,)
-    assert zoom.factor == pytest.approx(0.8, abs=0.02)
+    (lens,) = found.lenses
+    assert lens.cameras == (1,)
+    assert lens.factor == pytest.approx(0.8, abs=0.02)
+
+
+WIDE = np.array([-0.28, 0.09, 0.001, -0.001, -0.01])  # k1 k2 p1 p2 k3
+
+
+def with_distortion(distortion: np.ndarray, kind: Literal["pinhole", "fisheye"] = "pinhole") -> fgpose.CameraRig:
+    return fgpose.CameraRig(tuple(replace(each, distortion=distortion, lens=kind) for each in RIG.cameras))
+
+
+@pytest.mark.parametrize("names", [FOUR, TWO])
+@pytest.mark.parametrize(
+    ("true", "given", "lens"),
+    [
+        (WIDE, np.zeros(0), Lens.DISTORTION),
+        (np.zeros(0), WIDE, Lens.NONE_LEFT),
+        (WIDE, -WIDE, Lens.SIGN),
+    ],
+)
+def test_another_distortion_of_all(names: tuple[str, ...], true: np.ndarray, given: np.ndarray, lens: Lens) -> None:
+    """They looked like cameras that were bumped, as somebody walks from the middle of the images to their borders."""
+    seen, rig = filmed(walk_m(3), with_distortion(true)), with_distortion(given)
+    found = find_changes([seen.subset(names)], rig.subset(names))
+    assert found.changes == ()
+    (other,) = found.lenses
+    assert (other.lens, len(other.cameras)) == (lens, len(names))
+    if lens is Lens.DISTORTION:
+        assert other.value == pytest.approx(-0.28, abs=0.06)  # k2 is that of usual lenses, not its own
+
+
+def test_a_fisheye_lens_that_is_read_as_a_pinhole() -> None:
+    coefficients = np.array([-0.03, 0.01, -0.004, 0.0005])
+    seen = filmed(walk_m(3), with_distortion(coefficients, "fisheye"))
+    found = find_changes([seen], with_distortion(coefficients))
+    assert found.changes == ()
+    assert [(each.lens, each.cameras) for each in found.lenses] == [(Lens.FISHEYE, (0, 1, 2, 3))]
+
+
+def test_images_that_were_resized_in_one_direction() -> None:
+    rig = fgpose.CameraRig(tuple(stretched(each, 1.12, axis=1) for each in RIG.cameras))
+    found = find_changes([filmed(walk_m(3))], rig)
+    assert found.changes == ()
+    (other,) = found.lenses
+    assert (other.lens, other.cameras) == (Lens.HEIGHT, (0, 1, 2, 3))
+    assert other.factor == pytest.approx(1 / 1.12, abs=0.02)
 
 
 @pytest.mark.parametrize("n_cameras", [2, 3, 4])
@@ -115,7 +162,7 @@ def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: 
     rig, seen = webcam()
     found = find_changes([seen.subset(rig.names[:n_cameras])], rig.subset(rig.names[:n_cameras]))
     assert found.changes == ()
-    assert found.zooms == ()
+    assert found.lenses == ()
 
 
 def test_a_camera_that_was_turned_about_its_axis() -> None:

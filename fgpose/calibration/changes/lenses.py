@@ -1,0 +1,254 @@
+"""Another lens than the calibration's, of one camera or of all alike; told by blocks that did not enter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
+from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust
+from fgpose.calibration.changes.rays import Rays
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.intrinsics import stretched, zoomed
+
+_LOGARITHMS = np.linspace(-0.48, 0.48, 13)
+_DISTORTIONS = np.linspace(-0.42, 0.42, 13)  # of k1: action cameras have -0.4
+_K2 = 1.2  # k2 over the square of k1 of wide lenses; equidistant ones have 1.8
+_STEP = 0.02  # of the value, for derivatives
+# In-sample gain below which the blocks that did not enter need not be asked.
+_LEAST_GAIN = 20.0
+_LOST = 5.0  # whitened angle of a ray that another lens cannot have seen
+_FIVE = 5  # coefficients: k1 k2 p1 p2 k3
+
+
+class Lens(Enum):
+    """In what another lens may differ, and what its value is."""
+
+    FOCAL_LENGTH = "logarithm of the true focal length over that of the calibration"
+    WIDTH = "logarithm of the true horizontal focal length over that of the calibration"
+    HEIGHT = "logarithm of the true vertical focal length over that of the calibration"
+    DISTORTION = "k1, where the calibration has no distortion"
+    NONE_LEFT = "1: the keypoints have no distortion, where the calibration has"
+    SIGN = "1: the distortion has the other sign"
+    ORDER = "1: k3 was written before p1 and p2"
+    PINHOLE = "1: coefficients of a fisheye lens (Kannala-Brandt) are those of a pinhole"
+    FISHEYE = "1: coefficients of a pinhole are those of a fisheye lens"
+
+    @property
+    def values(self) -> Float[np.ndarray, " value"]:
+        """That are tried, with 0, the lens of the calibration."""
+        if self in (Lens.FOCAL_LENGTH, Lens.WIDTH, Lens.HEIGHT):
+            return _LOGARITHMS
+        return _DISTORTIONS if self is Lens.DISTORTION else np.array([0.0, 1.0])
+
+    def applies(self, camera: Camera) -> bool:
+        """Whether it is another lens for this camera."""
+        distorts, fisheye = bool(camera.distortion.any()), camera.lens == "fisheye"
+        if self is Lens.DISTORTION:
+            return not distorts and not fisheye
+        if self is Lens.ORDER:
+            return not fisheye and len(camera.distortion) == _FIVE and distorts
+        if self is Lens.FISHEYE:
+            return not fisheye and distorts and len(camera.distortion) in (4, _FIVE)
+        if self is Lens.PINHOLE:
+            return fisheye
+        return distorts or fisheye if self in (Lens.NONE_LEFT, Lens.SIGN) else True
+
+    def of(self, camera: Camera, value: float) -> Camera:
+        """The camera with this lens."""
+        if not value:
+            return camera
+        given = camera.distortion
+        match self:
+            case Lens.FOCAL_LENGTH:
+                return zoomed(camera, float(np.exp(value)))
+            case Lens.WIDTH | Lens.HEIGHT:
+                return stretched(camera, float(np.exp(value)), axis=0 if self is Lens.WIDTH else 1)
+            case Lens.DISTORTION:
+                return replace(camera, distortion=np.array([value, _K2 * value**2, 0.0, 0.0]))
+            case Lens.NONE_LEFT:
+                return replace(camera, distortion=np.zeros(0), lens="pinhole")
+            case Lens.SIGN:
+                return replace(camera, distortion=-given)
+            case Lens.ORDER:
+                return replace(camera, distortion=given[[0, 1, 3, 4, 2]])
+            case Lens.PINHOLE:
+                return replace(camera, lens="pinhole")
+            case Lens.FISHEYE:
+                return replace(camera, distortion=given[:4], lens="fisheye")
+
+
+@dataclass(frozen=True, eq=False)
+class LensFit:
+    """The other lens that fits best."""
+
+    lens: Lens
+    cameras: tuple[int, ...]
+    """One or all."""
+    value: float
+    gain: Float[np.ndarray, " block"]
+    """By how much the cost of each block is less, with a value to which it has not contributed."""
+    shift_rad: float
+    """By how much it moves rays, root mean square."""
+
+    @property
+    def factor(self) -> float:
+        """Of a focal length."""
+        return float(np.exp(self.value))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """What two cameras saw at the samples of all blocks."""
+
+    cameras: tuple[int, int]
+    baseline_m: Float[np.ndarray, "sample 1 3"]
+    weight: Float[np.ndarray, "sample joint"]
+    scale: float
+
+    def angles(self, one: _View, other: _View) -> Float[np.ndarray, "sample joint"]:
+        """Whitened. The longer a focal length is, the smaller is the angle of a pixel, in which detections err."""
+        per_pixel = np.sqrt((one.per_pixel**2 + other.per_pixel**2) / 2)
+        angles = angle(one.direction, other.direction, self.baseline_m) * (per_pixel / self.scale)
+        return np.where(one.lost | other.lost, _LOST, angles)
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What one camera saw at the samples, with some lens."""
+
+    direction: Float[np.ndarray, "sample joint 3"]
+    per_pixel: float = 1.0
+    """How many angles of a pixel of the calibration one of this lens is."""
+    lost: Bool[np.ndarray, "sample joint"] | bool = False
+    """What this lens cannot have seen."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What one camera saw at the samples, in its own frame."""
+
+    camera: Camera
+    direction: Float[np.ndarray, "sample joint 3"]
+    world_R_camera: Float[np.ndarray, "sample 3 3"]
+
+    @property
+    def view(self) -> _View:
+        return _View(self.direction)
+
+    def through(self, lens: Lens, value: float) -> _View:
+        other = lens.of(self.camera, value)
+        if other is self.camera:
+            return self.view
+        own = np.einsum("sji,skj->ski", self.world_R_camera, self.direction)
+        normalized = own[..., :2] / np.where(own[..., 2:] > 0, own[..., 2:], np.nan)
+        px = self.camera.distort(normalized * np.diag(self.camera.K)[:2] + self.camera.K[:2, 2])
+        changed = (other.undistort(px) - other.K[:2, 2]) / np.diag(other.K)[:2]
+        known, lost = np.isfinite(changed), np.isfinite(normalized) & ~np.isfinite(changed)
+        from_axis, changed_from_axis = (np.linalg.norm(each, axis=-1) for each in (normalized, changed))
+        per_pixel = float(np.nanmedian(from_axis / np.maximum(changed_from_axis, 1e-9))) if known.any() else 1.0
+        rays = np.concatenate([changed, np.ones((*changed.shape[:-1], 1))], axis=-1)
+        rays = np.einsum("sij,skj->ski", self.world_R_camera, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+        return _View(rays, per_pixel, lost.any(axis=-1))
+
+
+def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
+    """The best of each kind, of each camera and of all alike, that is not plainly none; of people who walk
+    (somebody_walks)."""
+    if costs.blocks.n_blocks < 2 * MIN_BLOCKS:
+        return []
+    index, share = costs.blocks.index, independent(costs.blocks)
+    seen = [
+        _Seen(camera, rays.direction[c, index], rays.world_R_camera[c, index]) for c, camera in enumerate(rig.cameras)
+    ]
+    pairs = [
+        _Pair(
+            (a, b),
+            (rays.centre_m[b, index] - rays.centre_m[a, index])[:, None].astype(np.float32),
+            share * np.minimum(rays.weight[a, index], rays.weight[b, index]),
+            costs.scale[a, b],
+        )
+        for a, b in costs.pairs
+    ]
+    everybody = tuple(range(rays.n_cameras))
+    found = []
+    for lens in Lens:
+        able = [c for c in everybody if lens.applies(rig.cameras[c])]
+        groups = [(c,) for c in able] + ([everybody] if len(able) == len(everybody) > 1 else [])
+        found += [_fitted(lens, group, pairs, seen, costs) for group in _promising(lens, groups, pairs, seen)]
+    return found
+
+
+def with_lens(rig: CameraRig, fit: LensFit) -> CameraRig:
+    """The rig with these lenses."""
+    cameras = [fit.lens.of(each, fit.value) if c in fit.cameras else each for c, each in enumerate(rig.cameras)]
+    return CameraRig(tuple(cameras))
+
+
+def _promising(
+    lens: Lens, groups: list[tuple[int, ...]], pairs: list[_Pair], seen: list[_Seen]
+) -> Iterator[tuple[int, ...]]:
+    """Groups of cameras with which all blocks together agree better, as far as derivatives tell."""
+    if len(lens.values) == 2 or not groups:
+        yield from groups
+        return
+    information, gradient = np.zeros(len(groups)), np.zeros(len(groups))
+    stepped = {c: seen[c].through(lens, _STEP) for group in groups for c in group}
+    for pair in pairs:
+        a, b = pair.cameras
+        views = seen[a].view, seen[b].view
+        still = pair.angles(*views)
+        known = (pair.weight > 0) & np.isfinite(still)
+        width = max(1.0, float(np.quantile(np.abs(still[known]), 0.8))) if known.any() else 1.0
+        weight = np.where(known, pair.weight / (1 + (np.nan_to_num(still) / (width * KERNEL)) ** 2), 0.0)
+        by_one = (pair.angles(stepped.get(a, views[0]), views[1]) - still) / _STEP
+        by_other = (pair.angles(views[0], stepped.get(b, views[1])) - still) / _STEP
+        for g, group in enumerate(groups):
+            slope = np.nan_to_num(by_one * (a in group) + by_other * (b in group))
+            information[g] += np.sum(weight * slope**2)
+            gradient[g] += np.sum(weight * slope * np.nan_to_num(still))
+    gain = 0.5 * gradient**2 / np.maximum(information, 1e-12)
+    yield from (group for group, better in zip(groups, gain.tolist(), strict=True) if better > _LEAST_GAIN)
+
+
+def _fitted(lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_Seen], costs: LagCosts) -> LensFit:
+    cost = np.array([_cost(lens, group, pairs, seen, costs, float(value)) for value in lens.values])
+    odd = np.arange(costs.blocks.n_blocks) % 2 == 1
+    still, gain = _at(lens, cost, 0.0), np.zeros(costs.blocks.n_blocks)
+    for half in (odd, ~odd):
+        gain[~half] = (still - _at(lens, cost, _best(lens, cost[:, half])))[~half]
+    value = _best(lens, cost)
+    moved = [np.linalg.norm(seen[c].through(lens, value).direction - seen[c].direction, axis=-1) for c in group]
+    return LensFit(lens, group, value, gain, float(np.sqrt(np.nanmean(np.square(moved)))))
+
+
+def _cost(
+    lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_Seen], costs: LagCosts, value: float
+) -> Float[np.ndarray, " block"]:
+    """Of each block, with the lenses of these cameras changed."""
+    views = [own.through(lens, value) if c in group else own.view for c, own in enumerate(seen)]
+    per_sample = np.zeros(len(costs.blocks.index))
+    for pair in pairs:
+        angles = pair.angles(*(views[c] for c in pair.cameras))
+        per_sample += np.where(pair.weight > 0, pair.weight * np.nan_to_num(robust(angles, 1.0)), 0.0).sum(axis=1)
+    return np.bincount(costs.blocks.block, per_sample, minlength=costs.blocks.n_blocks)
+
+
+def _best(lens: Lens, cost: Float[np.ndarray, "value block"]) -> float:
+    """The value with the least cost; between those that were tried by a parabola."""
+    total, values = cost.sum(axis=1), lens.values
+    if len(values) == 2:
+        return float(values[np.argmin(total)])
+    k = int(np.clip(np.argmin(total), 1, len(total) - 2))
+    before, here, after = total[k - 1 : k + 2]
+    bend, step = before - 2 * here + after, float(values[1] - values[0])
+    return float(values[k] + (np.clip(0.5 * (before - after) / bend, -1, 1) * step if bend > 0 else 0.0))
+
+
+def _at(lens: Lens, cost: Float[np.ndarray, "value block"], value: float) -> Float[np.ndarray, " block"]:
+    """Between the values of each block, on the line."""
+    return np.array([np.interp(value, lens.values, of_block) for of_block in cost.T])
