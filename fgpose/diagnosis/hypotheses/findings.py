@@ -102,7 +102,7 @@ def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:
     for (code, reason), causes in groups.items():
         cameras = sorted({c for cause in causes for c in cause.cameras})
         who = _named(cameras, names)
-        if found.rival is not None and found.rival.code is code and len(cameras) == 1:
+        if _is_of_another(found, code) and len(cameras) == 1:
             who = f"{who} or of {_named(list(found.rival.cameras), names)} (which of them, the recording does not tell)"
         yield Finding(
             code,
@@ -126,10 +126,17 @@ def _numbers(found: Explanation) -> str:
 
 
 def _rival(found: Explanation, code: Code, names: tuple[str, ...]) -> str:
+    """What explains it as well, and what would have to be done."""
     rival = found.rival
-    if rival is None or rival.code is code:
+    if rival is None or _is_of_another(found, code):
         return ""
-    return f". It may as well be that {_lower(rival.reason.replace('{cameras}', rival.named(names)))}"
+    reason, remedy = rival.reason.replace("{cameras}", rival.named(names)), rival.remedy.split("? ")[-1]
+    return f". It may as well be that {_lower(reason)}; then {_lower(remedy).rstrip('.')}"
+
+
+def _is_of_another(found: Explanation, code: Code) -> bool:
+    """Whether the same of another camera explains it as well."""
+    return found.rival is not None and found.rival.code is code and found.rival.cameras != found.causes[0].cameras
 
 
 def _lower(sentence: str) -> str:

@@ -23,6 +23,7 @@ _SIZES_PX = (
 _FACTORS = np.exp(np.arange(np.log(1 / 4), np.log(4), 0.04))
 _UNCHANGED = 0.02  # a factor this near to 1 is the calibration's own size
 _SAME_SIZE = 0.015
+_SHAPES = (16 / 9, 16 / 10, 3 / 2, 4 / 3, 5 / 4, 1.0, 9 / 16, 3 / 4)  # width over height
 _RATIOS, _SAME_RATIO = (4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0), 0.004
 # What networks are given, and what is left if the sides of an image are cut off.
 _SQUARES_PX, _CUTS, _HEIGHTS_PX = (1280, 640, 512, 416, 384, 320, 256, 192), (4 / 3, 1.0), (720, 640, 512, 480, 256)
@@ -123,9 +124,11 @@ def _turned_too(sizes: tuple[tuple[int, int], ...]) -> tuple[tuple[int, int], ..
 
 
 def _common_sizes(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
-    """Also those with another ratio of width to height, and those too small for the grid."""
+    """Also those with another ratio of width to height, and those too small for the grid; and one side alone shorter
+    or longer, to another usual ratio."""
     width_px, height_px = size_px(scene.views[cameras[0]])
-    for given in _turned_too(_SIZES_PX):
+    squeezed = [(height_px * ratio, height_px) for ratio in _SHAPES] + [(width_px, width_px / r) for r in _SHAPES]
+    for given in (*_turned_too(_SIZES_PX), *squeezed):
         factor = width_px / given[0], height_px / given[1]
         same = abs(factor[0] / factor[1] - 1) < _SAME_SIZE
         if not same or not _FACTORS[0] < factor[0] < _FACTORS[-1]:

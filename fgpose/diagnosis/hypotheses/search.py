@@ -173,10 +173,12 @@ def _is_credible(cause: Hypothesis, scene: Scene) -> bool:
     """Two cameras agree on so little that almost any size or focal length can be found that makes them agree; and a
     camera that was turned agrees better with images of another size, but not of one that anybody uses."""
     if cause.code is Code.IMAGE_SIZE:
-        change = abs(np.log(cause.numbers["factor_x"]))
+        factors = cause.numbers["factor_x"], cause.numbers["factor_y"]
+        change = float(np.abs(np.log(factors)).max())
         if len(cause.cameras) < scene.n_cameras and change < _OTHER_SIZE[0]:
             return False
-        plain = bool(change > _OTHER_SIZE[1]) and scene.n_cameras > 2
+        squeezed = factors[0] != factors[1] and 1.0 in factors  # no pose does that
+        plain = (change > _OTHER_SIZE[1] or squeezed) and scene.n_cameras > 2
         return within_image(cause, scene) and (plain or is_part(cause) or is_common_size(cause, scene))
     return cause.code is not Code.WRONG_LENS or (scene.n_cameras > 2 and _has_size(cause.mend(scene)))
 
@@ -195,9 +197,13 @@ def _has_size(scene: Scene) -> bool:
 def _rival(best: Hypothesis, after: State, others: Iterable[tuple[Hypothesis, State]]) -> Hypothesis | None:
     """The next best that is another cause, or of other cameras, if it is nearly as good."""
     for other, state in others:
-        if (other.code, other.cameras) != (best.code, best.cameras) and state.is_normal:
+        if _remedied(other) != _remedied(best) and state.is_normal:
             return other if state.cost < _CLEARLY * after.cost else None
     return None
+
+
+def _remedied(cause: Hypothesis) -> tuple[Code, tuple[int, ...], bool]:
+    return cause.code, cause.cameras, is_part(cause)
 
 
 def _ranked(fine: Scene, candidates: Iterable[Hypothesis], coarse: Scene) -> list[tuple[Hypothesis, State]]:
