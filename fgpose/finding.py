@@ -173,7 +173,7 @@ _OF_CLOCKS = frozenset({*_OF_ONE_CAMERA, Code.LATE_CAMERA})
 EXPLAINS: Mapping[Code, frozenset[Code]] = {
     **{code: _OF_GEOMETRY - {code} for code in _GEOMETRY},
     Code.WRONG_CAMERA: _OF_GEOMETRY - {Code.WRONG_CAMERA, Code.WRONG_LENS, Code.NO_AGREEMENT},
-    Code.WRONG_LENS: _OF_GEOMETRY - {Code.WRONG_LENS, Code.NO_AGREEMENT},
+    Code.WRONG_LENS: _OF_GEOMETRY - {Code.WRONG_LENS},
     Code.NO_AGREEMENT: _OF_GEOMETRY - {Code.NO_AGREEMENT, Code.WRONG_CAMERA, Code.WRONG_LENS},
     Code.WRONG_SKELETON: frozenset(
         {Code.EXCHANGED_SIDES, Code.MISPLACED_JOINT, Code.WORLD_UP, Code.UNIT, Code.IMPOSSIBLE_TURN}

@@ -21,6 +21,8 @@ _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 _FAR_APART_S = 0.12
 # A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
 _FURTHEST_DEG, _FURTHEST_M = 10.0, 0.15
+# Of bumps that are one, to the second to which they are found; and as many as a recording with a careless operator has.
+_ONE_MOMENT_S, _OFTEN = 2.0, 2
 # A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
 _NTSC = (9e-4, 1.1e-3)
 
@@ -59,8 +61,8 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
         *(_late(each, found, names, together) for each in late),
         *_lost(of_kind[Kind.JUMP], found, names, together),
         *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
-        *(_moved(each, names, together) for each in of_kind[Kind.MOVED]),
-        *(_bumped(each, names, together) for each in of_kind[Kind.BUMP]),
+        *_moved_cameras(of_kind[Kind.MOVED], names, together),
+        *_bumped_cameras(of_kind[Kind.BUMP], names, together),
     ]
 
 
@@ -214,6 +216,45 @@ def _rate(change: Change, found: Changes, names: Sequence[str], together: bool) 
         camera=name,
         numbers={"rate": change.rate, "total_s": total_s, "sigma_s": change.sigma},
     )
+
+
+def _moved_cameras(changes: Sequence[Change], names: Sequence[str], together: bool) -> list[Finding]:
+    """One by one, unless so many were moved that nothing is left that tells where the world is."""
+    cameras = sorted({each.camera for each in changes})
+    if len(cameras) < 2 or len(names) - len(cameras) > 1:
+        return [_moved(each, names, together) for each in changes]
+    most_deg = max(each.rotation_deg for each in changes)
+    return [
+        Finding(
+            Code.MOVED_CAMERA,
+            Severity.WRONG,
+            f"{len(cameras)} of {len(names)} cameras ({', '.join(names[c] for c in cameras)}) are not where the "
+            f"calibration says, by up to {most_deg:.1f} degrees",
+            f"Calibrate again. {_POSES} makes cameras agree, but nothing then tells where the world is.",
+            0.8,
+            numbers={"rotation_deg": most_deg, "cameras": float(len(cameras))},
+        )
+    ]
+
+
+def _bumped_cameras(changes: Sequence[Change], names: Sequence[str], together: bool) -> list[Finding]:
+    """One by one, unless several were moved at one moment, or one again and again."""
+    cameras = sorted({each.camera for each in changes})
+    at_s = sorted(each.until_s if np.isfinite(each.until_s) else each.at_s for each in changes)
+    who = names[cameras[0]] if len(cameras) == 1 else f"{len(cameras)} cameras ({', '.join(names[c] for c in cameras)})"
+    if len(cameras) > 1 and at_s[-1] - at_s[0] < _ONE_MOMENT_S:
+        reason = f"{who} were moved at {np.mean(at_s):.1f} s, while they filmed"
+        remedy = f"Cut the recording at {np.mean(at_s):.1f} s, and calibrate the other part again."
+    elif len(changes) > _OFTEN and (len(cameras) == 1 or len(names) == 2):
+        reason = f"{who} did not stand still: moved at {', '.join(f'{s:.1f}' for s in at_s)} s, or all the time"
+        remedy = "Fix the tripods, and record again: nothing tells where a camera is that moves all the time."
+    else:
+        return [_bumped(each, names, together) for each in changes]
+    of_one = names[cameras[0]] if len(cameras) == 1 else ""
+    numbers = {"at_s": float(np.mean(at_s)), "cameras": float(len(cameras))}
+    return [
+        Finding(Code.BUMPED_CAMERA, Severity.WRONG, reason, remedy, 0.8, camera=of_one, from_s=at_s[0], numbers=numbers)
+    ]
 
 
 def _moved(change: Change, names: Sequence[str], together: bool) -> Finding:

@@ -16,7 +16,7 @@ from fgpose.diagnosis.camera_faults_checks import moved_and_late_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.hypotheses.findings import disagreements
-from fgpose.diagnosis.input_checks import blind, exchanged_sides, never_seen, repaired
+from fgpose.diagnosis.input_checks import blind, exchanged_sides, never_seen, off_centre, repaired, unusual_steps
 from fgpose.diagnosis.result_checks import RESULT_CHECKS
 from fgpose.diagnosis.seen.confidence import low_confidence
 from fgpose.diagnosis.seen.frozen import frozen_cameras
@@ -35,8 +35,8 @@ InputCheck = Callable[[Examined], list[Finding]]
 
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
-    "calibration": (disagreements,),
-    "clocks, and poses over time": (moved_and_late_cameras,),
+    "calibration": (off_centre, disagreements),
+    "clocks, and poses over time": (unusual_steps, moved_and_late_cameras),
     "skeleton": (wrong_skeleton,),
     "unit": (wrong_unit,),
     "which way is up": (wrong_up,),

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.intrinsics import is_of_another_size
+from fgpose.sampling import usual_step_s
 
+# Times of cameras are 1/1000 to 1 s apart; that of time lapses tells no motion.
+_SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
 # Hallucinations under occluders look like an exchange of one pair in up to 7 % (camera_checks); the estimator leaves
@@ -17,6 +23,45 @@ def repaired(examined: Examined) -> list[Finding]:
     return [
         Finding(Code.READ_WITH_REPAIRS, Severity.NOTE, remark, "Nothing is to be done if that is what you expect.", 0.0)
         for remark in examined.remarks
+    ]
+
+
+def unusual_steps(examined: Examined) -> list[Finding]:
+    """Images that follow each other by more or less than those of any camera."""
+    step_s = usual_step_s(examined.main.frame_time_s)
+    if not np.isfinite(step_s) or _SHORTEST_STEP_S < step_s < _LONGEST_STEP_S:
+        return []
+    wrong = "milliseconds, or numbers of frames" if step_s > 1 else "another unit"
+    return [
+        Finding(
+            Code.FRAME_RATE,
+            Severity.WRONG,
+            f"The images follow each other by {step_s:.3g} s: no camera films like that",
+            f"Times are in seconds: are these in {wrong}?",
+            1.0,
+            numbers={"step_s": step_s},
+        )
+    ]
+
+
+def off_centre(examined: Examined) -> list[Finding]:
+    """Principal points that are no lens's: not given, of images of another size, or of the whole of which these are a
+    part."""
+    cameras = [camera for camera in examined.rig.cameras if is_of_another_size(camera)]
+    if not cameras:
+        return []
+    first, names = cameras[0], ", ".join(camera.name for camera in cameras)
+    return [
+        Finding(
+            Code.WRONG_LENS,
+            Severity.WRONG,
+            f"The principal point of {names} (cx = {first.K[0, 2]:.0f}, cy = {first.K[1, 2]:.0f}) is far from the "
+            f"middle of its images of {first.size_px[0]}x{first.size_px[1]}",
+            "Was it left out? Then give half the size of the images. Or is the calibration of images of another size, "
+            "or of a part of them?",
+            1.0,
+            camera=first.name if len(cameras) == 1 else "",
+        )
     ]
 
 

@@ -25,7 +25,7 @@ _LEAD_S = 0.3
 # Online a joint is predicted until its second image has come; that is too short to lose its depth.
 _SOON_S = 0.1
 _SPEED_SIGMA_MPS = 0.15  # of the body, as the newest velocities of its joints tell it
-# Online, how somebody usually holds himself is learned so often; after a pause, one frame tells no more than this.
+# Online, how somebody usually holds himself is learned so often; after a pause, or alone, one frame tells no more.
 _POSTURE_S, _LONGEST_FRAME_S = 0.1, 0.5
 
 
@@ -49,7 +49,8 @@ def with_distances(
     if not alone.any() or not skeleton.bones:
         return evidence
     views = _Views.of(evidence, positions_m, rig)
-    posture = Posture.of(views.determined_m, usual_step_s(evidence.time_s), skeleton)
+    step_s = min(usual_step_s(evidence.time_s), _LONGEST_FRAME_S)
+    posture = Posture.of(views.determined_m, step_s, skeleton)
     distance_m, variance_m2 = np.full(alone.shape, np.nan), np.full(alone.shape, np.nan)
     for camera in np.flatnonzero(alone.any(axis=(0, 2))).tolist():
         of_camera = alone[:, camera]

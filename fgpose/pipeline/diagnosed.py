@@ -10,6 +10,7 @@ import numpy as np
 
 from fgpose.association.chosen_person import Chosen
 from fgpose.association.recording import Association
+from fgpose.calibration.rig_refinement import has_moved
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
@@ -46,6 +47,7 @@ def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyRe
     chosen = result.source.chosen if isinstance(result.source, Source) else None
     if chosen is not None and chosen.n_people > 1:
         diagnosis = replace(diagnosis, findings=(*diagnosis.findings, _of_several(chosen)))
+    diagnosis = replace(diagnosis, findings=(*diagnosis.findings, *_of_refined(result.source, result.config)))
     return replace(result, diagnosis=diagnosis)
 
 
@@ -67,6 +69,21 @@ def looked_at(
 def _of_several(chosen: Chosen) -> Finding:
     remedy = "With --people all everybody has a result; --person-region chooses somebody else."
     return Finding(Code.SEVERAL_PEOPLE, Severity.NOTE, f"This is {chosen}", remedy, 0.2)
+
+
+def _of_refined(source: Source | PeopleSource, config: Config) -> list[Finding]:
+    """That so many cameras were moved that nothing holds the world."""
+    known = () if source.origin is None else source.origin.calibration.moved
+    deg, metres = (np.array([getattr(each, name) for each in known]) for name in ("rotation_deg", "translation_m"))
+    moved = has_moved(deg, metres, config) if known else np.zeros(0, dtype=bool)
+    if moved.sum() < 2 or (~moved).sum() > 1:
+        return []
+    usual_cm = 100 * float(np.median(metres[moved]))
+    reason = (
+        f"{moved.sum()} of {len(known)} cameras were moved by the refinement, by about {usual_cm:.0f} cm: where the "
+        "body is in the room is not known better than that, and no covariance contains it"
+    )
+    return [Finding(Code.CALIBRATION, Severity.DOUBTFUL, reason, "Calibrate again if places in the room matter.", 0.5)]
 
 
 def nothing_determined(source: Source | PeopleSource) -> str:

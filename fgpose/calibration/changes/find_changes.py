@@ -19,6 +19,7 @@ from fgpose.calibration.changes.lag_costs import (
     LagCosts,
     blocks_of,
     lag_costs,
+    somebody_moves,
     somebody_walks,
 )
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
@@ -33,6 +34,7 @@ LEAST_S = 8.0
 """Shorter recordings do not tell what changes in time."""
 _MAX_LAG_S = 1.5
 _MAX_CHANGES = 6
+_LONGEST_STEP_S = 0.5  # between images: nothing is told of clocks by less than two a second
 # Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
 _SCORE = 5.0
 _GAIN = 25.0
@@ -93,7 +95,7 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
     duration_s = max(float(own.frame_time_s[-1]) for own in people) - begin_s
     changes: list[Change] = []
     lenses: list[LensFit] = []
-    compared = rig.n_cameras >= 2 and bool(np.isfinite(step_s)) and _compared(people)
+    compared = rig.n_cameras >= 2 and bool(step_s < _LONGEST_STEP_S) and _compared(people)
     if compared:
         while len(changes) + len(lenses) < _MAX_CHANGES and (found := _next(people, rig, changes, step_s)):
             if isinstance(found, LensFit):
@@ -119,9 +121,11 @@ def _next(
     rays = rays_of(people, rig, changes, grid_s, n_lags)
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, n_lags)
-    walks = somebody_walks(rays, blocks)
+    walks, moves = somebody_walks(rays, blocks), somebody_moves(rays, costs)
     least_m = _NOTICEABLE_OF_WALKING_M if walks else _NOTICEABLE_M
-    candidates = [each for c in range(rig.n_cameras) for each in _of_camera(rays, costs, c, step_s, least_m)]
+    each_camera = range(rig.n_cameras)
+    candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, least_m)]
+    candidates += [each for c in each_camera if moves for each in _clocks_of(costs, c, step_s)]
     chosen = _chosen(candidates, step_s / costs.step_s) if candidates else None
     fits = [fit for fit in lens_fits(rays, costs, rig) if _is_clear(fit) and _is_noticeable(fit)] if walks else []
     # What needs no number goes before what does.
@@ -166,18 +170,20 @@ def _is_plausible(candidate: _Candidate, frame: float) -> bool:
     return bool((np.abs(frames - np.round(frames)) < _WHOLE_FRAMES).all() and (frames > 0).all())
 
 
-def _of_camera(rays: Rays, costs: LagCosts, c: int, step_s: float, least_m: Mapping[Kind, float]) -> list[_Candidate]:
+def _clocks_of(costs: LagCosts, c: int, step_s: float) -> list[_Candidate]:
     found = []
     for fit in clock_fits(costs, c, step_s):
         lag_s = fit.lag * costs.step_s
         if _is_clear(fit) and _matters(fit.kind, lag_s / step_s):
             found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
+    return found
+
+
+def _poses_of(rays: Rays, costs: LagCosts, c: int, least_m: Mapping[Kind, float]) -> list[_Candidate]:
     poses = [fit for fit in pose_fits(rays, costs, c) if _is_clear(fit)]
     best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
     noticeable = [fit for fit in poses if fit.shift > _NOTICEABLE_SHIFT and fit.shift_m > least_m[fit.kind]]
-    if best in noticeable:
-        found += [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in noticeable]
-    return found
+    return [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in noticeable if best in noticeable]
 
 
 def _is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:

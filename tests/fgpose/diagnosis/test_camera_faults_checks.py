@@ -7,7 +7,7 @@ import numpy as np
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import Changes
 from fgpose.diagnosis.camera_faults_checks import findings_of
-from fgpose.finding import Code, Finding
+from fgpose.finding import Code, Finding, Severity
 
 NAMES = ("left", "middle", "right")
 
@@ -56,3 +56,28 @@ def test_late_and_moved_cameras_are_refined_together() -> None:
     found = said(Change(Kind.OFFSET, 1, offset_s=1 / 30), turned)
     assert all("together" in each.remedy for each in found)
     assert "numbered from 0" in found[0].remedy
+
+
+def test_cameras_that_were_moved_at_one_moment_are_one_finding() -> None:
+    turn = np.array([0.0, 0.03, 0.0])
+    (finding,) = said(*(Change(Kind.BUMP, c, at_s=7.0 + 0.3 * c, rotation=turn) for c in range(3)))
+    assert (finding.code, finding.camera) == (Code.BUMPED_CAMERA, "")
+    assert "3 cameras (left, middle, right) were moved at 7.3 s" in finding.reason
+    assert "--refine-calibration" not in finding.remedy
+
+
+def test_a_camera_that_sinks_is_not_refined() -> None:
+    """Refined as three bumps, the error was three times as large."""
+    turn = np.array([0.0, 0.03, 0.0])
+    (finding,) = said(*(Change(Kind.BUMP, 0, at_s=at_s, rotation=turn) for at_s in (4.0, 7.0, 9.0)))
+    assert "left did not stand still: moved at 4.0, 7.0, 9.0 s" in finding.reason
+    assert "--refine-calibration" not in finding.remedy
+
+
+def test_cameras_of_which_none_holds_the_world_are_one_finding() -> None:
+    turn = np.array([0.0, 0.03, 0.0])
+    both = [Change(Kind.MOVED, c, rotation=turn) for c in (0, 2)]
+    (finding,) = said(*both)
+    assert finding.severity is Severity.WRONG
+    assert "2 of 3 cameras (left, right)" in finding.reason
+    assert len(said(*both, names=("left", "middle", "right", "back"))) == 2

@@ -190,3 +190,11 @@ def test_all_people_are_used() -> None:
     (found,) = find_changes(halves, RIG).changes
     assert (found.kind, found.camera) == (Kind.JUMP, 2)
     assert np.isclose(found.at_s, TURN / FPS, atol=1.0)
+
+
+@pytest.mark.parametrize("seed", [3, 7])
+def test_nothing_is_told_of_clocks_by_somebody_who_stands_quite_still(seed: int) -> None:
+    """As in the static trial of a laboratory: what lasts of a network's errors fits best at some lag."""
+    time_s = np.arange(300) / FPS
+    sway_m = 0.005 * np.stack([np.sin(2 * time_s + 1), np.sin(2.6 * time_s), 0.2 * np.sin(time_s)], axis=-1)
+    assert changes(filmed(walk_m(3)[200] + sway_m[:, None], seed=seed), FOUR) == ()

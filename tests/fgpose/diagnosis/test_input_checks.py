@@ -1,0 +1,46 @@
+"""What a recording and its rig say before anything is estimated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import fgpose
+from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.input_checks import off_centre, unusual_steps
+from fgpose.finding import Code
+from fgpose.geometry.camera import CameraRig
+from tests.fgpose.diagnosis.damaged import recorded, room
+
+
+def without_centre(rig: CameraRig, cameras: tuple[int, ...]) -> CameraRig:
+    """As files read that leave cx and cy out."""
+    own = list(rig.cameras)
+    for c in cameras:
+        K = own[c].K.copy()
+        K[:2, 2] = 0.0
+        own[c] = replace(own[c], K=K)
+    return CameraRig(tuple(own))
+
+
+def test_a_principal_point_that_was_left_out() -> None:
+    rig = room(3)
+    seen = recorded(rig)
+    assert off_centre(Examined(rig, {0: seen})) == []
+    (of_one,) = off_centre(Examined(without_centre(rig, (1,)), {0: seen}))
+    assert (of_one.code, of_one.camera) == (Code.WRONG_LENS, "cam2")
+    assert "cx = 0, cy = 0" in of_one.reason
+    (of_all,) = off_centre(Examined(without_centre(rig, (0, 1, 2)), {0: seen}))
+    assert "cam1, cam2, cam3" in of_all.reason
+
+
+@pytest.mark.parametrize(("factor", "words"), [(1000.0, "milliseconds"), (1e-3, "another unit")])
+def test_times_in_another_unit(factor: float, words: str) -> None:
+    rig = room(3)
+    seen = recorded(rig)
+    assert unusual_steps(Examined(rig, {0: seen})) == []
+    slowed = replace(seen, time_s=factor * seen.time_s)
+    diagnosis = fgpose.diagnose(slowed, rig)
+    (finding,) = [each for each in diagnosis.findings if each.code is Code.FRAME_RATE]
+    assert words in finding.remedy
