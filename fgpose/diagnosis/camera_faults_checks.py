@@ -12,16 +12,13 @@ from fgpose.calibration.changes.find_changes import Changes, find_changes
 from fgpose.calibration.changes.zooms import ZoomFit
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
-from fgpose.diagnosis.short_recordings import faults_of_short
+from fgpose.diagnosis.short_recordings import FURTHEST_DEG, FURTHEST_M, SHORT_S, faults_of_short
 from fgpose.finding import Code, Finding, Severity
 
 # Nothing can be told of when such a camera saw what, or where it was then.
 _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
-# A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
-_FURTHEST_DEG, _FURTHEST_M = 10.0, 0.15
-_LEAST_S = 8.0
 # A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
 _NTSC = (9e-4, 1.1e-3)
 
@@ -37,7 +34,7 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     if len(kept) < examined.rig.n_cameras:
         examined = examined.with_cameras([examined.rig.names[c] for c in kept])
     people = list(examined.people.values())
-    if max(float(np.ptp(own.frame_time_s)) for own in people) < _LEAST_S:
+    if max(float(np.ptp(own.frame_time_s)) for own in people) < SHORT_S:
         return faults_of_short(examined)
     found = find_changes(people, examined.rig)
     if not found.compared:
@@ -198,7 +195,7 @@ def _by(change: Change) -> str:
 
 
 def _mended(change: Change, together: bool, by_hand: str, also: str = "") -> str:
-    if change.rotation_deg > _FURTHEST_DEG or np.linalg.norm(change.translation_m) > _FURTHEST_M:
+    if change.rotation_deg > FURTHEST_DEG or np.linalg.norm(change.translation_m) > FURTHEST_M:
         return f"{by_hand} It is further away than a bump can be refined."
     return f"{_remedy(_POSES, _CLOCKS, together=together)}{also}"
 
