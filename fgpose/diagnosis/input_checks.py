@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 
@@ -66,7 +67,7 @@ def never_seen(examined: Examined) -> list[Finding]:
         Finding(
             Code.NEVER_SEEN,
             Severity.NOTE,
-            f"Never seen by two cameras at once, so not estimated: {', '.join(joints)}",
+            f"Never seen by two cameras at once, so not estimated: {in_words(joints)}",
             "Add a camera that sees them, or use a skeleton without them.",
             0.1,
         )

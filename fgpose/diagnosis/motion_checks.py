@@ -75,10 +75,13 @@ def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_time
 def harmful_gaps(trajectory: Trajectory) -> list[_JointGap]:
     """Joint, start and duration in seconds, and largest sigma over the joint's median; the ratio is NaN without
     covariance."""
-    sigma, believed = sigma_m(trajectory), _believed(trajectory)
+    sigma = sigma_m(trajectory)
+    seen = _believed(trajectory) | (
+        trajectory.status == Status.UNOBSERVABLE
+    )  # where nothing stands nothing is predicted
     found = []
     for j, joint in enumerate(trajectory.skeleton.joints):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], believed[:, j], [True]]).astype(int)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], seen[:, j], [True]]).astype(int)))
         for first, last in edges.reshape(-1, 2).tolist():
             duration_s = float(trajectory.time_s[last - 1] - trajectory.time_s[first])
             ratio = known_quantile(sigma[first:last, j], 1.0) / known_quantile(sigma[:, j], 0.5)

@@ -67,6 +67,7 @@ def test_legs_that_the_network_guesses(seen, rig) -> None:
     (finding,) = low_confidence(Examined.of(replace(seen, confidence=confidence), rig))
     assert (finding.code, finding.severity) == (Code.LOW_CONFIDENCE, Severity.DOUBTFUL)
     assert "unsure of knees and ankles throughout" in finding.reason
+    assert "--min-confidence 0.10 " in finding.remedy
 
 
 def test_an_image_that_stands_still(seen, rig) -> None:
