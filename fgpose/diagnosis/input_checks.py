@@ -5,6 +5,7 @@ from __future__ import annotations
 from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.changing_rig import of_whole_cameras
 
 # Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
 _FEW_SEEN = 0.5
@@ -42,18 +43,18 @@ def exchanged_sides(examined: Examined) -> list[Finding]:
 
 def blind(examined: Examined) -> list[Finding]:
     """Cameras that see little."""
-    shares = examined.seen.mean(axis=(0, 2))
+    shares = of_whole_cameras(examined.rig.names, examined.seen.mean(axis=(0, 2)).tolist())
     return [
         Finding(
             Code.BLIND_CAMERA,
             Severity.NOTE,
             f"{name} sees only {100 * share:.0f} % of the joints",
             "Look at its images: is the person in them, and not hidden?",
-            0.2 * float(1 - share),
+            0.2 * (1 - share),
             camera=name,
-            numbers={"share": float(share)},
+            numbers={"share": share},
         )
-        for name, share in zip(examined.rig.names, shares.tolist(), strict=True)
+        for name, share in shares.items()
         if share < _FEW_SEEN
     ]
 
