@@ -58,7 +58,7 @@ def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_time
         Severity.NOTE,
         f"{_of(recording, person, in_words(each for each, *_ in own))}: fewer than two cameras see "
         f"{'them' if len(own) > 1 else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
-        + (f", and {n_times - 1} times more" if n_times > 1 else "")
+        + (f", the longest of {n_times} times" if n_times > 1 else "")
         + (
             f"; {'their' if len(own) > 1 else 'its'} sigma grows to {max(ratios):.0f} times the usual" if ratios else ""
         ),
