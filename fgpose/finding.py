@@ -176,7 +176,16 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.WRONG_LENS: _OF_GEOMETRY - {Code.WRONG_LENS},
     Code.NO_AGREEMENT: _OF_GEOMETRY - {Code.NO_AGREEMENT, Code.WRONG_CAMERA, Code.WRONG_LENS},
     Code.WRONG_SKELETON: frozenset(
-        {Code.EXCHANGED_SIDES, Code.MISPLACED_JOINT, Code.WORLD_UP, Code.UNIT, Code.IMPOSSIBLE_TURN}
+        {
+            Code.EXCHANGED_SIDES,
+            Code.MISPLACED_JOINT,
+            Code.WORLD_UP,
+            Code.UNIT,
+            Code.IMPOSSIBLE_TURN,
+            Code.GAP,
+            Code.UNDETERMINED,
+            Code.NEVER_SEEN,
+        }
     ),
     Code.EXCHANGED_SIDES: _OF_ONE_CAMERA,
     Code.UNIT: frozenset(

@@ -29,7 +29,10 @@ def print_findings(console: Console, diagnosis: Diagnosis) -> None:
         said = "Nothing suspicious" if only_notes else "Looked at"
         console.print(f"{said}: {', '.join(diagnosis.judged)}.", soft_wrap=True)
     if diagnosis.not_judged:
-        reasons = ", ".join(f"{what} ({why})" for what, why in diagnosis.not_judged.items())
+        by_reason: dict[str, list[str]] = {}
+        for what, why in diagnosis.not_judged.items():
+            by_reason.setdefault(why, []).append(what)
+        reasons = "; ".join(f"{', '.join(of_it)} ({why})" for why, of_it in by_reason.items())
         console.print(f"Not judged: {reasons}.", soft_wrap=True)
 
 

@@ -69,7 +69,7 @@ def presence_lines(trajectory: Trajectory) -> list[str]:
         edges = np.flatnonzero(np.diff(trajectory.absent, prepend=False, append=False))
         spans = [f"{time_s[begin]:.2f} to {time_s[end - 1]:.2f} s" for begin, end in edges.reshape(-1, 2).tolist()]
         lines.append(
-            f"Nobody is there in {100 * trajectory.absent.mean():.0f} % of the frames, which are empty in the files: "
+            f"{100 * trajectory.absent.mean():.0f} % of the frames are empty in the files, as the person is away: "
             + _first_of(spans)
         )
     if trajectory.implausible_frames:

@@ -11,6 +11,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.residuals import USUAL_ERROR_M, errors_m, together_px
 from fgpose.diagnosis.series import known_quantile
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import usual_step_s
 
 # A camera at twice the error of the others has a systematic error of sqrt(2^2 - 1) = 1.7 times the random one.
@@ -126,9 +127,10 @@ def blind_cameras(recording: FinishedRecording) -> list[Finding]:
     residual_px = together_px(recording)
     if residual_px is None or residual_px.shape[1] < 2:
         return []
-    shares = np.isfinite(residual_px).mean(axis=(0, 2))
+    whole = of_whole_cameras(recording.camera_names, np.isfinite(residual_px).mean(axis=(0, 2)).tolist())
+    shares = np.array(list(whole.values()))
     found = []
-    for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
+    for name, share, usual in zip(whole, shares, _median_of_others(shares), strict=True):
         if share < _BLIND_RATIO * usual:
             reason = f"camera {name} sees {100 * share:.0f} % of the joints, the others {100 * usual:.0f} % (median)"
             remedy = "Look at its images: is the person in them, sharp, and not hidden? Turn or move the camera."

@@ -12,15 +12,13 @@ from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_chang
 from fgpose.calibration.changes.lenses import Lens, LensFit
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
-from fgpose.diagnosis.short_recordings import faults_of_short
+from fgpose.diagnosis.short_recordings import FURTHEST_DEG, FURTHEST_M, faults_of_short
 from fgpose.finding import Code, Finding, Severity
 
 # Nothing can be told of when such a camera saw what, or where it was then.
 _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
-# A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
-_FURTHEST_DEG, _FURTHEST_M = 10.0, 0.15
 # Of bumps that are one, to the second to which they are found; and as many as a recording with a careless operator has.
 _ONE_MOMENT_S, _OFTEN = 2.0, 2
 # A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
@@ -296,7 +294,7 @@ def _by(change: Change) -> str:
 
 
 def _mended(change: Change, together: bool, by_hand: str, also: str = "") -> str:
-    if change.rotation_deg > _FURTHEST_DEG or np.linalg.norm(change.translation_m) > _FURTHEST_M:
+    if change.rotation_deg > FURTHEST_DEG or np.linalg.norm(change.translation_m) > FURTHEST_M:
         return f"{by_hand} It is further away than a bump can be refined."
     return f"{_remedy(_POSES, _CLOCKS, together=together)}{also}"
 

@@ -36,7 +36,7 @@ InputCheck = Callable[[Examined], list[Finding]]
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
     "calibration": (off_centre, disagreements),
-    "clocks, and poses over time": (unusual_steps, moved_and_late_cameras),
+    "clocks and poses over time": (unusual_steps, moved_and_late_cameras),
     "skeleton": (wrong_skeleton,),
     "unit": (wrong_unit,),
     "which way is up": (wrong_up,),

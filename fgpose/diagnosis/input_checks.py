@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.geometry.intrinsics import is_of_another_size
 from fgpose.sampling import usual_step_s
 
@@ -86,18 +88,18 @@ def exchanged_sides(examined: Examined) -> list[Finding]:
 
 def blind(examined: Examined) -> list[Finding]:
     """Cameras that see little."""
-    shares = examined.seen.mean(axis=(0, 2))
+    shares = of_whole_cameras(examined.rig.names, examined.seen.mean(axis=(0, 2)).tolist())
     return [
         Finding(
             Code.BLIND_CAMERA,
             Severity.NOTE,
             f"{name} sees only {100 * share:.0f} % of the joints",
             "Look at its images: is the person in them, and not hidden?",
-            0.2 * float(1 - share),
+            0.2 * (1 - share),
             camera=name,
-            numbers={"share": float(share)},
+            numbers={"share": share},
         )
-        for name, share in zip(examined.rig.names, shares.tolist(), strict=True)
+        for name, share in shares.items()
         if share < _FEW_SEEN
     ]
 
@@ -111,7 +113,7 @@ def never_seen(examined: Examined) -> list[Finding]:
         Finding(
             Code.NEVER_SEEN,
             Severity.NOTE,
-            f"Never seen by two cameras at once, so not estimated: {', '.join(joints)}",
+            f"Never seen by two cameras at once, so not estimated: {in_words(joints)}",
             "Add a camera that sees them, or use a skeleton without them.",
             0.1,
         )

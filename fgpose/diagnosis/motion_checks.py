@@ -30,23 +30,27 @@ _BELIEVED = 0.5
 # Somebody who is there for less than this in a longer recording is perhaps nobody.
 _SHORT_LIFE_S = 1.0
 
+_JointGap = tuple[str, float, float, float]
+
 
 def gaps(recording: FinishedRecording) -> list[Finding]:
-    """Joints that for long fewer than two cameras see, or are believed to see; those of the same time are one."""
-    together: dict[tuple[int, int, int], list[tuple[str, float, float, float]]] = {}
+    """Joints that for long fewer than two cameras see, or are believed to see; those of the same time are one, and the
+    times of the same joints."""
+    together: dict[tuple[int, int, int], list[_JointGap]] = {}
     for person, trajectory in recording.people.items():
         for gap in harmful_gaps(trajectory):
             _, start_s, gap_s, _ = gap
             key = person, round(start_s / _SAME_S), round((start_s + gap_s) / _SAME_S)
             together.setdefault(key, []).append(gap)
     duration_s = float(recording.main.time_s[-1] - recording.main.time_s[0])
-    longest = sorted(together.items(), key=lambda item: item[1][0][2], reverse=True)[:_AT_MOST]
-    return [_gap(recording, person, own, duration_s) for (person, *_), own in longest]
+    of_same: dict[tuple[int, tuple[str, ...]], list[list[_JointGap]]] = {}
+    for (person, *_), own in sorted(together.items(), key=lambda item: item[1][0][2], reverse=True):
+        of_same.setdefault((person, tuple(joint for joint, *_ in own)), []).append(own)
+    longest = list(of_same.items())[:_AT_MOST]
+    return [_gap(recording, person, own[0], len(own), duration_s) for (person, _), own in longest]
 
 
-def _gap(
-    recording: FinishedRecording, person: int, own: list[tuple[str, float, float, float]], duration_s: float
-) -> Finding:
+def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_times: int, duration_s: float) -> Finding:
     joint, start_s, gap_s, _ = own[0]
     ratios = [ratio for *_, ratio in own if np.isfinite(ratio)]
     return Finding(
@@ -54,6 +58,7 @@ def _gap(
         Severity.NOTE,
         f"{_of(recording, person, in_words(each for each, *_ in own))}: fewer than two cameras see "
         f"{'them' if len(own) > 1 else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
+        + (f", the longest of {n_times} times" if n_times > 1 else "")
         + (
             f"; {'their' if len(own) > 1 else 'its'} sigma grows to {max(ratios):.0f} times the usual" if ratios else ""
         ),
@@ -67,13 +72,16 @@ def _gap(
     )
 
 
-def harmful_gaps(trajectory: Trajectory) -> list[tuple[str, float, float, float]]:
+def harmful_gaps(trajectory: Trajectory) -> list[_JointGap]:
     """Joint, start and duration in seconds, and largest sigma over the joint's median; the ratio is NaN without
     covariance."""
-    sigma, believed = sigma_m(trajectory), _believed(trajectory)
+    sigma = sigma_m(trajectory)
+    seen = _believed(trajectory) | (
+        trajectory.status == Status.UNOBSERVABLE
+    )  # where nothing stands nothing is predicted
     found = []
     for j, joint in enumerate(trajectory.skeleton.joints):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], believed[:, j], [True]]).astype(int)))
+        edges = np.flatnonzero(np.diff(np.concatenate([[True], seen[:, j], [True]]).astype(int)))
         for first, last in edges.reshape(-1, 2).tolist():
             duration_s = float(trajectory.time_s[last - 1] - trajectory.time_s[first])
             ratio = known_quantile(sigma[first:last, j], 1.0) / known_quantile(sigma[:, j], 0.5)

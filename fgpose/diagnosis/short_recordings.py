@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from fgpose.calibration.camera_faults import CameraFault, camera_faults
+from fgpose.calibration.changes.find_changes import LEAST_S
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 
+# A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
+FURTHEST_DEG, FURTHEST_M = 10.0, 0.15
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
 
@@ -19,6 +22,8 @@ def faults_of_short(examined: Examined) -> list[Finding]:
     if not faults:
         raise NotJudgedError("no two cameras agree on any joint")
     late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
+    if not late and not moved:
+        raise NotJudgedError(f"it lasts less than {LEAST_S:.0f} s")
     several = len(moved) > 1
     return [*(_late(fault, bool(moved)) for fault in late), *(_moved(fault, bool(late), several) for fault in moved)]
 
@@ -44,6 +49,8 @@ def _late(fault: CameraFault, also_moved: bool) -> Finding:
 
 
 def _moved(fault: CameraFault, also_late: bool, several: bool) -> Finding:
+    if fault.rotation_deg > FURTHEST_DEG or fault.translation_m > FURTHEST_M:
+        return _elsewhere(fault)
     together = " and --estimate-time-offsets together" if also_late else ""
     lenses = "; or the focal lengths are not those of the calibration, which a short recording does not tell"
     return Finding(
@@ -52,6 +59,20 @@ def _moved(fault: CameraFault, also_late: bool, several: bool) -> Finding:
         f"{fault.name} seems to have been moved since it was calibrated, by about {fault.rotation_deg:.1f} degrees and "
         f"{100 * fault.translation_m:.0f} cm{lenses if several else ''}",
         f"Use --refine-calibration{together}.",
+        0.6,
+        camera=fault.name,
+        numbers={"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m},
+    )
+
+
+def _elsewhere(fault: CameraFault) -> Finding:
+    return Finding(
+        Code.WRONG_CAMERA,
+        Severity.DOUBTFUL,
+        f"{fault.name} contradicts the others: it would have to be turned by {fault.rotation_deg:.1f} degrees and "
+        f"moved by {100 * fault.translation_m:.0f} cm to agree with them, further than a bump moves a camera",
+        "Was it put elsewhere since it was calibrated, or did it lose frames? Leave it out (--cameras), or calibrate "
+        "again.",
         0.6,
         camera=fault.name,
         numbers={"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m},

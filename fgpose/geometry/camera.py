@@ -102,7 +102,9 @@ class Camera:
     def _check_pose(self, world_T_camera: Float[np.ndarray, "4 4"]) -> None:
         R = world_T_camera[:3, :3]
         if not np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
-            raise ValueError(f"camera {self.name}: the rotation is not a rotation matrix:\n{R}")
+            mirrors = np.linalg.det(R) < 0
+            why = ", it mirrors: the world is left-handed, or an axis has the wrong sign" if mirrors else ""
+            raise ValueError(f"camera {self.name}: the rotation is not a rotation matrix{why}:\n{R}")
         if not np.allclose(world_T_camera[3], (0, 0, 0, 1)):
             raise ValueError(f"camera {self.name}: the last row of the pose must be 0 0 0 1")
 

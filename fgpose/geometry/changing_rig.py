@@ -72,6 +72,15 @@ def _name(camera: Camera, number: int) -> str:
     return f"{camera.name}@{camera.moves[number][0]:.1f}s"
 
 
+def of_whole_cameras(names: Sequence[str], shares: Sequence[float]) -> dict[str, float]:
+    """What the pieces of each camera have of something together, as each sees its part of the time only."""
+    whole: dict[str, float] = {}
+    for name, share in zip(names, shares, strict=True):
+        first = name.rpartition("@")[0]
+        whole[first if first in names else name] = whole.get(first, 0.0) + share
+    return whole
+
+
 def in_pieces(rig: CameraRig) -> CameraRig:
     """The rig of the common clock: pieces_of all cameras."""
     return CameraRig(tuple(piece for camera in rig.cameras for piece in pieces_of(camera)))

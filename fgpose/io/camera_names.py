@@ -115,7 +115,8 @@ def _by_number(names: Iterable[str]) -> dict[int, str] | None:
 
 def _as_in(rig: Collection[str], found: dict[str, str]) -> dict[str, str]:
     """Names of keypoints by what they are compared by. If the rig has none of them, they are compared without the words
-    that all begin or end with, provided that it has some of those."""
+    that all begin or end with, provided that it has some of those; else by their last word, as Qualisys names videos
+    Walk1_Miqus_1_21299 by a number and the serial number, provided that the rig has each of those."""
     names = {name: re.split(r"[_\-.\s]+", camera_name(name)) for name in found.values()}
     if found.keys() & set(rig) or len(names) < 2:
         return found
@@ -123,7 +124,10 @@ def _as_in(rig: Collection[str], found: dict[str, str]) -> dict[str, str]:
     head = _n_shared(words)
     tail = _n_shared([each[head:][::-1] for each in words])
     own = {_plain("_".join(each[head : len(each) - tail])): name for name, each in names.items()}
-    return own if own.keys() & set(rig) else found
+    if own.keys() & set(rig):
+        return own
+    last = {_plain(each[-1]): name for name, each in names.items()}
+    return last if len(last) == len(names) and last.keys() <= set(rig) else found
 
 
 def _n_shared(lists: Sequence[Sequence[str]]) -> int:

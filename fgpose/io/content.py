@@ -9,10 +9,11 @@ from pathlib import Path
 # Larger than any recording should be. A file without an end (a device) must not fill the memory.
 _MAX_BYTES = 4 << 30
 _PART_BYTES = 1 << 20  # a file without an end is noticed this much too late at most
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
 def read_content(path: Path, max_bytes: int = _MAX_BYTES) -> bytes:
-    """Everything in a file.
+    """Everything in a file, text as UTF-8.
 
     Raises:
         ValueError: it has more bytes than this, perhaps no end; the caller names it.
@@ -24,6 +25,8 @@ def read_content(path: Path, max_bytes: int = _MAX_BYTES) -> bytes:
             content += part
             if len(content) > max_bytes:
                 raise ValueError(f"it has more than {max_bytes} bytes")
+    if content.startswith(_UTF_16):  # what PowerShell's > writes
+        return content.decode("utf-16").encode()
     return bytes(content)
 
 

@@ -46,9 +46,8 @@ def as_detected(rig: CameraRig, calibration: Path, seen_by: Callable[[CameraRig]
     if not upright_px < _BETTER * as_recorded_px:
         return rig
     warnings.warn(
-        f"{calibration}: the keypoints of camera {', '.join(turns)} are of images turned by its rotation_count (the "
-        f"views agree to {upright_px:.0f} px then, to {as_recorded_px:.0f} px if they were of images as recorded): the "
-        "cameras are turned alike",
+        f"{calibration}: the keypoints of {', '.join(turns)} are of images turned as rotation_count says (so the views "
+        f"agree to {upright_px:.0f} px, as recorded to {as_recorded_px:.0f} px): the calibration is turned alike",
         stacklevel=3,
     )
     return turned

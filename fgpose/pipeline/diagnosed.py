@@ -91,4 +91,4 @@ def nothing_determined(source: Source | PeopleSource) -> str:
     one = source if isinstance(source, Source) else source.one()
     findings = diagnose(one.observations, one.rig).findings
     what = "no joint is determined in any frame, so nothing is written"
-    return "; ".join([what, *(finding.text for finding in findings[:1])])
+    return ". ".join([what, *(finding.text for finding in findings[:1])])

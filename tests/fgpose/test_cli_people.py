@@ -365,7 +365,7 @@ def test_somebody_who_comes_after_somebody_else_is_another_person(
     assert (
         "Estimated is one of 2 people: seen most, by 4.0 of 4 cameras for 2.0 s; the next by 4.0 for 1.5 s." in printed
     )
-    assert "Nobody is there in 55 % of the frames, which are empty in the files: 2.00 to 4.40 s" in printed
+    assert "55 % of the frames are empty in the files, as the person is away: 2.00 to 4.40 s" in printed
     one = load_trajectory(tmp_path / "one.parquet")
     np.testing.assert_array_equal(np.flatnonzero(~one.absent), np.arange(30))
     origin = load_origin(tmp_path / "one.parquet")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -36,12 +37,17 @@ def low_confidence(examined: Examined) -> list[Finding]:
             Severity.DOUBTFUL,
             f"The network is unsure of {in_words(low)} throughout: confidence up to {level:.2f} in three quarters "
             f"of the detections, of all joints {usual:.2f} (median)",
-            "It probably guesses what it cannot see. Give --min-confidence to leave such detections out, or a skeleton "
-            "without these joints.",
+            f"It probably guesses what it cannot see. Give --min-confidence {_above(level):.2f} to leave them out, or "
+            "a skeleton without these joints.",
             0.5 * len(low) / len(joints),
             numbers={"confidence": level, "usual": usual},
         )
     ]
+
+
+def _above(level: float) -> float:
+    """A threshold that nearly all of these detections are below: in steps of 0.05."""
+    return math.ceil(1.3 * level / 0.05) * 0.05
 
 
 def _of_joints(confidence: np.ndarray, seen: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:

@@ -20,9 +20,11 @@ Interval = tuple[float, float]
 def nobody(examined: Examined) -> list[Finding]:
     """Stretches of time without anybody, and those that one camera sees alone."""
     time_s, n_cameras = cameras_with_somebody(examined)
+    # Of one person, others may have been there.
+    who = "The person is" if examined.association is None else "Nobody is"
     if examined.rig.n_cameras < 2:
-        return _absent(time_s, n_cameras)
-    return [*_absent(time_s, n_cameras), *_alone(time_s, n_cameras)]
+        return _absent(time_s, n_cameras, who)
+    return [*_absent(time_s, n_cameras, who), *_alone(time_s, n_cameras)]
 
 
 def cameras_with_somebody(examined: Examined) -> tuple[Float[np.ndarray, " frame"], Int[np.ndarray, " frame"]]:
@@ -40,7 +42,7 @@ def _shows(seen: Bool[np.ndarray, "frame camera joint"]) -> Bool[np.ndarray, "fr
     return np.asarray(seen.sum(axis=-1) >= min(_FEWEST_JOINTS, seen.shape[-1]))
 
 
-def _absent(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " frame"]) -> list[Finding]:
+def _absent(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " frame"], who: str) -> list[Finding]:
     intervals, share = _intervals(time_s, np.asarray(n_cameras == 0))
     if not intervals:
         return []
@@ -48,8 +50,8 @@ def _absent(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " fr
         Finding(
             Code.NOBODY,
             Severity.NOTE,
-            f"Nobody is seen in {100 * share:.0f} % of the time: {_listed(intervals)}",
-            "There are no results there. Is the detector's threshold too high, or was nobody in the room?",
+            f"{who} in no image in {100 * share:.0f} % of the time: {_listed(intervals)}",
+            "There are no results there. If that is not true, is the detector's threshold too high?",
             0.3 * share,
             from_s=intervals[0][0],
             to_s=intervals[-1][1],

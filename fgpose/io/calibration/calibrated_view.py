@@ -132,8 +132,8 @@ def _unit_by_size(extent: float) -> Literal["m", "mm"]:
         return "mm"
     raise ValueError(
         f"the file does not say its unit of length, and a rig of {extent:.0f} may be metres, centimetres or "
-        "millimetres; "
-        'give unit="m", unit="cm" or unit="mm"; squares of a board as their side in metres, unit="0.054"'
+        'millimetres; give --unit m, cm or mm, in Python unit="mm"; squares of a board as their side in metres, '
+        "--unit 0.054"
     )
 
 
@@ -151,7 +151,7 @@ def _check_plausible(rig: CameraRig, unit: str) -> None:
     if unit == "mm" and rig.n_cameras > 1 and spread_m < _MIN_PLAUSIBLE_M:
         raise ValueError(
             f"all cameras lie within {1000 * spread_m:.1f} mm of {rig.names[0]}: "
-            'the file looks like metres; give unit="m"'
+            "the file looks like metres; give --unit m"
         )
 
 
@@ -160,7 +160,7 @@ def _other_units(extent: float) -> str:
     fitting = [each for each in ("cm", "mm") if _SMALL_M <= extent * UNITS[each] <= _SURELY_METRES]
     if not fitting:
         return "the unit is another one; give it, or how many metres it is (the side of the squares of a board)"
-    sizes = " or ".join(f'unit="{each}" (then it measures {extent * UNITS[each]:.1f} m)' for each in fitting)
+    sizes = " or ".join(f"--unit {each} (then it measures {extent * UNITS[each]:.1f} m)" for each in fitting)
     return f"these are not metres; give {sizes}, or how many metres a unit is (the side of the squares of a board)"
 
 

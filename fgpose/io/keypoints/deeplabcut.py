@@ -85,7 +85,7 @@ def _columns(source: Source, skeleton: Skeleton, header: dict[str, list[str]], f
         given = ", ".join(dict.fromkeys(header["bodyparts"][first:]))
         raise ValueError(
             f"{source}: it has no body part {', '.join(missing)} of skeleton {skeleton.name}, only {given}. Write a "
-            "skeleton file (TOML) whose joints have these names"
+            f"skeleton file (TOML) whose joints are {given}, and give it as --skeleton"
         )
     keys = [[(plain_joint(joint), kind) for kind in _COORDINATES] for joint in skeleton.joints]
     return np.array([[[own.get(key, _NO_COLUMN) for key in joint] for joint in keys] for own in where.values()])

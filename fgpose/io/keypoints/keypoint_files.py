@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -233,10 +234,24 @@ def _read_cameras(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetec
     cameras, remarks = as_confidences(cameras, skeleton)
     if array is not None:
         remarks += ("the cameras have no names in this file: they are taken in the order of the calibration",)
+    remarks += _counted_from_1(cameras)
     given = {image.n_given for images in cameras.values() for image in images.values()} - {0, skeleton.n_joints}
     if given:
         remarks += (f"of the {max(given)} joints in the files only those of skeleton {skeleton.name} are used",)
     return cameras, tuple(f"{path}: {remark}" for remark in remarks)
+
+
+def _counted_from_1(cameras: Mapping[str, CameraDetections]) -> tuple[str, ...]:
+    """What to say where the images of some cameras have the numbers 0 to n - 1, those of others 1 to n."""
+    spans = {name: (min(images), max(images), len(images)) for name, images in cameras.items() if images}
+    whole = {last - first + 1 == n for first, last, n in spans.values()} == {True}
+    from_1 = [name for name, (first, _, _) in spans.items() if first == 1]
+    if not whole or len({n for *_, n in spans.values()}) > 1 or {first for first, *_ in spans.values()} != {0, 1}:
+        return ()
+    return (
+        f"the images of {', '.join(from_1)} are counted from 1, as many of the others from 0: are the first ones of "
+        "the same moment? Then count them alike",
+    )
 
 
 def _read_each(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetections], dict[str, str]]:

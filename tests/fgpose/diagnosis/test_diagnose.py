@@ -17,7 +17,7 @@ from fgpose.synthetic import Scene
 def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
     diagnosis = fgpose.diagnose(walking_scene.observations, walking_scene.rig)
     assert diagnosis.worst in (None, Severity.NOTE)
-    assert not diagnosis.not_judged
+    assert set(diagnosis.not_judged) == {"clocks and poses over time"}  # it is short
 
 
 def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
@@ -26,6 +26,31 @@ def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
     diagnosis = fgpose.diagnose(seen, rig)
     assert diagnosis.not_judged
     assert not set(diagnosis.judged) & set(diagnosis.not_judged)
+
+
+def test_a_short_recording_tells_nothing_of_what_changes(walking_scene: Scene) -> None:
+    short = walking_scene.observations.frames(slice(0, 60))
+    said = fgpose.diagnose(short, walking_scene.rig).not_judged
+    assert said == {"clocks and poses over time": "it lasts less than 8 s"}
+
+
+def test_a_short_recording_advises_no_refinement_that_is_refused(walking_scene: Scene) -> None:
+    from dataclasses import replace
+
+    short, name = walking_scene.observations.frames(slice(0, 60)), walking_scene.rig.names[1]
+    cameras = [
+        replace(each, world_T_camera=shifted(each)) if each.name == name else each for each in walking_scene.rig.cameras
+    ]
+    found = [each for each in fgpose.diagnose(short, fgpose.CameraRig(tuple(cameras))).findings if each.camera == name]
+    assert found
+    assert not any("--refine-calibration" in each.remedy for each in found)
+
+
+def shifted(camera: fgpose.Camera) -> np.ndarray:
+    """Its pose 40 cm further to the right of the image: further than a bump."""
+    world_T_camera = camera.world_T_camera.copy()
+    world_T_camera[:3, 3] += 0.4 * world_T_camera[:3, 0]
+    return world_T_camera
 
 
 def test_a_result_is_looked_at_too(walking_scene: Scene) -> None:

@@ -18,7 +18,7 @@ from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.observations import Observations
-from fgpose.synthetic import walking
+from fgpose.synthetic import crowd_motion, embedded_motion, ring_rig, walking
 from fgpose.synthetic.rig import look_at
 from tests.fgpose.diagnosis.damaged import (
     SIZE_PX,
@@ -208,6 +208,23 @@ def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> N
 def test_a_bump_is_not_called_a_wrong_calibration(seen: Observations, rig: CameraRig) -> None:
     finding = only(seen, moved(rig, 1, 5.0, 0.02))
     assert (finding.code, finding.camera) == (Code.MOVED_CAMERA, "cam2")
+
+
+@pytest.mark.slow
+def test_a_bump_is_not_called_another_lens() -> None:
+    """Over the whole time another focal length makes the cameras agree better, before the bump worse."""
+    clips = [[embedded_motion(name) for name in names] for names in (["cmu_02_01_short"], ["cmu_02_07_a", "cmu_02_10"])]
+    truth_m = crowd_motion(1, 1200, 30.0, *clips, seed=3).truth_m[0][:900]
+    rig = ring_rig(4, 5.0, 2.5, (0.0, 0.0, 0.9), focal_px=900.0, size_px=(1600, 1200))
+    seen = recorded(rig, truth_m, seed=4, detector="blazepose_heavy")
+    turned = moved(rig, 1, 2.0, 0.0).cameras[1].world_T_camera.copy()
+    turned[:2, 3] += 0.02, 0.01
+    cameras = [replace(each, world_T_camera=turned) if each is rig.cameras[1] else each for each in rig.cameras]
+    bumped = recorded(CameraRig(tuple(cameras)), truth_m, seed=4, detector="blazepose_heavy")
+    points_px = seen.points2d_px.copy()
+    points_px[540:, 1] = bumped.points2d_px[540:, 1]
+    three = rig.names[:3]
+    assert found(with_points(seen, points_px).subset(three), rig.subset(three)) == []
 
 
 @pytest.mark.slow

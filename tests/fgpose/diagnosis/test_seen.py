@@ -9,6 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.input_checks import blind
 from fgpose.diagnosis.seen.confidence import low_confidence
 from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
@@ -67,6 +68,7 @@ def test_legs_that_the_network_guesses(seen, rig) -> None:
     (finding,) = low_confidence(Examined.of(replace(seen, confidence=confidence), rig))
     assert (finding.code, finding.severity) == (Code.LOW_CONFIDENCE, Severity.DOUBTFUL)
     assert "unsure of knees and ankles throughout" in finding.reason
+    assert "--min-confidence 0.10 " in finding.remedy
 
 
 def test_an_image_that_stands_still(seen, rig) -> None:
@@ -76,3 +78,11 @@ def test_an_image_that_stands_still(seen, rig) -> None:
     assert (finding.code, finding.severity, finding.camera) == (Code.FROZEN_CAMERA, Severity.WRONG, "cam2")
     assert finding.from_s == pytest.approx(2.0)
     assert finding.to_s == pytest.approx(119 / 30)
+
+
+def test_a_camera_that_was_bumped_is_not_blind(seen, rig) -> None:
+    """On the common clock it is two, each of which sees its part of the time."""
+    moved = replace(rig.cameras[0], moves=((2.5, rig.cameras[0].world_T_camera),))
+    pieces, in_pieces = fgpose.on_common_clock(seen, fgpose.CameraRig((moved, *rig.cameras[1:])))
+    assert in_pieces.n_cameras == rig.n_cameras + 1
+    assert blind(Examined.of(pieces, in_pieces)) == []

@@ -139,7 +139,7 @@ def changed(matrix: np.ndarray, index: tuple[int, int], value: float) -> np.ndar
         ({"K": changed(K, (2, 2), 2.0)}, "K is singular or not an intrinsic matrix"),
         ({"K": changed(K, (0, 1), 3.0)}, "K has a skew of 3;"),
         ({"K": changed(K, (0, 2), np.nan)}, "K contains a number that is not finite"),
-        ({"world_T_camera": np.diag([1.0, 1.0, -1.0, 1.0])}, "not a rotation matrix"),
+        ({"world_T_camera": np.diag([1.0, 1.0, -1.0, 1.0])}, "not a rotation matrix, it mirrors"),
         ({"world_T_camera": np.diag([2.0, 2.0, 2.0, 1.0])}, "not a rotation matrix"),
         ({"world_T_camera": changed(np.eye(4), (3, 0), 1.0)}, "last row of the pose must be 0 0 0 1"),
         ({"world_T_camera": changed(np.eye(4), (0, 3), np.inf)}, "world_T_camera contains a number that is not finite"),

@@ -115,7 +115,7 @@ def test_aniposelib_unit(tmp_path: Path, scale: float, unit: Any):
 
 def test_aniposelib_of_ambiguous_size_asks_for_the_unit(tmp_path: Path):
     path = write_toml(tmp_path, {f"cam_{i}": camera_table(translation=[i, 0, 60]) for i in range(2)})
-    with pytest.raises(ValueError, match=rf'{path.name}: .*give unit="m", unit="cm" or unit="mm"'):
+    with pytest.raises(ValueError, match=rf"{path.name}: .*give --unit m, cm or mm, in Python unit=.mm"):
         load_rig(path)
     np.testing.assert_allclose(load_rig(path, unit="m").cameras[0].position_m, [0, 0, -60])
 
@@ -276,7 +276,7 @@ def test_millimetres_where_metres_are_meant(tmp_path: Path):
             POSE2SIM.read_text(),
         )
     )
-    with pytest.raises(ValueError, match=r'Calib\.toml: camera cam_0\d is \d+ m .*not metres; give unit="mm"'):
+    with pytest.raises(ValueError, match=r"Calib\.toml: camera cam_0\d is \d+ m .*not metres; give --unit mm"):
         load_rig(path)
     np.testing.assert_allclose(
         load_rig(path, unit="mm").cameras[0].position_m, load_rig(POSE2SIM).cameras[0].position_m
@@ -284,7 +284,7 @@ def test_millimetres_where_metres_are_meant(tmp_path: Path):
 
 
 def test_metres_read_as_millimetres():
-    with pytest.raises(ValueError, match=r'Calib_qualisys\.toml: all cameras lie within .* give unit="m"'):
+    with pytest.raises(ValueError, match=r"Calib_qualisys\.toml: all cameras lie within .* give --unit m"):
         load_rig(POSE2SIM, unit="mm")
 
 
@@ -528,6 +528,6 @@ def test_quarter_turns_of_caliscope(tmp_path: Path):
 def test_a_rig_that_is_too_large_names_the_units_that_fit(tmp_path: Path):
     """Squares of 54 mm, read as metres: 8 m are 148."""
     document = {f"cam_{i}": camera_table(translation=[i / 0.054, 0, 8 / 0.054]) for i in range(3)}
-    said = r'these are not metres; give unit="cm" \(then it measures 1\.5 m\), or how many metres a unit is'
+    said = r"these are not metres; give --unit cm \(then it measures 1\.5 m\), or how many metres a unit is"
     with pytest.raises(ValueError, match=said):
         load_rig(write_toml(tmp_path, document), unit="m")

@@ -7,7 +7,7 @@ import pytest
 from small_files import STICK, rig
 
 from fgpose.config import load_config
-from fgpose.io.calibration import load_rig
+from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.content import first_bytes, read_content
 from fgpose.io.keypoints import keypoint_cameras, load_observations
 from fgpose.io.skeletons import load_skeleton
@@ -33,6 +33,12 @@ def test_content_up_to_a_limit(tmp_path: Path) -> None:
     assert first_bytes(path, 3) == b"012"
     with pytest.raises(ValueError, match="it has more than 2999999 bytes"):
         read_content(path, 2_999_999)
+
+
+def test_a_calibration_as_powershell_redirects_it(tmp_path: Path) -> None:
+    save_rig(rig(), tmp_path / "rig.toml")
+    (tmp_path / "redirected.toml").write_text((tmp_path / "rig.toml").read_text(), encoding="utf-16")
+    assert load_rig(tmp_path / "redirected.toml").names == rig().names
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="a device of Linux")

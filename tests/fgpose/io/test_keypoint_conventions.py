@@ -98,6 +98,22 @@ def error_of(path: Path, rig: CameraRig, skeleton: Any = COCO, **options: Any) -
     return str(error.value)
 
 
+# Frames
+
+
+def test_a_camera_that_is_counted_from_1_is_said(tmp_path: Path, rig: CameraRig):
+    openpose(tmp_path)
+    second = tmp_path / "cam02_json"
+    for frame in reversed(range(N_FRAMES)):
+        image = second / f"cam02_{frame:012d}_keypoints.json"
+        image.rename(second / f"cam02_{frame + 1:012d}_keypoints.json")
+    with pytest.warns(UserWarning, match=r"the images of cam02_json are counted from 1, as many of the others from 0"):
+        observations = load(tmp_path, rig)
+    assert observations.n_frames == N_FRAMES + 1
+    (second / f"cam02_{N_FRAMES:012d}_keypoints.json").unlink()
+    assert not load(tmp_path, rig).remarks
+
+
 # Scores
 
 

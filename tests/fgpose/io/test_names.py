@@ -51,6 +51,13 @@ def test_words_that_all_share_do_not_count():
     assert seen_cameras(found[::-1], rig) == rig
 
 
+def test_videos_of_qualisys_end_with_the_serial_number():
+    found, rig = ("Walk1_Miqus_1_21299", "Walk1_Miqus_2_21300"), ("21299", "21300")
+    assert match_cameras(found, rig) == dict(zip(rig, found, strict=True))
+    with pytest.raises(ValueError, match="no camera in common"):
+        match_cameras(found, ("21299", "21301"))
+
+
 def test_cameras_that_are_counted_otherwise_are_never_taken_for_their_neighbours():
     found, calibrated = ("cam1_json", "cam2_json", "cam3_json", "cam4_json"), ("cam_0", "cam_1", "cam_2", "cam_3")
     with pytest.raises(ValueError, match="one seems to count from 1, the other from 0") as error:

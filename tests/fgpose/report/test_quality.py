@@ -98,6 +98,15 @@ def gap(walk: FinishedRecording) -> FinishedRecording:
     return changed(walk, status=status, covariance_m2=covariance_m2)
 
 
+def two_gaps(walk: FinishedRecording) -> FinishedRecording:
+    once = gap(walk)
+    status, covariance_m2 = once.main.status.copy(), np.array(once.main.covariance_m2)
+    wrist = walk.main.skeleton.index("left_wrist")
+    status[20:45, wrist] = Status.PREDICTED
+    covariance_m2[20:45, wrist] *= 25
+    return changed(walk, status=status, covariance_m2=covariance_m2)
+
+
 def nothing_known(walk: FinishedRecording) -> FinishedRecording:
     status, positions_m = walk.main.status.copy(), walk.main.positions_m.copy()
     wrist = walk.main.skeleton.index("left_wrist")
@@ -240,6 +249,7 @@ _OVER_TIME = ("time_s", "positions_m", "status", "covariance_m2", "residual_px",
             "left_wrist",
             "fewer than two cameras see it, as far as they are believed, for 1.0 s from 3.3 s on; its sigma grows to 5",
         ),
+        (two_gaps, "left_wrist", "for 1.0 s from 3.3 s on, the longest of 2 times; its sigma grows to 5"),
         (nothing_known, "", "nothing determines left wrist in up to 13 %"),
         (turned, "", "left and right change places 2 times, first at 4.97 s"),
         (stopped, "", "has not converged after 50 iterations"),
