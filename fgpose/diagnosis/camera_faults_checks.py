@@ -12,6 +12,7 @@ from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_chang
 from fgpose.calibration.changes.lenses import Lens, LensFit
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
+from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
 from fgpose.diagnosis.short_recordings import FURTHEST_DEG, FURTHEST_M, faults_of_short
 from fgpose.finding import Code, Finding, Severity
 
@@ -37,13 +38,18 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
         examined = examined.with_cameras([examined.rig.names[c] for c in kept])
     people = list(examined.people.values())
     if max(float(np.ptp(own.frame_time_s)) for own in people) < LEAST_S:
-        return faults_of_short(examined)
+        return _with_elsewhere(examined, faults_of_short(examined))
     found = find_changes(people, examined.rig)
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")
     if not examined.geometry.usable:  # with rays that meet nowhere some focal length suits always
         found = replace(found, lenses=())
-    return findings_of(found, examined.rig.names)
+    return _with_elsewhere(examined, findings_of(found, examined.rig.names))
+
+
+def _with_elsewhere(examined: Examined, findings: list[Finding]) -> list[Finding]:
+    explained = examined.rig.names if any(not each.camera for each in findings) else [each.camera for each in findings]
+    return [*findings, *seen_elsewhere(examined, explained)]
 
 
 def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:

@@ -23,7 +23,7 @@ from fgpose.calibration.changes.lag_costs import (
     somebody_walks,
 )
 from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
-from fgpose.calibration.changes.pose_changes import PoseFit, pose_fit, pose_fits
+from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
 from fgpose.geometry.camera import CameraRig
@@ -47,6 +47,10 @@ _JUMP_FRAMES, _RATE_FRAMES = 0.5, 0.6
 _NOTICEABLE_SHIFT = 0.4
 _NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.018}
 _NOTICEABLE_OF_WALKING_M = {Kind.MOVED: 0.01, Kind.BUMP: 0.018}
+# Cost of a block that a change makes worse; of bumps of 0.7 degrees no block loses 3, of a reflection that is seen now
+# and then every fourth loses 6 to 30.
+_CONTRADICTS, _MAY_CONTRADICT = 5.0, 0.06
+_AGREES_M = 0.06  # by which rays of right cameras miss each other at most (diagnosis.hypotheses.search)
 _NOTICEABLE_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
 _NOTICEABLE_BENT_RAD = 0.005  # 2 cm at 4 m
 # A more complicated change must be better by this than a simpler one.
@@ -126,14 +130,37 @@ def _next(
     each_camera = range(rig.n_cameras)
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, least_m)]
     candidates += [each for c in each_camera if moves for each in _clocks_of(costs, c, step_s)]
-    chosen = _chosen(candidates, step_s / costs.step_s) if candidates else None
-    fits = [fit for fit in lens_fits(rays, costs, rig) if _is_clear(fit) and _is_noticeable(fit)] if walks else []
+    fits = lens_fits(rays, costs, rig) if walks else []
+    fits = [fit for fit in fits if _is_clear(fit) and _is_noticeable(fit) and _holds(fit)]
     # What needs no number goes before what does.
     lens = max(fits, key=lambda fit: fit.gain.sum() * (_CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
-    # A lens is one number, a pose are six.
-    if lens is not None and (chosen is None or float(lens.gain.sum()) * _CLEARLY > chosen.gain):
-        return lens
-    return [] if chosen is None else _placed(chosen, people, rig, changes, rays, blocks, step_s)
+    while candidates:
+        chosen = _chosen(candidates, step_s / costs.step_s)
+        # A lens is one number, a pose are six.
+        if lens is not None and float(lens.gain.sum()) * _CLEARLY > chosen.gain:
+            return lens
+        found = _placed(chosen, people, rig, changes, rays, blocks, step_s)
+        if isinstance(chosen.fit, ClockFit) or _agrees(chosen.fit, found, people, rig, changes, blocks):
+            return found
+        candidates = [
+            each for each in candidates if each.change.camera != chosen.change.camera or each.change.is_of_clock
+        ]
+    return lens if lens is not None else []
+
+
+def _agrees(
+    fit: PoseFit,
+    found: Sequence[Change],
+    people: Sequence[Observations],
+    rig: CameraRig,
+    changes: Sequence[Change],
+    blocks: Blocks,
+) -> bool:
+    """Whether the camera sees the same as the others, if it was moved: one that shows somebody else for a while, or a
+    reflection, agrees better somewhere, and not well anywhere."""
+    grid_s = grid_step_s(people)
+    rays = rays_of(people, rig, [*changes, *found], grid_s, round(_MAX_LAG_S / grid_s))
+    return misses_m(rays, blocks, found[0].camera, fit.held) < _AGREES_M
 
 
 def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
@@ -183,11 +210,19 @@ def _poses_of(rays: Rays, costs: LagCosts, c: int, least_m: Mapping[Kind, float]
     poses = [fit for fit in pose_fits(rays, costs, c) if _is_clear(fit)]
     best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
     noticeable = [fit for fit in poses if fit.shift > _NOTICEABLE_SHIFT and fit.shift_m > least_m[fit.kind]]
-    return [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in noticeable if best in noticeable]
+    found = [fit for fit in noticeable if best in noticeable and _holds(fit)]
+    return [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in found]
 
 
 def _is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
     return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
+
+
+def _holds(fit: PoseFit | LensFit) -> bool:
+    """Whether hardly a block contradicts what is there all the time: where somebody else is seen, or a reflection, now
+    and then, a move or a lens suits many blocks, and the others not at all."""
+    gain = fit.gain[fit.held] if isinstance(fit, PoseFit) else fit.gain
+    return float(np.mean(gain < -_CONTRADICTS)) <= _MAY_CONTRADICT
 
 
 def _is_noticeable(fit: LensFit) -> bool:

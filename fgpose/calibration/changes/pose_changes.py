@@ -120,6 +120,22 @@ class _Views:
         return of_block
 
 
+def misses_m(rays: Rays, blocks: Blocks, c: int, held: Bool[np.ndarray, " block"]) -> float:
+    """By how much the rays of a camera miss those of the others at the body in these blocks: the median, of the median
+    of the others; infinite where they never meet."""
+    index, found_m = blocks.index[held[blocks.block]], []
+    own = rays.direction[c, index]
+    for other in range(rays.n_cameras):
+        seen = (np.minimum(rays.weight[c, index], rays.weight[other, index]) > 0) if other != c else np.zeros(0, bool)
+        if seen.any():
+            baseline_m = (rays.centre_m[other, index] - rays.centre_m[c, index])[:, None]
+            rays_of_other = rays.direction[other, index]
+            far_m = float(reach_m(own, rays_of_other[None], baseline_m[None])[0])
+            apart = np.nan_to_num(np.abs(angle(own, rays_of_other, baseline_m)) * far_m, nan=np.inf)
+            found_m.append(float(np.median(apart[seen])))
+    return float(np.median(found_m)) if found_m else np.inf
+
+
 def pose_fits(rays: Rays, costs: LagCosts, c: int) -> list[PoseFit]:
     """The best of each kind: moved all the time, bumped at a time, or there only until a time."""
     views = _Views.of(rays, costs, c)

@@ -11,12 +11,13 @@ import fgpose
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.input_checks import blind
 from fgpose.diagnosis.seen.confidence import low_confidence
+from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
 from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from tests.fgpose.diagnosis.damaged import SKELETON, recorded, room, with_points
+from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, recorded, room, with_points
 
 
 @pytest.fixture(scope="module")
@@ -86,3 +87,21 @@ def test_a_camera_that_was_bumped_is_not_blind(seen, rig) -> None:
     pieces, in_pieces = fgpose.on_common_clock(seen, fgpose.CameraRig((moved, *rig.cameras[1:])))
     assert in_pieces.n_cameras == rig.n_cameras + 1
     assert blind(Examined.of(pieces, in_pieces)) == []
+
+
+@pytest.mark.parametrize(("cameras", "severity"), [((1,), Severity.DOUBTFUL), ((0, 1), Severity.WRONG)])
+def test_somebody_else_now_and_then(cameras: tuple[int, ...], severity: Severity) -> None:
+    """One camera is outvoted; of two against two it is not told who is right."""
+    rig = room(4)
+    seen = recorded(rig)
+    elsewhere = recorded(rig, motion_m() + np.array([1.2, 0.4, 0.0]), seed=5)
+    now_and_then = np.repeat(np.arange(10) % 4 == 1, 15)[: seen.n_frames]
+    points_px = seen.points2d_px.copy()
+    for c in cameras:
+        points_px[now_and_then, c] = elsewhere.points2d_px[now_and_then, c]
+    assert seen_elsewhere(Examined(rig, {0: seen}), ()) == []
+    given = Examined(rig, {0: with_points(seen, points_px)})
+    (finding,) = seen_elsewhere(given, ())
+    assert (finding.code, finding.severity) == (Code.OTHER_PERSON, severity)
+    assert 25 <= 100 * finding.numbers["share"] <= 35  # of 30 %
+    assert seen_elsewhere(given, rig.names) == []

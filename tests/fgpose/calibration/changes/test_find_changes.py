@@ -198,3 +198,15 @@ def test_nothing_is_told_of_clocks_by_somebody_who_stands_quite_still(seed: int)
     time_s = np.arange(300) / FPS
     sway_m = 0.005 * np.stack([np.sin(2 * time_s + 1), np.sin(2.6 * time_s), 0.2 * np.sin(time_s)], axis=-1)
     assert changes(filmed(walk_m(3)[200] + sway_m[:, None], seed=seed), FOUR) == ()
+
+
+def test_a_reflection_that_one_camera_sees_now_and_then_is_no_bump() -> None:
+    """Two innocent cameras were said to have been moved by 62 and 22 cm."""
+    truth_m = walk_m(3)[:450]
+    seen, behind_a_mirror = filmed(truth_m), filmed(truth_m * [1.0, -1.0, 1.0] + [0.0, 4.0, 0.0], seed=9)
+    now_and_then = np.repeat(np.random.default_rng(0).random(30) < 0.5, 15)
+    points2d_px = seen.points2d_px.copy()
+    points2d_px[now_and_then, 0] = behind_a_mirror.points2d_px[now_and_then, 0]
+    found = find_changes([replace(seen, points2d_px=points2d_px)], RIG)
+    assert found.changes == ()
+    assert found.lenses == ()
