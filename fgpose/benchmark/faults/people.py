@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points, with_sides_exchanged
@@ -22,6 +24,23 @@ def _skeleton(take: Take, rng: np.random.Generator) -> Damaged:
     seen = take.observations
     damaged = with_points(seen, seen.points2d_px[:, :, order], seen.confidence[:, :, order])
     return Damaged(take.rig, damaged, take.truth_m)
+
+
+def _joints_exchanged(
+    joints: tuple[str, str], sides: tuple[str, ...] = ("left", "right")
+) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Two joints of an arm or a leg, in all cameras."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        seen = take.observations
+        order = np.arange(seen.skeleton.n_joints)
+        for side in sides:
+            first, second = (seen.skeleton.index(f"{side}_{joint}") for joint in joints)
+            order[[first, second]] = second, first
+        damaged = with_points(seen, seen.points2d_px[:, :, order], seen.confidence[:, :, order])
+        return Damaged(take.rig, damaged, take.truth_m)
+
+    return inflict
 
 
 def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
@@ -95,6 +114,15 @@ def _hallucinating(take: Take, rng: np.random.Generator) -> Damaged:
 PEOPLE: tuple[Damage, ...] = (
     Damage("left and right exchanged, one camera", (Code.EXCHANGED_SIDES,), _sides, is_constant=True),
     Damage("joints in another order", (Code.WRONG_SKELETON,), _skeleton, is_constant=True, of_simulated=True),
+    Damage(
+        "elbows and wrists exchanged", (Code.WRONG_SKELETON,), _joints_exchanged(("elbow", "wrist")), is_constant=True
+    ),
+    Damage(
+        "left knee and ankle exchanged",
+        (Code.WRONG_SKELETON,),
+        _joints_exchanged(("knee", "ankle"), ("left",)),
+        is_constant=True,
+    ),
     Damage(
         "somebody else's keypoints, one camera",
         (Code.OTHER_PERSON, Code.WRONG_CAMERA),

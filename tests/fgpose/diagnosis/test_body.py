@@ -144,6 +144,27 @@ def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:
     assert "another one" in finding.reason
 
 
+@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize("exchanged", [("elbow", "wrist"), ("shoulder", "elbow"), ("hip", "knee"), ("knee", "ankle")])
+@pytest.mark.parametrize("sides", [("left", "right"), ("right",)])
+def test_neighbouring_joints_exchanged_in_all_views(
+    n_cameras: int, exchanged: tuple[str, str], sides: tuple[str, ...]
+) -> None:
+    rig = room(n_cameras, seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    order = np.arange(SKELETON.n_joints)
+    for side in sides:
+        a, b = (SKELETON.index(f"{side}_{joint}") for joint in exchanged)
+        order[[a, b]] = b, a
+    swapped = with_points(seen, seen.points2d_px[:, :, order])
+    (finding,) = wrong_skeleton(Examined.of(swapped, rig))
+    assert (finding.code, finding.severity) == (Code.WRONG_SKELETON, Severity.WRONG)
+    named, probably = (
+        in_words(f"{side}_{joint}" for joint in joints for side in sides) for joints in (exchanged, exchanged[::-1])
+    )
+    assert f"{named} are probably {probably}" in finding.reason
+
+
 def test_real_motion_has_the_proportions_of_a_body() -> None:
     truth_m = motion_m("cmu_01_04_a")
     # The subject's bones are those of a person of 1.65 m; single segments differ by some per cent between people.
