@@ -125,6 +125,23 @@ def test_left_and_right_exchanged_in_all_views(seen, rig) -> None:
 
 
 @pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize(
+    ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
+)
+def test_arms_or_legs_exchanged_in_all_views(n_cameras: int, limbs: str, joints: tuple[str, ...]) -> None:
+    rig = room(n_cameras, seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    order = np.arange(SKELETON.n_joints)
+    own = [SKELETON.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
+    order[own] = SKELETON.mirror[own]
+    examined = Examined.of(with_points(seen, seen.points2d_px[:, :, order]), rig)
+    (finding,) = mirrored_body(examined)
+    assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
+    assert f"left and right {limbs} are exchanged" in finding.reason
+    assert wrong_skeleton(examined) == []
+
+
+@pytest.mark.parametrize("n_cameras", [2, 4])
 @pytest.mark.parametrize("given", ["coco_17", "h36m_17_lt"])
 def test_a_skeleton_of_as_many_joints(n_cameras: int, given: str) -> None:
     rig = room(n_cameras, seed=3)
