@@ -47,6 +47,7 @@ class Code(StrEnum):
     AMBIGUOUS_START = "ambiguous-start"
     UNDETERMINED_CLOCK = "undetermined-clock"
     FROZEN_CAMERA = "frozen-camera"
+    REPEATED_IMAGES = "repeated-images"
     MISSING_FRAMES = "missing-frames"
     FRAME_RATE = "frame-rate"
     # Who is seen, and how well.
@@ -196,6 +197,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.LATE_CAMERA: _OF_ONE_CAMERA,
     Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.CLOCK_RATE: _OF_CLOCKS,
+    Code.REPEATED_IMAGES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.SOMEBODY_ELSE: frozenset(
         {Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED, Code.BUMPED_CAMERA, Code.MOVED_CAMERA, Code.WRONG_LENS}
     ),

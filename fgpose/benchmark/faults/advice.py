@@ -11,6 +11,7 @@ import numpy as np
 from fgpose.association.common_clock import on_common_clock
 from fgpose.benchmark.faults.damage import Damaged, with_points, with_sides_exchanged
 from fgpose.calibration.self_calibration import calibrate_cameras
+from fgpose.diagnosis.seen.repeated import repeats
 from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import stretched, zoomed
@@ -67,6 +68,15 @@ def _without_its_images(given: Damaged, finding: Finding) -> Damaged | None:
     return replace(given, observations=with_points(given.observations, points))
 
 
+def _without_repetitions(given: Damaged, finding: Finding) -> Damaged | None:
+    """Of the camera that is named, or of all."""
+    same, _ = repeats(given.observations)
+    if finding.camera:
+        same[:, [name != finding.camera for name in given.rig.names]] = False
+    points = np.where(same[..., None, None], np.nan, given.observations.points2d_px)
+    return replace(given, observations=with_points(given.observations, points))
+
+
 def _exchanged_back(given: Damaged, finding: Finding) -> Damaged | None:
     """Left and right; None where it is not said in which camera."""
     if not finding.camera:
@@ -116,6 +126,7 @@ _ACTIONS: Mapping[Code, Callable[[Damaged, Finding], Damaged | None]] = {
     Code.OTHER_PERSON: _left_out,
     Code.EXCHANGED_SIDES: _exchanged_back,
     Code.FROZEN_CAMERA: _without_its_images,
+    Code.REPEATED_IMAGES: _without_repetitions,
     Code.HALLUCINATING_CAMERA: _left_out,
     Code.UNIT: _in_metres,
 }

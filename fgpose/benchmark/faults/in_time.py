@@ -80,6 +80,20 @@ def _frozen(take: Take, rng: np.random.Generator) -> Damaged:
     return Damaged(take.rig, damaged, take.truth_m, (take.rig.names[c],), middle / FPS)
 
 
+def _each_image(n_times: int, *, everywhere: bool) -> Callable[[Take, np.random.Generator], Damaged]:
+    """A video whose images were written several times, of one camera or of all."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        c = slice(None) if everywhere else some_camera(take, rng)
+        shown = np.arange(len(take.truth_m)) // n_times * n_times
+        points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+        points[:, c], confidence[:, c] = points[shown, c], confidence[shown, c]
+        cameras = () if isinstance(c, slice) else (take.rig.names[c],)
+        return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, cameras)
+
+    return inflict
+
+
 IN_TIME: tuple[Damage, ...] = (
     Damage("late by 2 frames", (Code.LATE_CAMERA,), at_other_times(lambda t: t - 2 / FPS), 3),
     Damage("numbered from 1", (Code.LATE_CAMERA,), at_other_times(lambda t: t + 1 / FPS), 3),
@@ -92,6 +106,13 @@ IN_TIME: tuple[Damage, ...] = (
     Damage("bumped by 0.7 degrees", (Code.BUMPED_CAMERA,), bumped(0.7), 3),
     Damage("bumped by 2 degrees", (Code.BUMPED_CAMERA,), bumped(2.0), 3),
     Damage("frozen images", (Code.FROZEN_CAMERA,), _frozen),
+    Damage("each image twice", (Code.REPEATED_IMAGES,), _each_image(2, everywhere=True), is_constant=True),
+    Damage(
+        "each image four times, one camera",
+        (Code.REPEATED_IMAGES,),
+        _each_image(4, everywhere=False),
+        is_constant=True,
+    ),
 )
 
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points, with_sides_exchanged
 from fgpose.benchmark.faults.in_time import away
 from fgpose.benchmark.faults.take import FPS, Take, motion
 from fgpose.finding import Code
+
+_ARM, _LEG = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
 
 
 def _sides(take: Take, rng: np.random.Generator) -> Damaged:
@@ -19,9 +23,43 @@ def _sides(take: Take, rng: np.random.Generator) -> Damaged:
 def _skeleton(take: Take, rng: np.random.Generator) -> Damaged:
     """The joints stand in the order of coco_17."""
     order = np.array([9, 10, 10, 10, 10, 11, 14, 12, 15, 13, 16, 4, 1, 5, 2, 6, 3])
+    return _reordered(take, order)
+
+
+def _reordered(take: Take, order: np.ndarray) -> Damaged:
+    """With the joints in another order, in all cameras."""
     seen = take.observations
     damaged = with_points(seen, seen.points2d_px[:, :, order], seen.confidence[:, :, order])
     return Damaged(take.rig, damaged, take.truth_m)
+
+
+def _joints_exchanged(
+    joints: tuple[str, str], sides: tuple[str, ...] = ("left", "right")
+) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Two joints of an arm or a leg, in all cameras."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        skeleton = take.observations.skeleton
+        order = np.arange(skeleton.n_joints)
+        for side in sides:
+            first, second = (skeleton.index(f"{side}_{joint}") for joint in joints)
+            order[[first, second]] = second, first
+        return _reordered(take, order)
+
+    return inflict
+
+
+def _sides_of_limbs(joints: tuple[str, ...]) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Left and right are exchanged of some joints, in all cameras."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        skeleton = take.observations.skeleton
+        own = [skeleton.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
+        order = np.arange(skeleton.n_joints)
+        order[own] = skeleton.mirror[own]
+        return _reordered(take, order)
+
+    return inflict
 
 
 def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
@@ -96,6 +134,15 @@ PEOPLE: tuple[Damage, ...] = (
     Damage("left and right exchanged, one camera", (Code.EXCHANGED_SIDES,), _sides, is_constant=True),
     Damage("joints in another order", (Code.WRONG_SKELETON,), _skeleton, is_constant=True, of_simulated=True),
     Damage(
+        "elbows and wrists exchanged", (Code.WRONG_SKELETON,), _joints_exchanged(("elbow", "wrist")), is_constant=True
+    ),
+    Damage(
+        "left knee and ankle exchanged",
+        (Code.WRONG_SKELETON,),
+        _joints_exchanged(("knee", "ankle"), ("left",)),
+        is_constant=True,
+    ),
+    Damage(
         "somebody else's keypoints, one camera",
         (Code.OTHER_PERSON, Code.WRONG_CAMERA),
         _other_person,
@@ -103,6 +150,8 @@ PEOPLE: tuple[Damage, ...] = (
         is_constant=True,
         of_simulated=True,
     ),
+    Damage("legs left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_LEG), is_constant=True),
+    Damage("arms left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_ARM), is_constant=True),
     Damage("nobody for most of the time", (Code.NOBODY,), _nobody),
     Damage("somebody else from the middle on", (Code.SOMEBODY_ELSE,), _somebody_else),
     Damage("legs out of the images", (Code.LOW_CONFIDENCE,), _legs, is_constant=True, of_simulated=True),

@@ -69,6 +69,23 @@ def strangeness(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skele
     usual, change, share = lengths_m(positions_m, skeleton)
     if len(usual) < 5:
         return np.nan
+    return float(np.mean(_unlike(usual, share)) + np.mean(_changing(usual, change)))
+
+
+def contradictions(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
+    """The same as a sum over the parts, with what left and right limbs differ by, as a logarithm; NaN if some part of
+    arms, legs and trunk is missing. Of two orders of the joints, the right one has less: what both share cancels."""
+    usual, change, share = lengths_m(positions_m, skeleton)
+    if len(usual) < len(_PARTS):
+        return np.nan
+    left, right = np.log(np.maximum(usual[: len(_LIMBS)], 1e-9)).reshape(-1, 2).T
+    return float(np.sum(_unlike(usual, share)) + np.sum(_changing(usual, change)) + np.sum(np.abs(left - right)))
+
+
+def _unlike(usual: Float[np.ndarray, " part"], share: Float[np.ndarray, " part"]) -> Float[np.ndarray, " part"]:
     statures = np.log(np.maximum(usual, 1e-9) / share)
-    deviation = np.minimum(np.abs(statures - np.median(statures)), 2.0)
-    return float(np.mean(deviation) + np.mean(np.minimum(change / np.maximum(usual, 1e-9), 1.0)))
+    return np.minimum(np.abs(statures - np.median(statures)), 2.0)
+
+
+def _changing(usual: Float[np.ndarray, " part"], change: Float[np.ndarray, " part"]) -> Float[np.ndarray, " part"]:
+    return np.minimum(change / np.maximum(usual, 1e-9), 1.0)

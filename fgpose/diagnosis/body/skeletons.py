@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.body.joint_names import in_words
+from fgpose.diagnosis.body.joint_order import better_order
 from fgpose.diagnosis.body.proportions import lengths_m, strangeness
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
@@ -23,28 +25,37 @@ def wrong_skeleton(examined: Examined) -> list[Finding]:
     strange = strangeness(positions_m, given)
     if np.isnan(strange):
         raise NotJudgedError(f"skeleton {given.name} has too few joints of arms and legs that are seen")
-    if strange < _STRANGE:
+    found = _cause(positions_m, given, strange)
+    if found is None:
         return []
-    better = better_skeleton(positions_m, given)
-    numbers = {"strangeness": strange}
-    if better is not None:
-        reason = (
+    return [Finding(Code.WRONG_SKELETON, Severity.WRONG, *found, 1.0, numbers={"strangeness": strange})]
+
+
+def _cause(positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton, strange: float) -> tuple[str, str] | None:
+    """What the joints probably are, and what to do; None: what their names say."""
+    as_named = _strangest(positions_m, given)
+    if strange >= _STRANGE and (better := better_skeleton(positions_m, given)) is not None:
+        return (
             f"The joints are not those of skeleton {given.name}, but probably of {better.name}, which has as many: "
-            f"{_strangest(positions_m, given)}; as {better.name} all bones are those of a body"
+            f"{as_named}; as {better.name} all bones are those of a body",
+            f"Give --skeleton {better.name}.",
         )
-        return [
-            Finding(
-                Code.WRONG_SKELETON, Severity.WRONG, reason, f"Give --skeleton {better.name}.", 1.0, numbers=numbers
-            )
-        ]
+    order = better_order(positions_m, given)
+    if order is not None and strangeness(positions_m[:, order.order], given) < _STRANGE:
+        return (
+            f"Joints are not in the order of skeleton {given.name}: what it calls {in_words(order.named)} are probably "
+            f"{in_words(order.probably)}, in all views. As they are named, {as_named}; in this order all bones are "
+            "those of a body",
+            "Exchange them in the keypoints, or write a skeleton file with the joints in their order "
+            "(--skeleton my.toml).",
+        )
     if strange < _VERY_STRANGE:
-        return []
-    reason = (
-        f"The joints are not those of skeleton {given.name}: {_strangest(positions_m, given)}. No built-in skeleton "
-        f"with {given.n_joints} joints fits either: their order is probably another one"
+        return None
+    return (
+        f"The joints are not those of skeleton {given.name}: {as_named}. No built-in skeleton with {given.n_joints} "
+        "joints fits either: their order is probably another one",
+        "Write a skeleton file with the joints in the order of the keypoints (--skeleton my.toml).",
     )
-    remedy = "Write a skeleton file with the joints in the order of the keypoints (--skeleton my.toml)."
-    return [Finding(Code.WRONG_SKELETON, Severity.WRONG, reason, remedy, 1.0, numbers=numbers)]
 
 
 def better_skeleton(positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton) -> Skeleton | None:

@@ -6,12 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.seen.repeated import repeats
 from fgpose.finding import Code, Finding, Severity
-from fgpose.observations import Observations
 
-# Networks give exactly the same numbers only for the same image.
 _LEAST_FRAMES, _LEAST_S = 8, 0.3
-_FEWEST_JOINTS = 5
 _OTHERS_MOVE = 0.5  # in so many of these frames another camera shows something new
 
 
@@ -19,7 +17,7 @@ def frozen_cameras(examined: Examined) -> list[Finding]:
     """The same keypoints to the last digit for long."""
     found = []
     for person, seen in examined.people.items():
-        same, judged = _repeated(seen)
+        same, judged = repeats(seen)
         for c, name in enumerate(seen.camera_names):
             others = [o for o in range(seen.n_cameras) if o != c]
             others_new = np.asarray((judged & ~same)[:, others].any(axis=1))
@@ -27,17 +25,6 @@ def frozen_cameras(examined: Examined) -> list[Finding]:
             if runs:
                 found.append(_finding(name, runs, examined.number(person)))
     return found
-
-
-def _repeated(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera"], Bool[np.ndarray, "frame camera"]]:
-    """Whether each image shows exactly what the one before does, and whether both show somebody."""
-    points_px = seen.points2d_px
-    both = np.isfinite(points_px[1:]).all(axis=-1) & np.isfinite(points_px[:-1]).all(axis=-1)
-    equal = np.asarray((points_px[1:] == points_px[:-1]).all(axis=-1)) & both
-    judged = both.sum(axis=-1) >= _FEWEST_JOINTS
-    same = judged & (equal.sum(axis=-1) == both.sum(axis=-1))
-    first = np.zeros((1, seen.n_cameras), dtype=bool)
-    return np.concatenate([first, same]), np.concatenate([first, judged])
 
 
 def _runs(

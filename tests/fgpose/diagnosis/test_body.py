@@ -125,6 +125,23 @@ def test_left_and_right_exchanged_in_all_views(seen, rig) -> None:
 
 
 @pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize(
+    ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
+)
+def test_arms_or_legs_exchanged_in_all_views(n_cameras: int, limbs: str, joints: tuple[str, ...]) -> None:
+    rig = room(n_cameras, seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    order = np.arange(SKELETON.n_joints)
+    own = [SKELETON.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
+    order[own] = SKELETON.mirror[own]
+    examined = Examined.of(with_points(seen, seen.points2d_px[:, :, order]), rig)
+    (finding,) = mirrored_body(examined)
+    assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
+    assert f"left and right {limbs} are exchanged" in finding.reason
+    assert wrong_skeleton(examined) == []
+
+
+@pytest.mark.parametrize("n_cameras", [2, 4])
 @pytest.mark.parametrize("given", ["coco_17", "h36m_17_lt"])
 def test_a_skeleton_of_as_many_joints(n_cameras: int, given: str) -> None:
     rig = room(n_cameras, seed=3)
@@ -142,6 +159,27 @@ def test_joints_in_an_order_that_no_skeleton_has(seen, rig) -> None:
     (finding,) = wrong_skeleton(Examined.of(shuffled, rig))
     assert finding.code is Code.WRONG_SKELETON
     assert "another one" in finding.reason
+
+
+@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize("exchanged", [("elbow", "wrist"), ("shoulder", "elbow"), ("hip", "knee"), ("knee", "ankle")])
+@pytest.mark.parametrize("sides", [("left", "right"), ("right",)])
+def test_neighbouring_joints_exchanged_in_all_views(
+    n_cameras: int, exchanged: tuple[str, str], sides: tuple[str, ...]
+) -> None:
+    rig = room(n_cameras, seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    order = np.arange(SKELETON.n_joints)
+    for side in sides:
+        a, b = (SKELETON.index(f"{side}_{joint}") for joint in exchanged)
+        order[[a, b]] = b, a
+    swapped = with_points(seen, seen.points2d_px[:, :, order])
+    (finding,) = wrong_skeleton(Examined.of(swapped, rig))
+    assert (finding.code, finding.severity) == (Code.WRONG_SKELETON, Severity.WRONG)
+    named, probably = (
+        in_words(f"{side}_{joint}" for joint in joints for side in sides) for joints in (exchanged, exchanged[::-1])
+    )
+    assert f"{named} are probably {probably}" in finding.reason
 
 
 def test_real_motion_has_the_proportions_of_a_body() -> None:

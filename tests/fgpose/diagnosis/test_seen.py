@@ -14,6 +14,7 @@ from fgpose.diagnosis.seen.confidence import low_confidence
 from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
 from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
+from fgpose.diagnosis.seen.repeated import repeated_images
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -39,13 +40,13 @@ def without(seen: Observations, frames: slice, cameras: slice = slice(None)) -> 
 
 def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
     examined = Examined.of(seen, rig)
-    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined)] == []
+    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined), *repeated_images(examined)] == []
 
 
 def test_nothing_is_told_of_a_real_recording() -> None:
     rig, seen = fgpose.load_recording("balance_openpose")
     examined = Examined.of(seen, rig)
-    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined)] == []
+    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined), *repeated_images(examined)] == []
 
 
 def test_when_nobody_is_there(seen, rig) -> None:
@@ -105,3 +106,29 @@ def test_somebody_else_now_and_then(cameras: tuple[int, ...], severity: Severity
     assert (finding.code, finding.severity) == (Code.OTHER_PERSON, severity)
     assert 25 <= 100 * finding.numbers["share"] <= 35  # of 30 %
     assert seen_elsewhere(given, rig.names) == []
+
+
+@pytest.mark.parametrize(
+    ("shown", "words", "true_hz"),
+    [
+        (np.arange(150) // 2 * 2, "each image comes 2 times", 15),
+        (np.arange(150) // 4 * 4, "each image comes 4 times", 7.5),
+        (np.arange(150) - (np.arange(150) % 6 == 5), "17 % of the images are repeated", 25),
+    ],
+)
+def test_images_that_are_repeated(seen, rig, shown: np.ndarray, words: str, true_hz: float) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[:, 1] = points_px[shown, 1]
+    (finding,) = repeated_images(Examined.of(with_points(seen, points_px), rig))
+    assert (finding.code, finding.severity, finding.camera) == (Code.REPEATED_IMAGES, Severity.DOUBTFUL, "cam2")
+    assert words in finding.reason
+    assert finding.numbers["true_hz"] == pytest.approx(true_hz, rel=0.02)  # the first and the last are cut off
+    everywhere = with_points(seen, seen.points2d_px[shown])
+    (finding,) = repeated_images(Examined.of(everywhere, rig))
+    assert finding.reason.startswith("Of all cameras")
+    assert frozen_cameras(Examined.of(everywhere, rig)) == []
+
+
+def test_coarse_numbers_of_somebody_who_hardly_moves_are_no_repetitions(seen, rig) -> None:
+    still_px = seen.points2d_px[:1] + 0.02 * (seen.points2d_px - seen.points2d_px[:1])
+    assert repeated_images(Examined.of(with_points(seen, np.round(still_px)), rig)) == []

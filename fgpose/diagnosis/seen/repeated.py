@@ -1,0 +1,82 @@
+"""Images that are given several times: a video of a lower rate, written at a higher one."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Bool
+
+from fgpose.diagnosis.examined import Examined
+from fgpose.finding import Code, Finding, Severity
+from fgpose.observations import Observations
+from fgpose.sampling import frames_per_second
+
+_FEWEST_JOINTS = 5
+_LONGEST = 7  # frames: what stands still for longer is frozen
+_FEWEST = 10  # repetitions
+# A recorder that fills in an image now and then does little harm; 25 written as 30 are one of six.
+_OFTEN = 0.1
+# Of the joints of an image that is new, so few are where they were: numbers are not so coarse that most joints of
+# somebody who stands still stay the same.
+_FEW_EQUAL = 0.2
+_REGULAR = 0.05  # from a whole number of times
+
+
+def repeats(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera"], Bool[np.ndarray, "frame camera"]]:
+    """Whether each image shows exactly what the one before does, and whether both show somebody. Networks give the same
+    numbers to the last digit only for the same image."""
+    both, equal = _equal(seen)
+    judged = both.sum(axis=-1) >= _FEWEST_JOINTS
+    return judged & (equal.sum(axis=-1) == both.sum(axis=-1)), judged
+
+
+def repeated_images(examined: Examined) -> list[Finding]:
+    """Every second image, or one of six, is that before it."""
+    seen = examined.main
+    shares = [_share(seen.subset([name])) for name in seen.camera_names]
+    found = [c for c, share in enumerate(shares) if share > _OFTEN]
+    rate_hz = frames_per_second(seen.frame_time_s)
+    if len(found) == seen.n_cameras and np.ptp(shares) < _REGULAR:
+        return [_finding("", float(np.mean(shares)), rate_hz)]
+    return [_finding(seen.camera_names[c], shares[c], rate_hz) for c in found]
+
+
+def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], Bool[np.ndarray, "frame camera joint"]]:
+    """Which joints an image and the one before it show, and which of them are at the same place; none of the first."""
+    points_px = seen.points2d_px
+    before_px = np.concatenate([np.full_like(points_px[:1], np.nan), points_px[:-1]])
+    both = np.isfinite(points_px).all(axis=-1) & np.isfinite(before_px).all(axis=-1)
+    return np.asarray(both), np.asarray(both & (points_px == before_px).all(axis=-1))
+
+
+def _share(view: Observations) -> float:
+    """Of the images of one camera, without the times in which they stand still: how many repeat the one before."""
+    same, judged = (each[:, 0] for each in repeats(view))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
+    for first, end in edges[edges[:, 1] - edges[:, 0] > _LONGEST].tolist():
+        same[first:end] = judged[first:end] = False
+    new = judged & ~same
+    if same.sum() < _FEWEST or not new.any():
+        return 0.0
+    both, equal = (each[new, 0].sum() for each in _equal(view))
+    return float(same.sum() / judged.sum()) if equal < _FEW_EQUAL * both else 0.0
+
+
+def _finding(camera: str, share: float, rate_hz: float) -> Finding:
+    """Of one camera; empty: of all."""
+    times, often = 1 / (1 - share), f"{100 * share:.0f} % of the images are repeated"
+    if times > 2 - _REGULAR and abs(times - round(times)) < _REGULAR:
+        times = round(times)
+        often = f"each image comes {times} times"
+    true_hz = rate_hz / times
+    who = camera or "all cameras"
+    return Finding(
+        Code.REPEATED_IMAGES,
+        Severity.DOUBTFUL,
+        f"Of {who} {often}, with keypoints that are the same to the last digit: {true_hz:.3g} images a second were "
+        f"taken, not {rate_hz:.3g}",
+        "Detect in the original video, or leave out the keypoints of the repetitions (missing, or confidence 0): what "
+        "moves is estimated between them.",
+        0.4,
+        camera=camera,
+        numbers={"share": share, "true_hz": true_hz},
+    )
