@@ -25,6 +25,7 @@ class Code(StrEnum):
     # What the keypoints and the calibration are.
     IMAGE_SIZE = "image-size"
     NORMALISED = "normalised-coordinates"
+    ZERO_KEYPOINTS = "zero-keypoints"
     TURNED_IMAGE = "turned-image"
     MIRRORED_IMAGE = "mirrored-image"
     EXCHANGED_CAMERAS = "exchanged-cameras"
@@ -169,6 +170,18 @@ _OF_ONE_CAMERA = frozenset(
         Code.IMPOSSIBLE_TURN,
     }
 )
+# Rays into the corner of an image.
+_OF_ZEROS = frozenset(
+    {
+        *_OF_ONE_CAMERA,
+        Code.OUTSIDE,
+        Code.IMPOSSIBLE_SPEED,
+        Code.FRAME_RATE,
+        Code.EXCHANGED_SIDES,
+        Code.NOT_CONVERGED,
+        Code.UNDETERMINED,
+    }
+)
 _OF_CLOCKS = frozenset({*_OF_ONE_CAMERA, Code.LATE_CAMERA})
 EXPLAINS: Mapping[Code, frozenset[Code]] = {
     **{code: _OF_GEOMETRY - {code} for code in _GEOMETRY},
@@ -179,6 +192,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
         {Code.EXCHANGED_SIDES, Code.MISPLACED_JOINT, Code.WORLD_UP, Code.UNIT, Code.IMPOSSIBLE_TURN}
     ),
     Code.EXCHANGED_SIDES: _OF_ONE_CAMERA,
+    Code.ZERO_KEYPOINTS: _OF_ZEROS,
     Code.UNIT: frozenset(
         {Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE, Code.MOVED_CAMERA, Code.BUMPED_CAMERA}
     ),
