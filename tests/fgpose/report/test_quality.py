@@ -291,6 +291,21 @@ def test_who_stands_on_tiptoe_or_walks_on_a_stage_does_not_jump(walk: FinishedRe
     assert flights(changed(walk, positions_m=stage_m).main) == []
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+def test_who_turns_a_cartwheel_or_rolls_exchanges_no_sides(walk: FinishedRecording, axis: int) -> None:
+    """A turn in one and a half seconds, about an axis over the floor: the shoulders are above each other on the way."""
+    turn_rad = np.clip((walk.main.time_s - 4) / 1.5, 0, 1) * 2 * np.pi
+    a, b = (1, 2) if axis == 0 else (2, 0)
+    standing_m = walk.main.positions_m[0] - walk.main.positions_m[0, 0]
+    standing_m = (standing_m + standing_m[walk.main.skeleton.mirror] * (1, -1, 1)) / 2  # from right to left is along y
+    offset_m = np.repeat(standing_m[None], walk.main.n_frames, axis=0)
+    turned_m = offset_m.copy()
+    turned_m[..., a] = np.cos(turn_rad)[:, None] * offset_m[..., a] - np.sin(turn_rad)[:, None] * offset_m[..., b]
+    turned_m[..., b] = np.sin(turn_rad)[:, None] * offset_m[..., a] + np.cos(turn_rad)[:, None] * offset_m[..., b]
+    cartwheel = changed(replace(walk, observations={}), positions_m=walk.main.positions_m[:, :1] + turned_m)
+    assert not [each.reason for each in quality(cartwheel).suspicions if "change places" in each.reason]
+
+
 def test_observations_of_another_recording_are_refused(walk: FinishedRecording) -> None:
     with pytest.raises(ValueError, match="observations of person 0 have frames, cameras, joints"):
         replace(walk, observations={0: walk.observations[0].frames(slice(0, 9))})
