@@ -210,6 +210,10 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 }
 
 
+# Where it is said of several cameras together, it need not be said of each.
+_SAID_OF_ALL = frozenset({Code.EXCHANGED_SIDES})
+
+
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Without repetitions and without what others explain, a note only notes; the severest first, of equal ones the
     weightiest, then what may cause the others."""
@@ -226,4 +230,11 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         if each.code not in (also_of_notes if each.severity is Severity.NOTE else explained)
     ]
     order = list(Severity)
+    causes = [each for each in causes if not any(_says_more(other, each, order) for other in causes)]
     return tuple(sorted(causes, key=lambda each: (order.index(each.severity), -each.weight)))
+
+
+def _says_more(other: Finding, each: Finding, order: list[Severity]) -> bool:
+    """Whether the one is of several cameras, the other the same of one of them."""
+    of_all = each.code in _SAID_OF_ALL and other.code is each.code and bool(each.camera) and not other.camera
+    return of_all and order.index(other.severity) <= order.index(each.severity)

@@ -291,6 +291,31 @@ def test_who_stands_on_tiptoe_or_walks_on_a_stage_does_not_jump(walk: FinishedRe
     assert flights(changed(walk, positions_m=stage_m).main) == []
 
 
+def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
+    """What is said of an arm that so many of four cameras show in places of their own, elbow and wrist."""
+    visibility = np.array(walk.main.visibility)
+    arm = [walk.main.skeleton.index(f"left_{joint}") for joint in ("elbow", "wrist")]
+    visibility[:270, :n_cameras, arm] = 0.1
+    return [
+        each.reason
+        for each in quality(changed(walk, visibility=visibility)).suspicions
+        if each.code == "misplaced-joint"
+    ]
+
+
+@pytest.mark.parametrize("n_cameras", [3, 4])
+def test_an_arm_on_which_no_cameras_agree_is_one_finding_of_the_joints(walk: FinishedRecording, n_cameras: int) -> None:
+    (reason,) = hallucinated_arm(walk, n_cameras)
+    assert reason.startswith(
+        "no two cameras agree where left elbow and left wrist are: they contradict each other in 90"
+    )
+
+
+def test_joints_of_one_limb_in_one_camera_are_one_finding(walk: FinishedRecording) -> None:
+    (reason,) = hallucinated_arm(walk, 1)
+    assert "camera ring_0 shows left elbow and left wrist elsewhere than the others do in 90 %" in reason
+
+
 @pytest.mark.parametrize("axis", [0, 1])
 def test_who_turns_a_cartwheel_or_rolls_exchanges_no_sides(walk: FinishedRecording, axis: int) -> None:
     """A turn in one and a half seconds, about an axis over the floor: the shoulders are above each other on the way."""
