@@ -25,6 +25,7 @@ class Code(StrEnum):
     # What the keypoints and the calibration are.
     IMAGE_SIZE = "image-size"
     NORMALISED = "normalised-coordinates"
+    ZERO_KEYPOINTS = "zero-keypoints"
     TURNED_IMAGE = "turned-image"
     MIRRORED_IMAGE = "mirrored-image"
     EXCHANGED_CAMERAS = "exchanged-cameras"
@@ -170,6 +171,18 @@ _OF_ONE_CAMERA = frozenset(
         Code.IMPOSSIBLE_TURN,
     }
 )
+# Rays into the corner of an image.
+_OF_ZEROS = frozenset(
+    {
+        *_OF_ONE_CAMERA,
+        Code.OUTSIDE,
+        Code.IMPOSSIBLE_SPEED,
+        Code.FRAME_RATE,
+        Code.EXCHANGED_SIDES,
+        Code.NOT_CONVERGED,
+        Code.UNDETERMINED,
+    }
+)
 _OF_CLOCKS = frozenset({*_OF_ONE_CAMERA, Code.LATE_CAMERA})
 EXPLAINS: Mapping[Code, frozenset[Code]] = {
     **{code: _OF_GEOMETRY - {code} for code in _GEOMETRY},
@@ -189,6 +202,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
         }
     ),
     Code.EXCHANGED_SIDES: _OF_ONE_CAMERA,
+    Code.ZERO_KEYPOINTS: _OF_ZEROS,
     Code.UNIT: frozenset(
         {Code.IMPOSSIBLE_SPEED, Code.FRAME_RATE, Code.LARGE_ERRORS, Code.OUTSIDE, Code.MOVED_CAMERA, Code.BUMPED_CAMERA}
     ),
@@ -207,6 +221,10 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 }
 
 
+# Where it is said of several cameras together, it need not be said of each.
+_SAID_OF_ALL = frozenset({Code.EXCHANGED_SIDES})
+
+
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Without repetitions and without what others explain, a note only notes; the severest first, of equal ones the
     weightiest, then what may cause the others."""
@@ -223,4 +241,11 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
         if each.code not in (also_of_notes if each.severity is Severity.NOTE else explained)
     ]
     order = list(Severity)
+    causes = [each for each in causes if not any(_says_more(other, each, order) for other in causes)]
     return tuple(sorted(causes, key=lambda each: (order.index(each.severity), -each.weight)))
+
+
+def _says_more(other: Finding, each: Finding, order: list[Severity]) -> bool:
+    """Whether the one is of several cameras, the other the same of one of them."""
+    of_all = each.code in _SAID_OF_ALL and other.code is each.code and bool(each.camera) and not other.camera
+    return of_all and order.index(other.severity) <= order.index(each.severity)

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Grade
-from fgpose.diagnosis.body.joint_names import in_words, part_of
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.residuals import USUAL_ERROR_M, errors_m, together_px
 from fgpose.diagnosis.series import known_quantile
+from fgpose.diagnosis.swapped_sides import swapped_sides
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import usual_step_s
@@ -22,11 +22,9 @@ _BLIND_RATIO = 0.5
 # property of the view. Below a twentieth they do no harm.
 _HALLUCINATING_RATIO, _HALLUCINATING_SHARE = 3.0, 0.05
 _MUCH_HALLUCINATED = 0.3
-# One joint that a view shows elsewhere more often than not, and hardly any other.
-_MISPLACED_SHARE, _MISPLACED_USUAL_SHARE = 0.5, 0.1
-_MISPLACED_LEAST_S = 1.0
 # As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
 _SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
+_LEAST_S = 1.0
 _MIN_PAIRS = 3  # that can be judged: one or two may look exchanged by chance
 # Hallucinations under occluders look like an exchange of one pair in up to 7 %, hips that a network misplaces in up to
 # 14 % (benchmarks/report_checks.py).
@@ -162,75 +160,25 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Finding]:
     return found
 
 
-def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
-    """A joint that one view shows in another place than the others: its network takes something else for it."""
-    found = []
-    for person, trajectory in recording.people.items():
-        if trajectory.visibility is None or trajectory.n_frames < 2:
-            continue
-        known = np.isfinite(trajectory.visibility)
-        duration_s = known.sum(axis=0) * usual_step_s(trajectory.time_s)
-        shares = ((trajectory.visibility < 0.5) & known).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-        alone = np.median(shares, axis=1, keepdims=True) < _MISPLACED_USUAL_SHARE
-        wrong = (shares > _MISPLACED_SHARE) & alone & (duration_s > _MISPLACED_LEAST_S)
-        groups: dict[tuple[int, str], list[int]] = {}
-        for c, j in np.argwhere(wrong).tolist():
-            groups.setdefault((c, part_of(trajectory.skeleton.joints[j])), []).append(j)
-        found += [_misplaced(recording, person, c, joints, shares[c]) for (c, _), joints in groups.items()]
-    return found
-
-
-def _misplaced(
-    recording: FinishedRecording, person: int, camera: int, joints: list[int], shares: Float[np.ndarray, " joint"]
-) -> Finding:
-    """Of joints of one hand, foot or head in one view."""
-    names = recording.people[person].skeleton.joints
-    worst = max(joints, key=lambda joint: float(shares[joint]))
-    who = f"{recording.called(person)}: " if recording.called(person) else ""
-    what, name = in_words(names[joint] for joint in joints), recording.camera_names[camera]
-    return Finding(
-        Code.MISPLACED_JOINT,
-        Severity.DOUBTFUL,
-        f"{who}camera {name} shows {what} elsewhere than the others do in {100 * shares[worst]:.0f} % of its "
-        f"detections{_displacement(recording, person, camera, worst)}",
-        "Look at its images: what does the network take for this? A coat, a chair, the other side?",
-        0.3 * float(shares[worst]),
-        camera=name,
-        joint=names[worst],
-        person=recording.number(person),
-    )
-
-
-def _displacement(recording: FinishedRecording, person: int, camera: int, joint: int) -> str:
-    """By how far on the body, where the detections are known."""
-    seen = recording.observations.get(person)
-    if seen is None or recording.rig is None:
-        return ""
-    joint_m = recording.people[person].positions_m[:, [joint]]
-    pinhole = recording.rig.cameras[camera]
-    error_px = pinhole.undistort(seen.points2d_px[:, camera, [joint]]) - pinhole.project(joint_m)
-    error_m = error_px[:, 0] / recording.rig.px_per_m(joint_m)[:, camera]
-    distance_m = float(np.linalg.norm([known_quantile(axis_m, 0.5) for axis_m in error_m.T]))
-    return f", by {100 * distance_m:.0f} cm (median)" if np.isfinite(distance_m) else ""
-
-
 def swapping_cameras(recording: FinishedRecording) -> list[Finding]:
     """A camera in which the network exchanges left and right, of the body or of one pair of joints."""
     if recording.rig is None or together_px(recording) is None:
         return []
     judged_people = [swapped_pairs(recording, each.positions_m, each.residual_px) for each in recording.people.values()]
     swapped, judged = (np.concatenate(each) for each in zip(*judged_people, strict=True))
-    found = []
+    shares: dict[str, dict[str, float]] = {}
     for c, name in enumerate(recording.camera_names):
         share, what = _swapped_share(recording, swapped[:, c], judged[:, c])
         if share > 0:
-            reason = f"camera {name} exchanges left and right of {what} in {100 * share:.1f} % of the frames"
-            remedy = (
-                "fgpose corrects whole poses that are turned; if errors remain there, use a network that looks at more "
-                "of the image, or leave the camera out (--cameras) for this recording."
-            )
-            found.append(Finding(Code.EXCHANGED_SIDES, Severity.DOUBTFUL, reason, remedy, 0.5 * share, camera=name))
-    return found
+            shares.setdefault(what, {})[name] = share
+    severities = dict.fromkeys(recording.camera_names, Severity.DOUBTFUL)
+    return [
+        finding
+        for what, own in shares.items()
+        for finding in swapped_sides(
+            own, len(recording.camera_names), what=f"of {what}", of="the frames", severities=severities
+        )
+    ]
 
 
 def _swapped_share(
@@ -241,7 +189,7 @@ def _swapped_share(
     poses = float(np.mean((2 * swapped.sum(axis=1) > judged.sum(axis=1))[whole])) if whole.any() else 0.0
     if poses > _SWAPPED_SHARE:
         return poses, "the body"
-    enough = judged.sum(axis=0) * usual_step_s(recording.main.time_s) > _MISPLACED_LEAST_S
+    enough = judged.sum(axis=0) * usual_step_s(recording.main.time_s) > _LEAST_S
     shares = np.where(enough, swapped.sum(axis=0) / np.maximum(judged.sum(axis=0), 1), 0.0)
     worst = int(np.argmax(shares)) if len(shares) else 0
     if len(shares) == 0 or shares[worst] <= _SWAPPED_PAIR_SHARE:

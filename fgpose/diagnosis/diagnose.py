@@ -23,6 +23,7 @@ from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
 from fgpose.diagnosis.seen.repeated import repeated_images
 from fgpose.diagnosis.seen.succession import somebody_else
+from fgpose.diagnosis.seen.zeros import without_zeros, zero_keypoints
 from fgpose.finding import Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
@@ -107,7 +108,7 @@ def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
 
 
 def _diagnosed(examined: Examined) -> Diagnosis:
-    found: list[Finding] = []
+    found, examined = zero_keypoints(examined), without_zeros(examined)
     not_judged: dict[str, str] = {}
     for what, checks in INPUT_CHECKS.items():
         for check in checks:

@@ -6,6 +6,7 @@ import numpy as np
 
 from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.swapped_sides import swapped_sides
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.geometry.intrinsics import is_of_another_size
@@ -70,20 +71,11 @@ def off_centre(examined: Examined) -> list[Finding]:
 def exchanged_sides(examined: Examined) -> list[Finding]:
     """Cameras that exchange left and right in some frames."""
     info = examined.info
-    return [
-        Finding(
-            Code.EXCHANGED_SIDES,
-            Severity.DOUBTFUL if camera.share_swapped > _OFTEN_EXCHANGED else Severity.NOTE,
-            f"{camera.name} exchanges left and right in {100 * camera.share_swapped:.0f} % of the pairs that can be "
-            "judged",
-            "Whole poses that are turned are corrected; if errors stay, use another network.",
-            0.5 * camera.share_swapped,
-            camera=camera.name,
-            numbers={"share": camera.share_swapped},
-        )
-        for camera in info.cameras
-        if camera.name in info.suspected_swaps
-    ]
+    shares = {each.name: each.share_swapped for each in info.cameras if each.name in info.suspected_swaps}
+    severities = {
+        name: Severity.DOUBTFUL if share > _OFTEN_EXCHANGED else Severity.NOTE for name, share in shares.items()
+    }
+    return swapped_sides(shares, len(info.cameras), of="the pairs that can be judged", severities=severities)
 
 
 def blind(examined: Examined) -> list[Finding]:

@@ -199,13 +199,15 @@ def turns(recording: FinishedRecording) -> list[Finding]:
 
 
 def _turn_deg(trajectory: Trajectory) -> Float[np.ndarray, " step"]:
-    """By how much the direction over the floor from right to left turns, of all pairs together."""
+    """By how much the direction from right to left turns, of all pairs together; in space, as that over the floor is
+    anything while somebody turns a cartwheel."""
     pairs = np.array(trajectory.skeleton.left_right, dtype=int).reshape(-1, 2)
-    across_m = (trajectory.positions_m[:, pairs[:, 0]] - trajectory.positions_m[:, pairs[:, 1]])[..., :2]
-    across_m = np.nan_to_num(across_m).sum(axis=1)
-    length_m = np.linalg.norm(across_m, axis=-1)
-    cosine = np.sum(across_m[1:] * across_m[:-1], axis=-1) / np.maximum(length_m[1:] * length_m[:-1], 1e-12)
-    return np.where(np.minimum(length_m[1:], length_m[:-1]) > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0)
+    across_m = trajectory.positions_m[:, pairs[:, 0]] - trajectory.positions_m[:, pairs[:, 1]]
+    known = np.isfinite(across_m[1:] + across_m[:-1])
+    before_m, after_m = (np.where(known, each, 0.0).sum(axis=1) for each in (across_m[:-1], across_m[1:]))
+    length_m2 = np.linalg.norm(before_m, axis=-1) * np.linalg.norm(after_m, axis=-1)
+    cosine = np.sum(before_m * after_m, axis=-1) / np.maximum(length_m2, 1e-12)
+    return np.where(length_m2 > 0, np.degrees(np.arccos(np.clip(cosine, -1, 1))), 0.0)
 
 
 def short_lives(recording: FinishedRecording) -> list[Finding]:

@@ -10,12 +10,12 @@ from fgpose.diagnosis.camera_checks import (
     disagreeing_cameras,
     few_cameras,
     hallucinating_cameras,
-    misplaced_joints,
     swapping_cameras,
 )
 from fgpose.diagnosis.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.gravity_checks import wrong_falls
+from fgpose.diagnosis.misplaced_joints import misplaced_joints
 from fgpose.diagnosis.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
 from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, outside
 from fgpose.finding import Finding

@@ -7,18 +7,18 @@ from collections.abc import Iterable, Mapping
 
 _SIDE = re.compile(r"^(left|right)_")
 # What a network takes for something else, it takes as a whole.
-_PARTS: Mapping[str, tuple[str, ...]] = {
-    "hand": ("wrist", "hand", "thumb", "pinky", "index"),
-    "foot": ("ankle", "heel", "big_toe", "small_toe", "foot_index", "foot"),
+_LIMBS: Mapping[str, tuple[str, ...]] = {
+    "arm": ("shoulder", "elbow", "wrist", "hand", "thumb", "pinky", "index"),
+    "leg": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index", "foot"),
     "head": ("nose", "eye", "eye_inner", "eye_outer", "ear", "mouth", "head", "head_top"),
 }
 
 
-def part_of(joint: str) -> str:
-    """The hand, foot or head that a joint belongs to, with its side; other joints are parts of their own."""
+def limb_of(joint: str) -> str:
+    """The arm, leg or head that a joint belongs to, with its side; other joints are limbs of their own."""
     side, name = (_SIDE.match(joint) or [""])[0], _SIDE.sub("", joint)
-    part = next((part for part, names in _PARTS.items() if name in names), name)
-    return part if part == "head" else f"{side}{part}"
+    limb = next((limb for limb, names in _LIMBS.items() if name in names), name)
+    return limb if limb == "head" else f"{side}{limb}"
 
 
 def in_words(joints: Iterable[str]) -> str:

@@ -18,6 +18,7 @@ from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files
 from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.keypoints.scores import as_confidences
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
+from fgpose.io.keypoints.zeros import without_zeros
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
@@ -58,7 +59,7 @@ def load_observations(
     A frame that one camera lacks was not seen by it; where the numbers leave out a frame in all cameras, nobody saw it.
     Camera names are compared as match_cameras does. Of whole bodies with face and hands (COCO-WholeBody, Halpe-136) the
     joints of the skeleton are taken. Scores above 1 become confidences: about 1 they are clipped, those of scales up to
-    10 and 100 are divided.
+    10 and 100 are divided. Joints at exactly (0, 0) are missing.
 
     Args:
         path: the folder or file.
@@ -231,7 +232,9 @@ def _read_cameras(path: Path, skeleton: Skeleton) -> tuple[dict[str, CameraDetec
     if len(set(formats.values())) > 1:
         mixture = ", ".join(f"{name}: {format_name}" for name, format_name in formats.items())
         raise ValueError(f"{path}: a mixture of formats ({mixture})")
-    cameras, remarks = as_confidences(cameras, skeleton)
+    cameras, of_zeros = without_zeros(cameras)
+    cameras, of_scores = as_confidences(cameras, skeleton)
+    remarks = of_zeros + of_scores
     if array is not None:
         remarks += ("the cameras have no names in this file: they are taken in the order of the calibration",)
     remarks += _counted_from_1(cameras)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.diagnosis.body.joint_names import in_words, part_of
+from fgpose.diagnosis.body.joint_names import in_words, limb_of
 from fgpose.diagnosis.body.posture import wrong_up
 from fgpose.diagnosis.body.proportions import stature_m, strangeness
 from fgpose.diagnosis.body.sides import mirrored_body
@@ -191,6 +191,7 @@ def test_real_motion_has_the_proportions_of_a_body() -> None:
 
 def test_joints_in_words() -> None:
     assert in_words(["left_knee", "right_knee", "left_wrist"]) == "knees and left wrist"
-    assert part_of("left_thumb") == part_of("left_index") == "left_hand"
-    assert part_of("right_eye") == part_of("nose") == "head"
-    assert part_of("left_knee") == "left_knee"
+    assert limb_of("left_thumb") == limb_of("left_elbow") == "left_arm"
+    assert limb_of("right_eye") == limb_of("nose") == "head"
+    assert limb_of("left_knee") == "left_leg"
+    assert limb_of("pelvis") == "pelvis"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from fgpose.diagnosis.swapped_sides import swapped_sides
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 
 PAGE = Path(__file__).parents[3] / "docs" / "help" / "findings.md"
@@ -57,3 +58,28 @@ def test_a_note_takes_the_place_of_notes_only() -> None:
     note, doubtful = found(Code.NOBODY, Severity.NOTE), found(Code.GAP)
     assert most_important([note, doubtful]) == (doubtful, note)
     assert most_important([note, found(Code.GAP, Severity.NOTE)]) == (note,)
+
+
+def test_what_is_said_of_all_cameras_is_not_said_of_one() -> None:
+    together, one = found(Code.EXCHANGED_SIDES), found(Code.EXCHANGED_SIDES, camera="a")
+    assert most_important([one, together]) == (together,)
+    note = found(Code.EXCHANGED_SIDES, Severity.NOTE)
+    assert most_important([one, note]) == (one, note)
+
+
+@pytest.mark.parametrize(
+    ("shares", "cameras", "words"),
+    [
+        ({"a": 0.3, "b": 0.37, "c": 0.31}, [""], "all cameras exchange left and right in 30 to 37 % of the frames"),
+        ({"a": 0.3, "b": 0.37}, [""], "cameras a, b exchange left and right in 30 to 37 % of the frames"),
+        ({"a": 0.3}, ["a"], "camera a exchanges left and right in 30 % of the frames"),
+    ],
+)
+def test_sides_that_most_cameras_exchange_are_one_finding(
+    shares: dict[str, float], cameras: list[str], words: str
+) -> None:
+    severities = dict.fromkeys(shares, Severity.DOUBTFUL)
+    told = swapped_sides(shares, 3, of="the frames", severities=severities)
+    assert ([each.camera for each in told], told[0].reason) == (cameras, words)
+    # Whole poses are corrected where two others tell how.
+    assert ("are corrected" in told[0].remedy) == (len(shares) == 1)

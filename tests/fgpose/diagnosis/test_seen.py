@@ -132,3 +132,25 @@ def test_images_that_are_repeated(seen, rig, shown: np.ndarray, words: str, true
 def test_coarse_numbers_of_somebody_who_hardly_moves_are_no_repetitions(seen, rig) -> None:
     still_px = seen.points2d_px[:1] + 0.02 * (seen.points2d_px - seen.points2d_px[:1])
     assert repeated_images(Examined.of(with_points(seen, np.round(still_px)), rig)) == []
+
+
+def test_missing_joints_that_are_written_as_zero(seen, rig) -> None:
+    points_px, legs = seen.points2d_px.copy(), [SKELETON.index(f"{side}_knee") for side in ("left", "right")]
+    points_px[:, :, legs] = 0.0
+    confidence = np.where(np.isin(np.arange(SKELETON.n_joints), legs), 0.5, seen.confidence)
+    zeros = replace(seen, points2d_px=points_px, confidence=confidence)
+    diagnosis = fgpose.diagnose(zeros, rig)
+    (finding,) = [each for each in diagnosis.findings if each.severity is not Severity.NOTE]
+    assert (finding.code, finding.severity) == (Code.ZERO_KEYPOINTS, Severity.WRONG)
+    assert "They are of knees, in all cameras" in finding.reason
+    assert finding.numbers["share"] == pytest.approx(2 / SKELETON.n_joints, rel=0.05)  # but for what is not detected
+
+
+def test_what_is_zero_by_chance_is_no_cause_of_anything_else(seen, rig) -> None:
+    """A third of all: rays through the corner, of a camera that looks moved."""
+    zero = np.random.default_rng(0).random(seen.confidence.shape) < 0.3
+    points_px = np.where(zero[..., None], 0.0, seen.points2d_px)
+    zeros = replace(seen, points2d_px=points_px, confidence=np.where(zero, 0.5, seen.confidence))
+    (finding,) = [each for each in fgpose.diagnose(zeros, rig).findings if each.severity is not Severity.NOTE]
+    assert (finding.code, finding.severity) == (Code.ZERO_KEYPOINTS, Severity.DOUBTFUL)
+    assert finding.numbers["share"] == pytest.approx(0.3, abs=0.02)

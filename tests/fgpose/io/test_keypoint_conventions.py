@@ -135,6 +135,22 @@ def test_scores_of_another_scale_are_divided_and_it_is_said(tmp_path: Path, rig:
     assert observations.remarks
 
 
+def test_joints_at_zero_are_missing_and_it_is_said(tmp_path: Path, rig: CameraRig):
+    """In the file of one camera: (0, 0), with the usual confidence."""
+    openpose(tmp_path)
+    keypoints = np.reshape(flat(1, 0), (-1, 3))
+    keypoints[[3, 5], :2] = 0.0
+    path = tmp_path / "cam01_json" / "cam01_000000000001_keypoints.json"
+    write(path, {"people": [{"pose_keypoints_2d": keypoints.ravel().tolist()}]})
+    with pytest.warns(UserWarning, match=r"2 of 102 keypoints stand at exactly \(0, 0\), with a confidence above 0"):
+        observations = load(tmp_path, rig)
+    missing = np.zeros((N_FRAMES, 2, 17), dtype=bool)
+    missing[1, 0, [3, 5]] = True
+    np.testing.assert_array_equal(~observations.seen, missing)
+    np.testing.assert_array_equal(observations.confidence == 0, missing)
+    assert "taken for missing" in observations.remarks[0]
+
+
 def test_a_camera_that_sees_little_does_not_change_the_scale(tmp_path: Path, rig: CameraRig):
     """RTMW, whose scores go up to 10: in one view of three all are low."""
     three = CameraRig((*rig.cameras, replace(ring_rig().cameras[2], name="cam03")))

@@ -301,6 +301,46 @@ def test_who_stands_on_tiptoe_or_walks_on_a_stage_does_not_jump(walk: FinishedRe
     assert flights(changed(walk, positions_m=stage_m).main) == []
 
 
+def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
+    """What is said of an arm that so many of four cameras show in places of their own, elbow and wrist."""
+    visibility = np.array(walk.main.visibility)
+    arm = [walk.main.skeleton.index(f"left_{joint}") for joint in ("elbow", "wrist")]
+    visibility[:270, :n_cameras, arm] = 0.1
+    return [
+        each.reason
+        for each in quality(changed(walk, visibility=visibility)).suspicions
+        if each.code == "misplaced-joint"
+    ]
+
+
+@pytest.mark.parametrize("n_cameras", [3, 4])
+def test_an_arm_on_which_no_cameras_agree_is_one_finding_of_the_joints(walk: FinishedRecording, n_cameras: int) -> None:
+    (reason,) = hallucinated_arm(walk, n_cameras)
+    assert reason.startswith(
+        "no two cameras agree where left elbow and left wrist are: they contradict each other in 90"
+    )
+
+
+def test_joints_of_one_limb_in_one_camera_are_one_finding(walk: FinishedRecording) -> None:
+    (reason,) = hallucinated_arm(walk, 1)
+    assert "camera ring_0 shows left elbow and left wrist elsewhere than the others do in 90 %" in reason
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_who_turns_a_cartwheel_or_rolls_exchanges_no_sides(walk: FinishedRecording, axis: int) -> None:
+    """A turn in one and a half seconds, about an axis over the floor: the shoulders are above each other on the way."""
+    turn_rad = np.clip((walk.main.time_s - 4) / 1.5, 0, 1) * 2 * np.pi
+    a, b = (1, 2) if axis == 0 else (2, 0)
+    standing_m = walk.main.positions_m[0] - walk.main.positions_m[0, 0]
+    standing_m = (standing_m + standing_m[walk.main.skeleton.mirror] * (1, -1, 1)) / 2  # from right to left is along y
+    offset_m = np.repeat(standing_m[None], walk.main.n_frames, axis=0)
+    turned_m = offset_m.copy()
+    turned_m[..., a] = np.cos(turn_rad)[:, None] * offset_m[..., a] - np.sin(turn_rad)[:, None] * offset_m[..., b]
+    turned_m[..., b] = np.sin(turn_rad)[:, None] * offset_m[..., a] + np.cos(turn_rad)[:, None] * offset_m[..., b]
+    cartwheel = changed(replace(walk, observations={}), positions_m=walk.main.positions_m[:, :1] + turned_m)
+    assert not [each.reason for each in quality(cartwheel).suspicions if "change places" in each.reason]
+
+
 def test_observations_of_another_recording_are_refused(walk: FinishedRecording) -> None:
     with pytest.raises(ValueError, match="observations of person 0 have frames, cameras, joints"):
         replace(walk, observations={0: walk.observations[0].frames(slice(0, 9))})
