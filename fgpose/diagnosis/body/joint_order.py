@@ -37,11 +37,11 @@ def better_order(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skel
     for each in _orders(skeleton):
         less = np.inf
         for half, before in zip(halves, as_named, strict=True):
-            less = min(less, before - contradictions(half[:, each.order], skeleton))
-            if not less > most:
+            less = np.minimum(less, before - contradictions(half[:, each.order], skeleton))
+            if not less > most:  # or not known
                 break
         else:
-            best, most = each, less
+            best, most = each, float(less)
     return best
 
 

@@ -189,6 +189,15 @@ def test_real_motion_has_the_proportions_of_a_body() -> None:
     assert strangeness(truth_m, SKELETON) < 0.2
 
 
+@pytest.mark.parametrize("missing", [("left_wrist",), ("left_knee", "right_knee"), ("left_wrist", "left_elbow")])
+def test_no_other_order_is_told_where_joints_are_missing(seen, rig, missing: tuple[str, ...]) -> None:
+    joints = [SKELETON.index(name) for name in missing]
+    points_px, confidence = seen.points2d_px.copy(), seen.confidence.copy()
+    points_px[:, :, joints], confidence[:, :, joints] = np.nan, 0.0
+    without = replace(with_points(seen, points_px), confidence=confidence)
+    assert wrong_skeleton(Examined.of(without, rig)) == []
+
+
 def test_joints_in_words() -> None:
     assert in_words(["left_knee", "right_knee", "left_wrist"]) == "knees and left wrist"
     assert limb_of("left_thumb") == limb_of("left_elbow") == "left_arm"
