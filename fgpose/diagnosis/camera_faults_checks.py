@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.calibration.changes.change import Change, Kind
-from fgpose.calibration.changes.find_changes import LEAST_S, Changes, find_changes
+from fgpose.calibration.changes.find_changes import LEAST_S, MAX_LAG_S, Changes, find_changes
 from fgpose.calibration.changes.lenses import Lens, LensFit
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
@@ -22,6 +22,7 @@ _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
 _FAR_APART_S = 0.12
 # Of bumps that are one, to the second to which they are found; and as many as a recording with a careless operator has.
 _ONE_MOMENT_S, _OFTEN = 2.0, 2
+_AT_THE_END = 0.95  # of the lags that were tried
 # A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
 _NTSC = (9e-4, 1.1e-3)
 
@@ -42,7 +43,7 @@ def moved_and_late_cameras(examined: Examined) -> list[Finding]:
     found = find_changes(people, examined.rig)
     if not found.compared:
         raise NotJudgedError("no two cameras see the same person for some seconds")
-    if not examined.geometry.usable:  # with rays that meet nowhere some focal length suits always
+    if not examined.geometry.usable and not found.agree:
         found = replace(found, lenses=())
     return _with_elsewhere(examined, findings_of(found, examined.rig.names))
 
@@ -61,7 +62,8 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     late = [each for each in of_kind[Kind.OFFSET] if each.camera not in jumped]
     together = also_clock and also_pose
     return [
-        *(_other_lens(each, names) for each in found.lenses),
+        *_shifted([each for each in found.lenses if each.lens.is_shift]),
+        *(_other_lens(each, names) for each in found.lenses if not each.lens.is_shift),
         *(_late(each, found, names, together) for each in late),
         *_lost(of_kind[Kind.JUMP], found, names, together),
         *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
@@ -75,6 +77,7 @@ def _which(camera: int, names: Sequence[str]) -> str:
     return f" (or {names[1 - camera]}: with two cameras it cannot be told which)" if len(names) == 2 else ""
 
 
+_JUDGED = "with it, cameras agree better on somebody who walks about, in the seconds that were not used to find it"
 _OF_LENS = {
     Lens.FOCAL_LENGTH: (
         "The focal length of {who} is not that of the calibration, but about {factor:.2f} times as long",
@@ -128,13 +131,31 @@ def _other_lens(fit: LensFit, names: Sequence[str]) -> Finding:
     return Finding(
         Code.WRONG_LENS,
         Severity.WRONG,
-        f"{reason}: with it, cameras agree better on somebody who walks about, in the seconds that were not used to "
-        "find it",
+        f"{reason}: {_JUDGED}",
         remedy,
         0.9,
         camera=names[fit.cameras[0]] if one else "",
         numbers=_numbers_of_lens(fit),
     )
+
+
+def _shifted(fits: Sequence[LensFit]) -> list[Finding]:
+    """Images of all cameras, in x, y or both."""
+    if not fits:
+        return []
+    by_px = {"x" if each.lens is Lens.CENTRE_X else "y": each.value * each.focal_px for each in fits}
+    return [
+        Finding(
+            Code.WRONG_LENS,
+            Severity.WRONG,
+            "The images of all cameras are shifted against those of the calibration, by "
+            f"{' and '.join(f'{px:.0f} px in {axis}' for axis, px in by_px.items())}: {_JUDGED}",
+            f"Were they cut, or stabilised? Add {' and '.join(f'{px:.0f} to c{axis}' for axis, px in by_px.items())}, "
+            "or give the calibration of these images.",
+            0.9,
+            numbers={f"c{axis}_px": px for axis, px in by_px.items()},
+        )
+    ]
 
 
 def _numbers_of_lens(fit: LensFit) -> dict[str, float]:
@@ -164,12 +185,14 @@ def _late(change: Change, found: Changes, names: Sequence[str], together: bool) 
         by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
     frames = abs(change.offset_s) / found.step_s
     one = " Is one file numbered from 0 and another from 1?" if abs(frames - 1) < 0.1 else ""
+    by = f"{frames:.1f} frames ({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
+    if abs(change.offset_s) > _AT_THE_END * MAX_LAG_S:
+        by = f"{MAX_LAG_S:.1f} s or more"
     return Finding(
         Code.LATE_CAMERA,
         Severity.DOUBTFUL,
-        f"{names[change.camera]} takes its images {frames:.1f} frames ({1000 * abs(change.offset_s):.0f} +/- "
-        f"{1000 * change.sigma:.0f} ms) {'later' if change.offset_s > 0 else 'earlier'} than their times say, measured "
-        f"by the clocks of the others, all through the recording",
+        f"{names[change.camera]} takes its images {by} {'later' if change.offset_s > 0 else 'earlier'} than their "
+        "times say, measured by the clocks of the others, all through the recording",
         f"{_remedy(_CLOCKS, _POSES, together=together)}{one}{by_hand}",
         0.5,
         camera=names[change.camera],

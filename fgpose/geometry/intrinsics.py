@@ -40,6 +40,13 @@ def stretched(camera: Camera, factor: float, axis: int) -> Camera:
     return replace(camera, K=K)
 
 
+def shifted(camera: Camera, by: float, axis: int) -> Camera:
+    """The camera with a principal point that is further along one axis of the image, by so many focal lengths."""
+    K = camera.K.copy()
+    K[axis, 2] += by * K[axis, axis]
+    return replace(camera, K=K)
+
+
 def is_of_another_size(camera: Camera) -> bool:
     """Whether the principal point is so far from the middle of the image that K seems to be for images of another size,
     or for the whole image where this is a part."""

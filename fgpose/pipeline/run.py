@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -64,11 +63,12 @@ def load_source(
         person: who, of several people.
 
     Raises:
-        ValueError: something is wrong with a file, or a camera is unknown; the message names it.
+        ValueError: something is wrong with a file, a camera is unknown, or the cameras that are wanted seem to have
+            other numbers in the keypoints; the message names it.
         OSError: a file cannot be read.
 
     Warns:
-        UserWarning: the cameras that are wanted seem to have other numbers in the keypoints; and as load_observations.
+        UserWarning: as load_observations.
     """
     check_confidence(min_confidence)
     rig = _rig(keypoints, calibration, unit, cameras)
@@ -142,7 +142,7 @@ def _rig(keypoints: Path, calibration: Path, unit: Unit, cameras: tuple[str, ...
     rig.subset(cameras)
     theirs = keypoint_cameras(keypoints)
     if said := counted_otherwise(theirs, rig.names):
-        warnings.warn(f"{keypoints}: {said}", stacklevel=3)
+        raise ValueError(f"{keypoints}: {said}. If not, take the cameras that are not wanted out of both")
     seen = seen_cameras(theirs, rig.names)
     return rig.subset(name for name in rig.names if name in seen or name in cameras)
 

@@ -231,7 +231,7 @@ def test_cameras_that_saw_nothing_and_are_not_wanted_do_not_count(tmp_path: Path
         load_source(tmp_path / "three.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_04", "cam_01"))
 
 
-def test_cameras_that_are_counted_otherwise_are_said_where_they_are_wanted_all_the_same(
+def test_cameras_that_are_counted_otherwise_are_refused_where_they_are_wanted_all_the_same(
     tmp_path: Path, source: Source
 ) -> None:
     """Folders from 1, the calibration from 0: cam_1 of the one is cam_2 of the other."""
@@ -241,7 +241,7 @@ def test_cameras_that_are_counted_otherwise_are_said_where_they_are_wanted_all_t
     wanted = ("cam_1", "cam_2", "cam_3")
     with pytest.raises(ValueError, match="one seems to count from 1, the other from 0"):
         load_source(tmp_path / "seen.npz", tmp_path / "rig.npz", "body_25b")
-    with pytest.warns(UserWarning, match="cam_01 is cam_0, cam_02 is cam_1"):
+    with pytest.raises(ValueError, match="cam_01 is cam_0, cam_02 is cam_1"):
         load_source(tmp_path / "seen.npz", tmp_path / "rig.npz", "body_25b", cameras=wanted)
 
 

@@ -32,7 +32,8 @@ from fgpose.sampling import usual_step_s
 
 LEAST_S = 8.0
 """Shorter recordings do not tell what changes in time."""
-_MAX_LAG_S = 1.5
+MAX_LAG_S = 1.5
+"""Of one camera behind another; what is found here may be more."""
 _MAX_CHANGES = 6
 _LONGEST_STEP_S = 0.5  # between images: nothing is told of clocks by less than two a second
 # Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
@@ -75,6 +76,8 @@ class Changes:
     """Whether two cameras saw the same person for some seconds; else nothing could be found."""
     lenses: tuple[LensFit, ...] = ()
     """That are not those of the calibration: a camera with another one looks as if it was moved."""
+    agree: bool = False
+    """Whether all cameras agree with them; where rays meet nowhere, some lens always suits."""
 
 
 class _Candidate(NamedTuple):
@@ -107,7 +110,8 @@ def find_changes(people: Sequence[Observations], rig: CameraRig) -> Changes:
                 rig = with_lens(rig, found)
             else:
                 changes += found
-    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses))
+    agree = bool(lenses) and _all_agree(people, rig, changes)
+    return Changes(tuple(changes), step_s, duration_s, compared, tuple(lenses), agree)
 
 
 def _compared(people: Sequence[Observations]) -> bool:
@@ -121,7 +125,7 @@ def _next(
 ) -> list[Change] | LensFit:
     """The clearest change on top of others; none if there is no other."""
     grid_s = grid_step_s(people)
-    n_lags = round(_MAX_LAG_S / grid_s)
+    n_lags = round(MAX_LAG_S / grid_s)
     rays = rays_of(people, rig, changes, grid_s, n_lags)
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, n_lags)
@@ -159,8 +163,17 @@ def _agrees(
     """Whether the camera sees the same as the others, if it was moved: one that shows somebody else for a while, or a
     reflection, agrees better somewhere, and not well anywhere."""
     grid_s = grid_step_s(people)
-    rays = rays_of(people, rig, [*changes, *found], grid_s, round(_MAX_LAG_S / grid_s))
+    rays = rays_of(people, rig, [*changes, *found], grid_s, round(MAX_LAG_S / grid_s))
     return misses_m(rays, blocks, found[0].camera, fit.held) < _AGREES_M
+
+
+def _all_agree(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> bool:
+    """Whether the rays of every camera meet those of the others."""
+    grid_s = grid_step_s(people)
+    rays = rays_of(people, rig, changes, grid_s, round(MAX_LAG_S / grid_s))
+    blocks = blocks_of(rays, rays.direction.shape[2])
+    everywhere = np.ones(blocks.n_blocks, dtype=bool)
+    return all(misses_m(rays, blocks, c, everywhere) < _AGREES_M for c in range(rig.n_cameras))
 
 
 def _chosen(candidates: Sequence[_Candidate], frame: float) -> _Candidate:
@@ -279,7 +292,7 @@ def _move(
 ) -> Change:
     """Until nothing is left of it: a large one makes the angles so wide that some of them look like usual ones."""
     c, grid_s = change.camera, grid_step_s(people)
-    n_lags = round(_MAX_LAG_S / grid_s)
+    n_lags = round(MAX_LAG_S / grid_s)
     given = rig.cameras[c].world_T_camera
     for each in changes:
         if each.camera == c and each.kind is Kind.MOVED:

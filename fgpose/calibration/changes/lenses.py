@@ -13,9 +13,10 @@ from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
 from fgpose.calibration.changes.lag_costs import KERNEL, LagCosts, angle, independent, robust
 from fgpose.calibration.changes.rays import Rays
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.geometry.intrinsics import stretched, zoomed
+from fgpose.geometry.intrinsics import shifted, stretched, zoomed
 
 _LOGARITHMS = np.linspace(-0.48, 0.48, 13)
+_SHIFTS = np.linspace(-0.24, 0.24, 13)
 _DISTORTIONS = np.linspace(-0.42, 0.42, 13)  # of k1: action cameras have -0.4
 _K2 = 1.2  # k2 over the square of k1 of wide lenses; equidistant ones have 1.8
 _STEP = 0.02  # of the value, for derivatives
@@ -31,6 +32,8 @@ class Lens(Enum):
     FOCAL_LENGTH = "logarithm of the true focal length over that of the calibration"
     WIDTH = "logarithm of the true horizontal focal length over that of the calibration"
     HEIGHT = "logarithm of the true vertical focal length over that of the calibration"
+    CENTRE_X = "shift of the principal point in x, in focal lengths; of all cameras: of one it is a rotation"
+    CENTRE_Y = "shift of the principal point in y, in focal lengths; of all cameras"
     DISTORTION = "k1, where the calibration has no distortion"
     NONE_LEFT = "1: the keypoints have no distortion, where the calibration has"
     SIGN = "1: the distortion has the other sign"
@@ -43,7 +46,14 @@ class Lens(Enum):
         """That are tried, with 0, the lens of the calibration."""
         if self in (Lens.FOCAL_LENGTH, Lens.WIDTH, Lens.HEIGHT):
             return _LOGARITHMS
+        if self.is_shift:
+            return _SHIFTS
         return _DISTORTIONS if self is Lens.DISTORTION else np.array([0.0, 1.0])
+
+    @property
+    def is_shift(self) -> bool:
+        """Whether it is the centre of the image that is elsewhere."""
+        return self in (Lens.CENTRE_X, Lens.CENTRE_Y)
 
     def applies(self, camera: Camera) -> bool:
         """Whether it is another lens for this camera."""
@@ -68,6 +78,8 @@ class Lens(Enum):
                 return zoomed(camera, float(np.exp(value)))
             case Lens.WIDTH | Lens.HEIGHT:
                 return stretched(camera, float(np.exp(value)), axis=0 if self is Lens.WIDTH else 1)
+            case Lens.CENTRE_X | Lens.CENTRE_Y:
+                return shifted(camera, value, axis=0 if self is Lens.CENTRE_X else 1)
             case Lens.DISTORTION:
                 return replace(camera, distortion=np.array([value, _K2 * value**2, 0.0, 0.0]))
             case Lens.NONE_LEFT:
@@ -94,6 +106,8 @@ class LensFit:
     """By how much the cost of each block is less, with a value to which it has not contributed."""
     shift_rad: float
     """By how much it moves rays, root mean square."""
+    focal_px: float
+    """Of the calibration; the median of the cameras."""
 
     @property
     def factor(self) -> float:
@@ -149,11 +163,15 @@ class _Seen:
         px = self.camera.distort(normalized * np.diag(self.camera.K)[:2] + self.camera.K[:2, 2])
         changed = (other.undistort(px) - other.K[:2, 2]) / np.diag(other.K)[:2]
         known, lost = np.isfinite(changed), np.isfinite(normalized) & ~np.isfinite(changed)
-        from_axis, changed_from_axis = (np.linalg.norm(each, axis=-1) for each in (normalized, changed))
-        per_pixel = float(np.nanmedian(from_axis / np.maximum(changed_from_axis, 1e-9))) if known.any() else 1.0
+        per_pixel = _spread(normalized) / max(_spread(changed), 1e-9) if known.any() else 1.0
         rays = np.concatenate([changed, np.ones((*changed.shape[:-1], 1))], axis=-1)
         rays = np.einsum("sij,skj->ski", self.world_R_camera, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
         return _View(rays, per_pixel, lost.any(axis=-1))
+
+
+def _spread(points: Float[np.ndarray, "sample joint 2"]) -> float:
+    """Of an image, about its middle."""
+    return float(np.nanmedian(np.linalg.norm(points - np.nanmedian(points, axis=(0, 1)), axis=-1)))
 
 
 def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
@@ -178,7 +196,8 @@ def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:
     found = []
     for lens in Lens:
         able = [c for c in everybody if lens.applies(rig.cameras[c])]
-        groups = [(c,) for c in able] + ([everybody] if len(able) == len(everybody) > 1 else [])
+        groups = [everybody] if len(able) == len(everybody) > 1 else []
+        groups += [(c,) for c in able if not lens.is_shift]
         found += [_fitted(lens, group, pairs, seen, costs) for group in _promising(lens, groups, pairs, seen)]
     return found
 
@@ -223,7 +242,8 @@ def _fitted(lens: Lens, group: tuple[int, ...], pairs: list[_Pair], seen: list[_
         gain[~half] = (still - _at(lens, cost, _best(lens, cost[:, half])))[~half]
     value = _best(lens, cost)
     moved = [np.linalg.norm(seen[c].through(lens, value).direction - seen[c].direction, axis=-1) for c in group]
-    return LensFit(lens, group, value, gain, float(np.sqrt(np.nanmean(np.square(moved)))))
+    focal_px = float(np.median([seen[c].camera.K[0, 0] for c in group]))
+    return LensFit(lens, group, value, gain, float(np.sqrt(np.nanmean(np.square(moved)))), focal_px)
 
 
 def _cost(

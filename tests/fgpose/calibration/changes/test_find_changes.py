@@ -156,6 +156,18 @@ def test_images_that_were_resized_in_one_direction() -> None:
     assert other.factor == pytest.approx(1 / 1.12, abs=0.02)
 
 
+def test_images_of_all_cameras_that_were_cut() -> None:
+    """Each looked like a camera that was turned, or none agreed with any. Along y this ring sees people higher up."""
+    shift_px = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    rig = fgpose.CameraRig(tuple(replace(each, K=each.K + shift_px) for each in RIG.cameras))
+    found = find_changes([filmed(walk_m(3))], rig)
+    assert found.changes == ()
+    assert found.agree
+    (lens,) = found.lenses
+    assert lens.lens is Lens.CENTRE_X
+    assert lens.value * lens.focal_px == pytest.approx(-50, abs=4)  # a pixel is 5 mm at the body
+
+
 @pytest.mark.parametrize("n_cameras", [2, 3, 4])
 def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: int) -> None:
     """What a network errs by in each view looks like cameras that were turned by 30 degrees about the body."""
