@@ -39,7 +39,16 @@ _MISTAKES = (
     Mistake(304.8, "feet", "millimetres"),
     Mistake(1000.0, "metres", "millimetres"),
 )
-_SHORT = {"millimetres": "mm", "centimetres": "cm", "inches": "inch", "metres": "m"}
+_SHORT = {
+    "millimetres": "mm",
+    "centimetres": "cm",
+    "decimetres": "dm",
+    "inches": "inch",
+    "feet": "ft",
+    "metres": "m",
+}
+# Grown-ups, with what limbs tell of the stature: 1 % of them are smaller than 1.5 m or larger than 2 m.
+_GROWN_UP_M = (1.4, 2.1)
 _STATURE_SIGMA = 0.06  # of grown-ups, as a share
 # Squares of the boards that people print, metres.
 _SQUARE_M = (0.012, 0.13)
@@ -54,7 +63,7 @@ def wrong_unit(examined: Examined) -> list[Finding]:
     if np.isnan(tall_m):
         raise NotJudgedError("too few limbs are seen to tell how large the person is")
     if _SMALLEST_M / margin < tall_m < _TALLEST_M * margin:
-        return []
+        return [] if _GROWN_UP_M[0] < tall_m < _GROWN_UP_M[1] or margin > 1 else [_unusual(tall_m)]
     factor = _USUAL_M / tall_m
     near = _LIKE + np.log(margin)
     likely = [mistake for mistake in _MISTAKES if abs(np.log(factor / mistake.factor)) < near]
@@ -83,6 +92,20 @@ def wrong_unit(examined: Examined) -> list[Finding]:
             },
         )
     ]
+
+
+def _unusual(tall_m: float) -> Finding:
+    """Of a stature that some people have."""
+    who = "a child" if tall_m < _USUAL_M else "so tall"
+    return Finding(
+        Code.UNIT,
+        Severity.NOTE,
+        f"By the lengths of the limbs the person is {tall_m:.2f} m tall: {who}, or all lengths of the calibration are "
+        f"{tall_m / _USUAL_M:.1f} of the true ones",
+        "Measure one length in the room, or the person: nothing else tells a scale that is a little off.",
+        0.3,
+        numbers={"stature_m": tall_m},
+    )
 
 
 def _as_read(factor: float) -> tuple[float, str]:

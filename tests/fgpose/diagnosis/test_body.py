@@ -90,6 +90,14 @@ def test_a_unit_is_found_by_the_size_of_the_body(seen, rig, factor: float, words
     assert finding.numbers["factor"] == pytest.approx(1 / factor, rel=0.1)
 
 
+@pytest.mark.parametrize(("factor", "words"), [(0.7, "a child, or"), (1.35, "so tall, or"), (0.92, None)])
+def test_a_scale_that_is_off_by_a_third_is_noted(seen, rig, factor: float, words: str | None) -> None:
+    """Some people are so small or so tall: it is no more than a note."""
+    found = wrong_unit(Examined.of(seen, scaled(rig, factor)))
+    assert [each.severity for each in found] == ([Severity.NOTE] if words else [])
+    assert all(words in each.reason for each in found if words)
+
+
 def test_a_unit_is_found_by_one_arm(seen, rig) -> None:
     arm = [SKELETON.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
     points_px = np.full_like(seen.points2d_px, np.nan)
