@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 
@@ -21,7 +22,10 @@ def repaired(examined: Examined) -> list[Finding]:
 
 
 def exchanged_sides(examined: Examined) -> list[Finding]:
-    """Cameras that exchange left and right in some frames."""
+    """Cameras that exchange left and right, of arms or legs throughout, or in some frames."""
+    throughout = exchanged_limbs(examined)
+    if throughout:
+        return throughout
     info = examined.info
     return [
         Finding(
