@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fgpose.diagnosis.body.joint_names import in_words
+from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.swapped_sides import swapped_sides
 from fgpose.finding import Code, Finding, Severity
@@ -69,7 +70,10 @@ def off_centre(examined: Examined) -> list[Finding]:
 
 
 def exchanged_sides(examined: Examined) -> list[Finding]:
-    """Cameras that exchange left and right in some frames."""
+    """Cameras that exchange left and right, of arms or legs throughout, or in some frames."""
+    throughout = exchanged_limbs(examined)
+    if throughout:
+        return throughout
     info = examined.info
     shares = {each.name: each.share_swapped for each in info.cameras if each.name in info.suspected_swaps}
     severities = {

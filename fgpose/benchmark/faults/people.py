@@ -26,11 +26,14 @@ def _skeleton(take: Take, rng: np.random.Generator) -> Damaged:
     return _reordered(take, order)
 
 
-def _reordered(take: Take, order: np.ndarray) -> Damaged:
-    """With the joints in another order, in all cameras."""
-    seen = take.observations
-    damaged = with_points(seen, seen.points2d_px[:, :, order], seen.confidence[:, :, order])
-    return Damaged(take.rig, damaged, take.truth_m)
+def _reordered(take: Take, order: np.ndarray, camera: int | None = None) -> Damaged:
+    """With the joints of one camera or of all in another order."""
+    seen, cameras = take.observations, slice(None) if camera is None else slice(camera, camera + 1)
+    points, confidence = seen.points2d_px.copy(), seen.confidence.copy()
+    points[:, cameras] = points[:, cameras][:, :, order]
+    confidence[:, cameras] = confidence[:, cameras][:, :, order]
+    names = () if camera is None else (take.rig.names[camera],)
+    return Damaged(take.rig, with_points(seen, points, confidence), take.truth_m, names)
 
 
 def _joints_exchanged(
@@ -49,15 +52,15 @@ def _joints_exchanged(
     return inflict
 
 
-def _sides_of_limbs(joints: tuple[str, ...]) -> Callable[[Take, np.random.Generator], Damaged]:
-    """Left and right are exchanged of some joints, in all cameras."""
+def _sides_of_limbs(joints: tuple[str, ...], *, everywhere: bool) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Left and right are exchanged of some joints, in one camera or in all."""
 
     def inflict(take: Take, rng: np.random.Generator) -> Damaged:
         skeleton = take.observations.skeleton
         own = [skeleton.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
         order = np.arange(skeleton.n_joints)
         order[own] = skeleton.mirror[own]
-        return _reordered(take, order)
+        return _reordered(take, order, None if everywhere else some_camera(take, rng))
 
     return inflict
 
@@ -150,8 +153,20 @@ PEOPLE: tuple[Damage, ...] = (
         is_constant=True,
         of_simulated=True,
     ),
-    Damage("legs left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_LEG), is_constant=True),
-    Damage("arms left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_ARM), is_constant=True),
+    Damage("legs left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_LEG, everywhere=True), is_constant=True),
+    Damage("arms left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_ARM, everywhere=True), is_constant=True),
+    Damage(
+        "legs left for right, one camera",
+        (Code.EXCHANGED_SIDES,),
+        _sides_of_limbs(_LEG, everywhere=False),
+        is_constant=True,
+    ),
+    Damage(
+        "arms left for right, one camera",
+        (Code.EXCHANGED_SIDES,),
+        _sides_of_limbs(_ARM, everywhere=False),
+        is_constant=True,
+    ),
     Damage("nobody for most of the time", (Code.NOBODY,), _nobody),
     Damage("somebody else from the middle on", (Code.SOMEBODY_ELSE,), _somebody_else),
     Damage("legs out of the images", (Code.LOW_CONFIDENCE,), _legs, is_constant=True, of_simulated=True),

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.handedness import handedness
+from fgpose.diagnosis.body.limb_sides import exchanged_limbs, twist
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.skeleton import Skeleton
@@ -25,26 +26,11 @@ def mirrored(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton
         return False
 
 
-def twist(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton) -> float:
-    """Whether hips and shoulders face the same way: +1 if so in all frames, -1 if never; NaN if that is not known."""
-    across_m = [
-        positions_m[:, skeleton.index(f"left_{joint}")] - positions_m[:, skeleton.index(f"right_{joint}")]
-        for joint in ("hip", "shoulder")
-        if {f"left_{joint}", f"right_{joint}"} <= set(skeleton.joints)
-    ]
-    if len(across_m) < 2:
-        return np.nan
-    along = np.sum(across_m[0] * across_m[1], axis=-1)
-    along = along[np.isfinite(along)]
-    total = float(np.abs(along).sum())
-    return float(along.sum()) / total if total > 0 else np.nan
-
-
 def mirrored_body(examined: Examined) -> list[Finding]:
     """Left and right exchanged throughout."""
     positions_m, skeleton = examined.body_m, examined.main.skeleton
     if twist(positions_m, skeleton) < _TWISTED:
-        return [_twisted_body(positions_m, skeleton)]
+        return exchanged_limbs(examined) or [_twisted_body(positions_m, skeleton)]
     if not mirrored(positions_m, skeleton):
         return []
     return [

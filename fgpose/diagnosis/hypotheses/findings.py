@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.body.sides import mirrored
 from fgpose.diagnosis.body.skeletons import better_skeleton
 from fgpose.diagnosis.examined import Examined, NotJudgedError
@@ -38,6 +39,8 @@ def disagreements(examined: Examined) -> list[Finding]:
     geometry = examined.geometry
     if not geometry.state.agreement.judged.any():
         return [_nothing_in_common(examined)]
+    if exchanged_limbs(examined):
+        return []  # told of the sides
     if geometry.explanation is not None:
         return list(_explained(_on_the_right_sides(examined, geometry), examined.rig.names))
     if geometry.odd:

@@ -9,12 +9,14 @@ import pytest
 
 import fgpose
 from fgpose.diagnosis.body.joint_names import in_words, limb_of
+from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.body.posture import wrong_up
 from fgpose.diagnosis.body.proportions import stature_m, strangeness
 from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
 from fgpose.diagnosis.body.units import wrong_unit
 from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
@@ -147,6 +149,25 @@ def test_arms_or_legs_exchanged_in_all_views(n_cameras: int, limbs: str, joints:
     assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
     assert f"left and right {limbs} are exchanged" in finding.reason
     assert wrong_skeleton(examined) == []
+
+
+@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize(
+    ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
+)
+def test_arms_or_legs_exchanged_in_one_view(n_cameras: int, limbs: str, joints: tuple[str, ...]) -> None:
+    rig = room(n_cameras, seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    assert exchanged_limbs(Examined.of(seen, rig)) == []
+    own = [SKELETON.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
+    for camera in (0, 1):
+        points_px = seen.points2d_px.copy()
+        points_px[:, camera, own] = points_px[:, camera, SKELETON.mirror[own]]
+        examined = Examined.of(with_points(seen, points_px), rig)
+        assert disagreements(examined) == []
+        (finding,) = exchanged_limbs(examined)
+        assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
+        assert f"Left and right {limbs} are exchanged in {rig.names[camera]} throughout" in finding.reason
 
 
 @pytest.mark.parametrize("n_cameras", [2, 4])
