@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.body.proportions import lengths_m, strangeness
+from fgpose.diagnosis.body.proportions import lengths_m, looseness, strangeness
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
@@ -14,6 +14,8 @@ from fgpose.skeleton import Skeleton
 # 0.08 to 0.23 of two real recordings and of five motions with the errors of real detectors, a third of the joints
 # hidden or not; 0.30 to 0.79 of built-in skeletons that are taken for each other.
 _STRANGE, _VERY_STRANGE = 0.27, 0.35
+# 0.008 to 0.020 of the same, and of joints in any other order; 0.04 to 0.4 of cameras whose poses or lenses are wrong.
+_LOOSE = 0.035
 _LESS = 0.65  # share of it that is left with the right one
 
 
@@ -39,6 +41,14 @@ def wrong_skeleton(examined: Examined) -> list[Finding]:
         ]
     if strange < _VERY_STRANGE:
         return []
+    loose = looseness(positions_m)
+    if loose > _LOOSE:
+        reason = (
+            f"What the cameras agree on is no body: {_strangest(positions_m, given)}, and in no order of the joints is "
+            f"it one: half of them change their distance to each other one by more than {100 * loose:.0f} %"
+        )
+        remedy = "Is the calibration that of this recording? Calibrate anew."
+        return [Finding(Code.NO_AGREEMENT, Severity.WRONG, reason, remedy, 1.0, numbers=numbers)]
     reason = (
         f"The joints are not those of skeleton {given.name}: {_strangest(positions_m, given)}. No built-in skeleton "
         f"with {given.n_joints} joints fits either: their order is probably another one"

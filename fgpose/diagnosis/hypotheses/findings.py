@@ -102,7 +102,7 @@ def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:
     for (code, reason), causes in groups.items():
         cameras = sorted({c for cause in causes for c in cause.cameras})
         who = _named(cameras, names)
-        if _is_of_another(found, code) and len(cameras) == 1:
+        if found.rival is not None and _is_of_another(found, code) and len(cameras) == 1:
             who = f"{who} or of {_named(list(found.rival.cameras), names)} (which of them, the recording does not tell)"
         yield Finding(
             code,
