@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -89,3 +90,14 @@ def _unlike(usual: Float[np.ndarray, " part"], share: Float[np.ndarray, " part"]
 
 def _changing(usual: Float[np.ndarray, " part"], change: Float[np.ndarray, " part"]) -> Float[np.ndarray, " part"]:
     return np.minimum(change / np.maximum(usual, 1e-9), 1.0)
+
+
+def looseness(positions_m: Float[np.ndarray, "frame joint 3"]) -> float:
+    """By how much each joint changes its distance to that other one to which it keeps it best, as a share of it; median
+    over the joints. Of a body, whatever its joints are called, that is how well its bones are measured."""
+    distance_m = np.linalg.norm(positions_m[:, :, None] - positions_m[:, None], axis=-1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of joints that are never known together
+        usual_m = np.nanmedian(distance_m, axis=0)
+        change = np.nanmedian(np.abs(distance_m - usual_m), axis=0) / np.where(usual_m > 0, usual_m, np.nan)
+        return float(np.nanmedian(np.nanmin(change, axis=1)))

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.body.joint_order import better_order
-from fgpose.diagnosis.body.proportions import lengths_m, strangeness
+from fgpose.diagnosis.body.proportions import lengths_m, looseness, strangeness
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
@@ -16,6 +16,8 @@ from fgpose.skeleton import Skeleton
 # 0.08 to 0.23 of two real recordings and of five motions with the errors of real detectors, a third of the joints
 # hidden or not; 0.30 to 0.79 of built-in skeletons that are taken for each other.
 _STRANGE, _VERY_STRANGE = 0.27, 0.35
+# 0.008 to 0.020 of the same, and of joints in any other order; 0.04 to 0.4 of cameras whose poses or lenses are wrong.
+_LOOSE = 0.035
 _LESS = 0.65  # share of it that is left with the right one
 
 
@@ -28,14 +30,18 @@ def wrong_skeleton(examined: Examined) -> list[Finding]:
     found = _cause(positions_m, given, strange)
     if found is None:
         return []
-    return [Finding(Code.WRONG_SKELETON, Severity.WRONG, *found, 1.0, numbers={"strangeness": strange})]
+    code, reason, remedy = found
+    return [Finding(code, Severity.WRONG, reason, remedy, 1.0, numbers={"strangeness": strange})]
 
 
-def _cause(positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton, strange: float) -> tuple[str, str] | None:
+def _cause(
+    positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton, strange: float
+) -> tuple[Code, str, str] | None:
     """What the joints probably are, and what to do; None: what their names say."""
     as_named = _strangest(positions_m, given)
     if strange >= _STRANGE and (better := better_skeleton(positions_m, given)) is not None:
         return (
+            Code.WRONG_SKELETON,
             f"The joints are not those of skeleton {given.name}, but probably of {better.name}, which has as many: "
             f"{as_named}; as {better.name} all bones are those of a body",
             f"Give --skeleton {better.name}.",
@@ -43,6 +49,7 @@ def _cause(positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton, str
     order = better_order(positions_m, given)
     if order is not None and strangeness(positions_m[:, order.order], given) < _STRANGE:
         return (
+            Code.WRONG_SKELETON,
             f"Joints are not in the order of skeleton {given.name}: what it calls {in_words(order.named)} are probably "
             f"{in_words(order.probably)}, in all views. As they are named, {as_named}; in this order all bones are "
             "those of a body",
@@ -51,7 +58,16 @@ def _cause(positions_m: Float[np.ndarray, "frame joint 3"], given: Skeleton, str
         )
     if strange < _VERY_STRANGE:
         return None
+    loose = looseness(positions_m)
+    if loose > _LOOSE:
+        return (
+            Code.NO_AGREEMENT,
+            f"What the cameras agree on is no body: {as_named}, and in no order of the joints is it one: half of them "
+            f"change their distance to each other one by more than {100 * loose:.0f} %",
+            "Is the calibration that of this recording? Calibrate anew.",
+        )
     return (
+        Code.WRONG_SKELETON,
         f"The joints are not those of skeleton {given.name}: {as_named}. No built-in skeleton with {given.n_joints} "
         "joints fits either: their order is probably another one",
         "Write a skeleton file with the joints in the order of the keypoints (--skeleton my.toml).",

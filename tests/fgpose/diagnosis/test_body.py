@@ -233,3 +233,14 @@ def test_joints_in_words() -> None:
     assert limb_of("right_eye") == limb_of("nose") == "head"
     assert limb_of("left_knee") == "left_leg"
     assert limb_of("pelvis") == "pelvis"
+
+
+def test_a_body_whose_bones_change_is_not_one_of_another_skeleton(rig) -> None:
+    """In another order, and each joint 10 cm off on its own: no order of them makes a body."""
+    order = np.random.default_rng(1).permutation(SKELETON.n_joints)
+    truth_m = motion_m()[:, order]
+    (finding,) = wrong_skeleton(Examined.of(recorded(rig, truth_m), rig))
+    assert finding.code is Code.WRONG_SKELETON
+    errors_m = np.random.default_rng(0).normal(scale=0.1, size=truth_m.shape)
+    (finding,) = wrong_skeleton(Examined.of(recorded(rig, truth_m + errors_m), rig))
+    assert finding.code is Code.NO_AGREEMENT

@@ -162,6 +162,10 @@ def test_keypoints_that_are_not_those_of_the_calibration(n_cameras: int, code, c
         (4, np.linalg.inv, "from the camera to the world"),
         (2, lambda pose: _joined(pose[:3, :3], -pose[:3, :3] @ pose[:3, 3]), "translation is the position"),
         (4, lambda pose: _joined(pose[:3, :3].T, pose[:3, 3]), "rotations are stored transposed"),
+        (3, lambda pose: _with_rotation(pose, lambda R: R.T), "transposed, the translations are as they should be"),
+        (2, lambda pose: _with_rotation(pose, _as_radians), "are in degrees, but were taken to be in radians"),
+        (4, lambda pose: _with_rotation(pose, _as_radians), "are in degrees, but were taken to be in radians"),
+        (2, lambda pose: _with_rotation(pose, _as_degrees), "are in radians, but were taken to be in degrees"),
     ],
 )
 def test_poses_in_another_convention(n_cameras: int, pose, words: str) -> None:
@@ -169,6 +173,31 @@ def test_poses_in_another_convention(n_cameras: int, pose, words: str) -> None:
     finding = only(recorded(rig, seed=5), posed(rig, pose))
     assert finding.code is Code.CAMERA_AXES
     assert words in finding.reason
+
+
+def test_one_pose_in_another_convention() -> None:
+    rig = room(3, seed=5)
+    cameras = list(rig.cameras)
+    pose = cameras[1].world_T_camera
+    cameras[1] = replace(cameras[1], world_T_camera=_joined(pose[:3, :3].T, pose[:3, 3]))
+    finding = only(recorded(rig, seed=5), CameraRig(tuple(cameras)))
+    assert (finding.code, finding.camera) == (Code.CAMERA_AXES, "cam2")
+    assert "The calibration of cam2 is read in another convention" in finding.reason
+
+
+def _with_rotation(pose: np.ndarray, change) -> np.ndarray:
+    """A file with another rotation, and the same translation from the world to the camera."""
+    camera_T_world = np.linalg.inv(pose)
+    return np.linalg.inv(_joined(change(camera_T_world[:3, :3]), camera_T_world[:3, 3]))
+
+
+def _as_radians(R: np.ndarray) -> np.ndarray:
+    """A rotation vector that was written in degrees."""
+    return cv2.Rodrigues(np.rad2deg(cv2.Rodrigues(R)[0]))[0]
+
+
+def _as_degrees(R: np.ndarray) -> np.ndarray:
+    return cv2.Rodrigues(np.deg2rad(cv2.Rodrigues(R)[0]))[0]
 
 
 def _joined(R: np.ndarray, t_m: np.ndarray) -> np.ndarray:
