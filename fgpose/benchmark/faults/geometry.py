@@ -172,6 +172,19 @@ def _wrong_height(camera: Camera, rng: np.random.Generator) -> Camera:
     return stretched(camera, 1.12, axis=1)
 
 
+def _without_centre(camera: Camera, rng: np.random.Generator) -> Camera:
+    K = camera.K.copy()
+    K[:2, 2] = 0.0
+    return replace(camera, K=K)
+
+
+def _transposed(camera: Camera, rng: np.random.Generator) -> Camera:
+    """The rotation alone, of x_camera = R x_world + t."""
+    camera_T_world = camera.camera_T_world.copy()
+    camera_T_world[:3, :3] = camera_T_world[:3, :3].T
+    return _pose(camera, np.linalg.inv(camera_T_world))
+
+
 def _without_distortion(*, one: bool) -> Callable[[Take, np.random.Generator], Damaged]:
     """Filmed by lenses that distort, of which the calibration knows nothing."""
 
@@ -182,6 +195,7 @@ def _without_distortion(*, one: bool) -> Callable[[Take, np.random.Generator], D
     return inflict
 
 
+_OF_CUT = Code.WRONG_LENS, Code.IMAGE_SIZE
 _CONSTANT: tuple[Damage, ...] = (
     Damage("half as large images", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 2, one=False)),
     Damage("720p instead of 1080p", (Code.IMAGE_SIZE,), of_points(lambda p, _: p / 1.5, one=False)),
@@ -218,6 +232,9 @@ _CONSTANT: tuple[Damage, ...] = (
     Damage("distortion left out", (Code.WRONG_LENS,), _without_distortion(one=False)),
     Damage("distortion left out, one camera", (Code.WRONG_LENS, Code.WRONG_CAMERA), _without_distortion(one=True), 3),
     Damage("undistorted before, distortion kept", (Code.WRONG_LENS,), of_cameras(_distorting, one=False)),
+    Damage("principal point left out", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_without_centre, one=False)),
+    Damage("rotations transposed", (Code.CAMERA_AXES,), of_cameras(_transposed, one=False)),
+    Damage("images cut by 60 and 40 pixels", _OF_CUT, of_points(lambda p, _: p - np.array([60, 40]), one=False), 3),
     Damage("fy of another image", (Code.WRONG_LENS, Code.IMAGE_SIZE), of_cameras(_wrong_height, one=False), 3),
 )
 

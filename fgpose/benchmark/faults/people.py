@@ -77,6 +77,18 @@ def _other_person(take: Take, rng: np.random.Generator) -> Damaged:
     return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
 
 
+def _reflection(take: Take, rng: np.random.Generator) -> Damaged:
+    """One camera's network takes the reflection in a window for the person, half of the time."""
+    c, n = some_camera(take, rng), len(take.truth_m)
+    mirror = take.observations.skeleton.mirror
+    reflected_m = (take.truth_m * np.array([1.0, -1.0, 1.0]) + np.array([0.0, 4.0, 0.0]))[:, mirror]
+    seen = take.film(take.rig, reflected_m)
+    taken = np.repeat(rng.random(n // 15 + 1) < 0.5, 15)[:n]
+    points, confidence = take.observations.points2d_px.copy(), take.observations.confidence.copy()
+    points[taken, c], confidence[taken, c] = seen.points2d_px[taken, c], seen.confidence[taken, c]
+    return Damaged(take.rig, with_points(take.observations, points, confidence), take.truth_m, (take.rig.names[c],))
+
+
 def _nobody(take: Take, rng: np.random.Generator) -> Damaged:
     """Nobody is there for a fifth at the beginning, in the middle, and at the end."""
     n = len(take.truth_m)
@@ -151,6 +163,13 @@ PEOPLE: tuple[Damage, ...] = (
         _other_person,
         3,
         is_constant=True,
+        of_simulated=True,
+    ),
+    Damage(
+        "a reflection now and then, one camera",
+        (Code.OTHER_PERSON, Code.DISAGREEING_CAMERA),
+        _reflection,
+        3,
         of_simulated=True,
     ),
     Damage("legs left for right", (Code.EXCHANGED_SIDES,), _sides_of_limbs(_LEG, everywhere=True), is_constant=True),

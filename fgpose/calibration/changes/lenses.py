@@ -126,7 +126,7 @@ class _Pair:
 
     def angles(self, one: _View, other: _View) -> Float[np.ndarray, "sample joint"]:
         """Whitened. The longer a focal length is, the smaller is the angle of a pixel, in which detections err."""
-        per_pixel = np.sqrt((one.per_pixel**2 + other.per_pixel**2) / 2)
+        per_pixel = np.sqrt((one.squared_per_pixel(self.baseline_m) + other.squared_per_pixel(self.baseline_m)) / 2)
         angles = angle(one.direction, other.direction, self.baseline_m) * (per_pixel / self.scale)
         return np.where(one.lost | other.lost, _LOST, angles)
 
@@ -136,10 +136,20 @@ class _View:
     """What one camera saw at the samples, with some lens."""
 
     direction: Float[np.ndarray, "sample joint 3"]
-    per_pixel: float = 1.0
-    """How many angles of a pixel of the calibration one of this lens is."""
+    world_R_camera: Float[np.ndarray, "sample 3 3"]
+    per_pixel: tuple[float, float] = (1.0, 1.0)
+    """How many angles of a pixel of the calibration one of this lens is, along x and y."""
     lost: Bool[np.ndarray, "sample joint"] | bool = False
     """What this lens cannot have seen."""
+
+    def squared_per_pixel(self, baseline_m: Float[np.ndarray, "sample 1 3"]) -> Float[np.ndarray, "*#angles"] | float:
+        """In the direction in which rays miss each other, across the plane of a ray and the baseline."""
+        x, y = self.per_pixel
+        if x == y:
+            return x**2
+        across = np.einsum("sji,skj->ski", self.world_R_camera, np.cross(baseline_m, self.direction))
+        along_x, along_y = np.moveaxis(across[..., :2] ** 2, -1, 0)
+        return (along_x * x**2 + along_y * y**2) / np.maximum(along_x + along_y, 1e-12)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +162,7 @@ class _Seen:
 
     @property
     def view(self) -> _View:
-        return _View(self.direction)
+        return _View(self.direction, self.world_R_camera)
 
     def through(self, lens: Lens, value: float) -> _View:
         other = lens.of(self.camera, value)
@@ -163,15 +173,15 @@ class _Seen:
         px = self.camera.distort(normalized * np.diag(self.camera.K)[:2] + self.camera.K[:2, 2])
         changed = (other.undistort(px) - other.K[:2, 2]) / np.diag(other.K)[:2]
         known, lost = np.isfinite(changed), np.isfinite(normalized) & ~np.isfinite(changed)
-        per_pixel = _spread(normalized) / max(_spread(changed), 1e-9) if known.any() else 1.0
+        x, y = _spreads(normalized) / np.maximum(_spreads(changed), 1e-9) if known.any() else (1.0, 1.0)
         rays = np.concatenate([changed, np.ones((*changed.shape[:-1], 1))], axis=-1)
         rays = np.einsum("sij,skj->ski", self.world_R_camera, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-        return _View(rays, per_pixel, lost.any(axis=-1))
+        return _View(rays, self.world_R_camera, (float(x), float(y)), lost.any(axis=-1))
 
 
-def _spread(points: Float[np.ndarray, "sample joint 2"]) -> float:
-    """Of an image, about its middle."""
-    return float(np.nanmedian(np.linalg.norm(points - np.nanmedian(points, axis=(0, 1)), axis=-1)))
+def _spreads(points: Float[np.ndarray, "sample joint 2"]) -> Float[np.ndarray, 2]:
+    """Of an image along both axes, about its middle."""
+    return np.nanmedian(np.abs(points - np.nanmedian(points, axis=(0, 1))), axis=(0, 1))
 
 
 def lens_fits(rays: Rays, costs: LagCosts, rig: CameraRig) -> list[LensFit]:

@@ -31,7 +31,7 @@ _RANSAC_PX = 30.0  # in images of a focal length of 1000 px: 0.12 m at 4 m
 class Why(Enum):
     """Why a camera disagrees."""
 
-    FOR_A_WHILE = "agrees for some of the time: it was moved, or lost images"
+    FOR_A_WHILE = "agrees for some of the time: it was moved, lost images, or shows somebody else at times"
     CLOCK = "sees the same at another time"
     RATE = "sees the same, but faster or slower"
     POSE = "stands elsewhere than the calibration says"
