@@ -49,6 +49,7 @@ class Code(StrEnum):
     UNDETERMINED_CLOCK = "undetermined-clock"
     FROZEN_CAMERA = "frozen-camera"
     REPEATED_IMAGES = "repeated-images"
+    SMOOTHED_KEYPOINTS = "smoothed-keypoints"
     MISSING_FRAMES = "missing-frames"
     FRAME_RATE = "frame-rate"
     # Who is seen, and how well.
@@ -211,6 +212,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.LATE_CAMERA: _OF_ONE_CAMERA,
     Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.CLOCK_RATE: _OF_CLOCKS,
+    Code.SMOOTHED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE},
     Code.REPEATED_IMAGES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.SOMEBODY_ELSE: frozenset(
         {Code.CONTRADICTED, Code.IMPOSSIBLE_SPEED, Code.BUMPED_CAMERA, Code.MOVED_CAMERA, Code.WRONG_LENS}

@@ -22,6 +22,7 @@ from fgpose.diagnosis.seen.confidence import low_confidence
 from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
 from fgpose.diagnosis.seen.repeated import repeated_images
+from fgpose.diagnosis.seen.smoothed import smoothed_keypoints
 from fgpose.diagnosis.seen.succession import somebody_else
 from fgpose.diagnosis.seen.zeros import without_zeros, zero_keypoints
 from fgpose.finding import Finding, Severity, most_important
@@ -43,7 +44,16 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "unit": (wrong_unit,),
     "which way is up": (wrong_up,),
     "sides": (mirrored_body, exchanged_sides),
-    "what is seen": (frozen_cameras, repeated_images, nobody, somebody_else, low_confidence, blind, never_seen),
+    "what is seen": (
+        frozen_cameras,
+        repeated_images,
+        smoothed_keypoints,
+        nobody,
+        somebody_else,
+        low_confidence,
+        blind,
+        never_seen,
+    ),
 }
 """By what they judge, as it is printed."""
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
 
 from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points
 from fgpose.benchmark.faults.geometry import nudge
@@ -94,6 +95,19 @@ def _each_image(n_times: int, *, everywhere: bool) -> Callable[[Take, np.random.
     return inflict
 
 
+def _smoothed(sigma_s: float, *, everywhere: bool) -> Callable[[Take, np.random.Generator], Damaged]:
+    """A Gaussian filter over the keypoints of one camera or of all."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        c = slice(None) if everywhere else some_camera(take, rng)
+        points = take.observations.points2d_px.copy()
+        points[:, c] = gaussian_filter1d(points[:, c], sigma_s * FPS, axis=0)
+        cameras = () if isinstance(c, slice) else (take.rig.names[c],)
+        return Damaged(take.rig, with_points(take.observations, points), take.truth_m, cameras)
+
+    return inflict
+
+
 IN_TIME: tuple[Damage, ...] = (
     Damage("late by 2 frames", (Code.LATE_CAMERA,), at_other_times(lambda t: t - 2 / FPS), 3),
     Damage("numbered from 1", (Code.LATE_CAMERA,), at_other_times(lambda t: t + 1 / FPS), 3),
@@ -112,6 +126,20 @@ IN_TIME: tuple[Damage, ...] = (
         (Code.REPEATED_IMAGES,),
         _each_image(4, everywhere=False),
         is_constant=True,
+    ),
+    Damage(
+        "smoothed by 0.4 s",
+        (Code.SMOOTHED_KEYPOINTS,),
+        _smoothed(0.4, everywhere=True),
+        is_constant=True,
+        of_simulated=True,
+    ),
+    Damage(
+        "smoothed by 0.2 s, one camera",
+        (Code.SMOOTHED_KEYPOINTS,),
+        _smoothed(0.2, everywhere=False),
+        is_constant=True,
+        of_simulated=True,
     ),
 )
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
@@ -15,6 +16,7 @@ from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
 from fgpose.diagnosis.seen.frozen import frozen_cameras
 from fgpose.diagnosis.seen.presence import nobody
 from fgpose.diagnosis.seen.repeated import repeated_images
+from fgpose.diagnosis.seen.smoothed import smoothed_keypoints
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -40,13 +42,25 @@ def without(seen: Observations, frames: slice, cameras: slice = slice(None)) -> 
 
 def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
     examined = Examined.of(seen, rig)
-    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined), *repeated_images(examined)] == []
+    assert [
+        *nobody(examined),
+        *low_confidence(examined),
+        *frozen_cameras(examined),
+        *repeated_images(examined),
+        *smoothed_keypoints(examined),
+    ] == []
 
 
 def test_nothing_is_told_of_a_real_recording() -> None:
     rig, seen = fgpose.load_recording("balance_openpose")
     examined = Examined.of(seen, rig)
-    assert [*nobody(examined), *low_confidence(examined), *frozen_cameras(examined), *repeated_images(examined)] == []
+    assert [
+        *nobody(examined),
+        *low_confidence(examined),
+        *frozen_cameras(examined),
+        *repeated_images(examined),
+        *smoothed_keypoints(examined),
+    ] == []
 
 
 def test_when_nobody_is_there(seen, rig) -> None:
@@ -154,3 +168,27 @@ def test_what_is_zero_by_chance_is_no_cause_of_anything_else(seen, rig) -> None:
     (finding,) = [each for each in fgpose.diagnose(zeros, rig).findings if each.severity is not Severity.NOTE]
     assert (finding.code, finding.severity) == (Code.ZERO_KEYPOINTS, Severity.DOUBTFUL)
     assert finding.numbers["share"] == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize("cameras", [[0, 1, 2], [1]])
+def test_keypoints_that_were_smoothed(seen, rig, cameras: list[int]) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[:, cameras] = gaussian_filter1d(points_px[:, cameras], 0.4 * 30, axis=0)
+    (finding,) = smoothed_keypoints(Examined.of(with_points(seen, points_px), rig))
+    assert (finding.code, finding.severity) == (Code.SMOOTHED_KEYPOINTS, Severity.DOUBTFUL)
+    assert finding.camera == ("" if len(cameras) == 3 else "cam2")
+
+
+def test_smoothed_keypoints_of_one_camera_are_noted(seen, rig) -> None:
+    alone = seen.subset(["cam1"])
+    points_px = gaussian_filter1d(alone.points2d_px, 0.4 * 30, axis=0)
+    (finding,) = smoothed_keypoints(Examined.of(with_points(alone, points_px), rig.subset(["cam1"])))
+    assert finding.severity is Severity.NOTE
+
+
+def test_what_has_no_errors_or_is_filtered_lightly_is_not_called_smoothed(seen, rig) -> None:
+    lightly_px = gaussian_filter1d(seen.points2d_px, 0.025 * 30, axis=0)
+    assert smoothed_keypoints(Examined.of(with_points(seen, lightly_px), rig)) == []
+    slow_m = gaussian_filter1d(motion_m(), 0.4 * 30, axis=0)
+    exact_px = np.stack([each.distort(each.project(slow_m)) for each in rig.cameras], axis=1)
+    assert smoothed_keypoints(Examined.of(with_points(seen, exact_px), rig)) == []
