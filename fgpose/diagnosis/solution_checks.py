@@ -17,6 +17,7 @@ from fgpose.trajectory import Trajectory
 _OUTSIDE_SHARE, _OFTEN_OUTSIDE = 0.05, 0.2
 # 18 mm along each axis of the image, of BlazePose and OpenPose (fgpose.config.VisibilityConfig); three times as much.
 _LARGE_ERROR_M = 3 * USUAL_ERROR_M
+_JUMPY = 0.5  # half of it is noise, half lasts
 
 
 def not_converged(recording: FinishedRecording) -> list[Finding]:
@@ -74,8 +75,36 @@ def large_errors(recording: FinishedRecording) -> list[Finding]:
         f"half of the reprojection errors are larger than {1000 * median_m:.0f} mm at the body; those of networks on "
         f"people that they see are about {1000 * USUAL_ERROR_M:.0f} mm"
     )
+    if jumpiness(recording) > _JUMPY:
+        reason += (
+            ". They are other ones in every frame and lean to no side: the detections are noisy, not the calibration"
+        )
+        remedy = "Use a larger network, or larger images of the person; more cameras help too."
+        return [Finding(Code.LARGE_ERRORS, Severity.NOTE, reason, remedy, 0.5)]
     remedy = "Is the calibration that of this recording, and are the cameras in its order? Calibrate anew."
     return [Finding(Code.LARGE_ERRORS, Severity.WRONG, reason, remedy, 0.9)]
+
+
+def jumpiness(recording: FinishedRecording) -> float:
+    """Half of the squared change of reprojection errors from one frame to the next, over their square (medians): 1 of
+    noise that is new in every frame, 0 of what lasts; NaN where rig or detections are missing."""
+    if recording.rig is None:
+        return np.nan
+    changes, squares = [], []
+    for person, seen in recording.observations.items():
+        if seen.n_frames < 2:
+            continue
+        first = spread_evenly(seen.n_frames - 1, SAMPLES)
+        positions_m = recording.people[person].positions_m
+        before_px, after_px = (
+            recording.rig.undistort(seen.points2d_px[frames]) - recording.rig.project(positions_m[frames])
+            for frames in (first, first + 1)
+        )
+        changes.append(np.sum((after_px - before_px) ** 2, axis=-1).ravel())
+        squares.append(np.sum(before_px**2, axis=-1).ravel())
+    if not changes:
+        return np.nan
+    return known_quantile(np.concatenate(changes), 0.5) / known_quantile(np.concatenate(squares), 0.5) / 2
 
 
 def sigma_ratio(recording: FinishedRecording) -> float:

@@ -11,6 +11,8 @@ from finished_walk import FPS, SPREAD_PX, changed, finished_walk
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.diagnosis.gravity_checks import flights
+from fgpose.diagnosis.solution_checks import large_errors
+from fgpose.finding import Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.report import FinishedRecording, quality
 from fgpose.report.outliers import outliers, robust_z
@@ -141,7 +143,22 @@ def drifting_camera(walk: FinishedRecording) -> FinishedRecording:
 
 
 def other_calibration(walk: FinishedRecording) -> FinishedRecording:
-    return changed(walk, residual_px=np.array(walk.main.residual_px) * 5)  # 5 * 18 mm
+    """Of which the detections are not known."""
+    return changed(replace(walk, observations={}), residual_px=np.array(walk.main.residual_px) * 5)  # 5 * 18 mm
+
+
+def other_calibration_of_known_detections(walk: FinishedRecording) -> FinishedRecording:
+    seen = walk.observations[0]
+    shifted = replace(seen, points2d_px=seen.points2d_px + np.array([20.0, 0.0]))
+    return replace(other_calibration(walk), observations={0: shifted})
+
+
+def noisy_detections(walk: FinishedRecording) -> FinishedRecording:
+    assert walk.rig is not None
+    seen = walk.observations[0]
+    errors_px = seen.points2d_px - walk.rig.project(walk.main.positions_m)
+    noisy = replace(walk, observations={0: replace(seen, points2d_px=seen.points2d_px + 4 * errors_px)})
+    return changed(noisy, residual_px=np.array(walk.main.residual_px) * 5)
 
 
 def jumping(walk: FinishedRecording, fall_mps2: float) -> FinishedRecording:
@@ -289,6 +306,25 @@ def test_who_stands_on_tiptoe_or_walks_on_a_stage_does_not_jump(walk: FinishedRe
     assert flights(jumping(walk, 3.2).main) == []
     stage_m = walk.main.positions_m + np.where(walk.main.time_s > 5, 0.4, 0.0)[:, None, None] * (0.0, 0.0, 1.0)
     assert flights(changed(walk, positions_m=stage_m).main) == []
+
+
+@pytest.mark.parametrize(
+    ("plant", "severity", "is_of_calibration"),
+    [
+        (other_calibration, Severity.WRONG, True),
+        (other_calibration_of_known_detections, Severity.WRONG, True),
+        (noisy_detections, Severity.NOTE, False),
+    ],
+)
+def test_noise_is_no_wrong_calibration(
+    walk: FinishedRecording,
+    plant: Callable[[FinishedRecording], FinishedRecording],
+    severity: Severity,
+    is_of_calibration: bool,
+) -> None:
+    (found,) = large_errors(plant(walk))
+    assert found.severity is severity
+    assert ("alibrat" in found.remedy) == is_of_calibration
 
 
 def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
