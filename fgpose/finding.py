@@ -225,6 +225,8 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
 
 # Where it is said of several cameras together, it need not be said of each.
 _SAID_OF_ALL = frozenset({Code.EXCHANGED_SIDES})
+# Of one camera these are the same: what disagrees is taken for hallucinated. The first is the one that is said.
+_THE_SAME = (Code.DISAGREEING_CAMERA, Code.HALLUCINATING_CAMERA)
 
 
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -233,10 +235,11 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     different: dict[tuple[Code, str, str, int | None, float | None], Finding] = {}
     for each in findings:
         different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s), each)
+    notes = [each for each in different.values() if each.severity is Severity.NOTE]
     grave = [each for each in different.values() if each.severity is not Severity.NOTE]
-    explained, also_of_notes = (
-        {code for each in some for code in EXPLAINS.get(each.code, ())} for some in (grave, different.values())
-    )
+    explained, of_notes = ({code for each in some for code in EXPLAINS.get(each.code, ())} for some in (grave, notes))
+    # What is worth a note only does not make half of all errors large.
+    also_of_notes = explained | (of_notes - {Code.LARGE_ERRORS})
     causes = [
         each
         for each in different.values()
@@ -248,6 +251,12 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
 
 def _says_more(other: Finding, each: Finding, order: list[Severity]) -> bool:
-    """Whether the one is of several cameras, the other the same of one of them."""
-    of_all = each.code in _SAID_OF_ALL and other.code is each.code and bool(each.camera) and not other.camera
-    return of_all and order.index(other.severity) <= order.index(each.severity)
+    """Whether the one is of several cameras, the other the same of one of them; or both say the same of one camera."""
+    severer, severe = order.index(other.severity), order.index(each.severity)
+    if not each.camera:
+        return False
+    if other.code is each.code:
+        return each.code in _SAID_OF_ALL and not other.camera and severer <= severe
+    if other.camera != each.camera or not {other.code, each.code} <= set(_THE_SAME):
+        return False
+    return (severer, _THE_SAME.index(other.code)) < (severe, _THE_SAME.index(each.code))

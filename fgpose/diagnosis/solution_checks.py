@@ -17,6 +17,8 @@ from fgpose.trajectory import Trajectory
 _OUTSIDE_SHARE, _OFTEN_OUTSIDE = 0.05, 0.2
 # 18 mm along each axis of the image, of BlazePose and OpenPose (fgpose.config.VisibilityConfig); three times as much.
 _LARGE_ERROR_M = 3 * USUAL_ERROR_M
+# 0.52 with 20 px of noise in all detections; 0.2 to 0.35 of real detectors, less of calibrations that are wrong.
+_JUMPY = 0.45
 
 
 def not_converged(recording: FinishedRecording) -> list[Finding]:
@@ -74,8 +76,28 @@ def large_errors(recording: FinishedRecording) -> list[Finding]:
         f"half of the reprojection errors are larger than {1000 * median_m:.0f} mm at the body; those of networks on "
         f"people that they see are about {1000 * USUAL_ERROR_M:.0f} mm"
     )
+    if jumpiness(recording) > _JUMPY:
+        reason += (
+            ". They are other ones in every frame and lean to no side: the detections are noisy, not the calibration"
+        )
+        remedy = "Use a larger network, or larger images of the person; more cameras help too."
+        return [Finding(Code.LARGE_ERRORS, Severity.NOTE, reason, remedy, 0.5)]
     remedy = "Is the calibration that of this recording, and are the cameras in its order? Calibrate anew."
     return [Finding(Code.LARGE_ERRORS, Severity.WRONG, reason, remedy, 0.9)]
+
+
+def jumpiness(recording: FinishedRecording) -> float:
+    """By how much reprojection errors change from one frame to the next, as a share of them (medians): 0.53 of normal
+    noise that is new in every frame, 0 of what lasts; NaN of a single frame."""
+    changes_px, errors_px = [], []
+    for trajectory in recording.people.values():
+        if trajectory.residual_px is not None and trajectory.n_frames > 1:
+            first = spread_evenly(trajectory.n_frames - 1, SAMPLES)
+            errors_px.append(trajectory.residual_px[first].ravel())
+            changes_px.append(np.abs(trajectory.residual_px[first + 1] - trajectory.residual_px[first]).ravel())
+    if not changes_px:
+        return np.nan
+    return known_quantile(np.concatenate(changes_px), 0.5) / known_quantile(np.concatenate(errors_px), 0.5)
 
 
 def sigma_ratio(recording: FinishedRecording) -> float:

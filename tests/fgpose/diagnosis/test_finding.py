@@ -83,3 +83,17 @@ def test_sides_that_most_cameras_exchange_are_one_finding(
     assert ([each.camera for each in told], told[0].reason) == (cameras, words)
     # Whole poses are corrected where two others tell how.
     assert ("are corrected" in told[0].remedy) == (len(shares) == 1)
+
+
+def test_a_camera_that_disagrees_is_not_said_to_hallucinate_too() -> None:
+    disagrees, hallucinates = (found(code, camera="a") for code in (Code.DISAGREEING_CAMERA, Code.HALLUCINATING_CAMERA))
+    other = found(Code.HALLUCINATING_CAMERA, weight=0.1, camera="b")
+    assert most_important([hallucinates, disagrees, other]) == (disagrees, other)
+    wholly = found(Code.HALLUCINATING_CAMERA, Severity.WRONG, camera="a")
+    assert most_important([disagrees, wholly]) == (wholly,)
+
+
+def test_a_few_exchanged_sides_do_not_explain_noise_of_all() -> None:
+    noise, few = found(Code.LARGE_ERRORS, Severity.NOTE), found(Code.EXCHANGED_SIDES, Severity.NOTE, 0.01, camera="a")
+    assert most_important([few, noise]) == (noise, few)
+    assert most_important([found(Code.EXCHANGED_SIDES, camera="a"), noise])[1:] == ()

@@ -11,6 +11,8 @@ from finished_walk import FPS, SPREAD_PX, changed, finished_walk
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.diagnosis.gravity_checks import flights
+from fgpose.diagnosis.solution_checks import large_errors
+from fgpose.finding import Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.report import FinishedRecording, quality
 from fgpose.report.outliers import outliers, robust_z
@@ -150,6 +152,10 @@ def drifting_camera(walk: FinishedRecording) -> FinishedRecording:
 
 
 def other_calibration(walk: FinishedRecording) -> FinishedRecording:
+    return changed(walk, residual_px=np.array(walk.main.residual_px) + 20.0)
+
+
+def noisy_detections(walk: FinishedRecording) -> FinishedRecording:
     return changed(walk, residual_px=np.array(walk.main.residual_px) * 5)  # 5 * 18 mm
 
 
@@ -240,6 +246,7 @@ _OVER_TIME = ("time_s", "positions_m", "status", "covariance_m2", "residual_px",
         (coat, "ring_2", "shows left knee elsewhere than the others do in 67 % of its detections, by 8 cm"),
         (drifting_camera, "ring_1", "% more slowly than their times say"),
         (other_calibration, "", "larger than 9"),
+        (noisy_detections, "", "the detections are noisy, not the calibration"),
         (fast_clock, "", "the frame rate is 1.20 times the true one"),
         (sprint, "", "nobody runs faster than 13 m/s"),
         (contradiction, "", "contradict the motion of most joints in 5 frames, first at 5.00 s"),
@@ -299,6 +306,24 @@ def test_who_stands_on_tiptoe_or_walks_on_a_stage_does_not_jump(walk: FinishedRe
     assert flights(jumping(walk, 3.2).main) == []
     stage_m = walk.main.positions_m + np.where(walk.main.time_s > 5, 0.4, 0.0)[:, None, None] * (0.0, 0.0, 1.0)
     assert flights(changed(walk, positions_m=stage_m).main) == []
+
+
+@pytest.mark.parametrize(
+    ("plant", "severity", "is_of_calibration"),
+    [
+        (other_calibration, Severity.WRONG, True),
+        (noisy_detections, Severity.NOTE, False),
+    ],
+)
+def test_noise_is_no_wrong_calibration(
+    walk: FinishedRecording,
+    plant: Callable[[FinishedRecording], FinishedRecording],
+    severity: Severity,
+    is_of_calibration: bool,
+) -> None:
+    (found,) = large_errors(plant(walk))
+    assert found.severity is severity
+    assert ("alibrat" in found.remedy) == is_of_calibration
 
 
 def hallucinated_arm(walk: FinishedRecording, n_cameras: int) -> list[str]:
