@@ -35,13 +35,10 @@ def better_order(positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skel
     as_named = [contradictions(half, skeleton) for half in halves]
     best, most = None, _LESS
     for each in _orders(skeleton):
-        less = np.inf
-        for half, before in zip(halves, as_named, strict=True):
-            less = min(less, before - contradictions(half[:, each.order], skeleton))
-            if not less > most:
-                break
-        else:
-            best, most = each, less
+        in_order = [contradictions(half[:, each.order], skeleton) for half in halves]
+        less = [before - after for before, after in zip(as_named, in_order, strict=True)]
+        if all(own > most for own in less):  # not where it is NaN
+            best, most = each, min(less)
     return best
 
 

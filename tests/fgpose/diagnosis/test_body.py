@@ -126,6 +126,14 @@ def test_left_and_right_exchanged_in_all_views(seen, rig) -> None:
     assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
 
 
+def test_no_order_is_told_of_a_body_without_legs(seen, rig) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[
+        :, :, [SKELETON.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")]
+    ] = np.nan
+    assert wrong_skeleton(Examined.of(with_points(seen, points_px), rig)) == []
+
+
 @pytest.mark.parametrize("n_cameras", [2, 4])
 @pytest.mark.parametrize(
     ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
