@@ -15,7 +15,7 @@ from fgpose.skeleton import Skeleton
 _CHAINS = (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
 _SIDES = (("left",), ("right",), ("left", "right"))
 # Of the sum over all parts, in either half. What the best wrong order has less than the right one is up to 0.04, in 173
-# recordings of ten motions by 2 to 8 cameras. The other way round it is 0.3 to 2, less of arms that are always bent.
+# recordings by 2 to 8 cameras. The other way round it is 0.3 to 2, less of arms that are always bent.
 _LESS = 0.12
 
 
