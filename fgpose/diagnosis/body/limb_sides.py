@@ -44,7 +44,7 @@ def exchanged_limbs(examined: Examined) -> list[Finding]:
     found: dict[str, int] = {}
     for limbs, joints in _LIMBS.items():
         own = [skeleton.index(joint) for name in joints for joint in _both(name) if joint in skeleton.joints]
-        camera = _exchanging(scene, np.array(own, dtype=int), skeleton)
+        camera = _exchanging(scene, np.array(own), skeleton) if own else None
         if camera is not None:
             found[limbs] = camera
     if len(found) > 1 and (scene.n_cameras == 2 or len(set(found.values())) == 1):

@@ -14,7 +14,7 @@ from fgpose.skeleton import Skeleton
 # +0.53 to +1.00 of two real recordings and of five motions with the errors of real detectors, a third of the joints
 # hidden or not.
 _MIRRORED = -0.4
-# +0.6 to +1.0 of 173 recordings of ten motions by 2 to 8 cameras, and less than -0.6 with arms or legs exchanged.
+# +0.6 to +1.0 of 173 recordings by 2 to 8 cameras, and less than -0.6 with arms or legs exchanged.
 _TWISTED = -0.3
 
 

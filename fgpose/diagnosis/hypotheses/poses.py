@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from fgpose.diagnosis.hypotheses.agreement import NEAR_M
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
@@ -56,6 +55,8 @@ def _of_rotation(R: Callable[[Float[np.ndarray, "3 3"]], Float[np.ndarray, "3 3"
 
 def _vector_in_degrees(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
     """Whose rotation vector has so many radians as this one has degrees."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_rotvec(np.rad2deg(Rotation.from_matrix(R).as_rotvec())).as_matrix()
 
 
@@ -144,6 +145,8 @@ def _read_as_radians(scene: Scene) -> Iterator[list[Float[np.ndarray, "3 3"]]]:
 
 def _in_degrees(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "turn 3 3"]:
     """All rotations that this one may be if degrees were taken for radians."""
+    from scipy.spatial.transform import Rotation
+
     vector = Rotation.from_matrix(R).as_rotvec()
     angle = max(float(np.linalg.norm(vector)), 1e-9)
     turns = 2 * np.pi * np.arange(np.ceil(180 / (2 * np.pi)) + 1)

@@ -123,7 +123,7 @@ class Scene:
     def joints(self, joints: Int[np.ndarray, " joint"]) -> Scene:
         """Some of the joints; those of the other side have to be among them."""
         number = {int(joint): place for place, joint in enumerate(joints)}
-        mirror = np.array([number[int(self.mirror[joint])] for joint in joints])
+        mirror = np.array([number[int(self.mirror[joint])] for joint in joints], dtype=int)
         whole = [limb for limb in self.limbs if all(int(joint) in number for joint in limb.ravel())]
         limbs = np.array([[number[int(joint)] for joint in limb.ravel()] for limb in whole], dtype=int)
         views = tuple(view.joints(joints) for view in self.views)

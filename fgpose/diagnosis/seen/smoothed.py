@@ -15,7 +15,7 @@ from fgpose.sampling import frames_per_second
 _RATE_HZ, _LOWEST_HZ = 12.0, 9.0
 _FAST = 0.75  # quantile of the speed: filters of networks for video follow what moves
 _FEWEST = 100
-# Of the spread of the joints: 0.024 to 0.13 of 55 recordings, 0.005 and more with filters of 4 Hz and more, which harm
+# Of the spread of the joints: 0.024 to 0.13 of 107 recordings, 0.005 and more with filters of 4 Hz and more, which harm
 # little, or with that of MediaPipe for video; 0.0002 to 0.008 with a Gaussian of 0.2 s, 0.00003 to 0.0007 of 0.4 s.
 _TREMBLES = 0.005
 # Of the distance between rays. Where both are small, the keypoints have no errors: they are of no network.

@@ -134,6 +134,14 @@ def test_left_and_right_exchanged_in_all_views(seen, rig) -> None:
     assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
 
 
+def test_no_order_is_told_of_a_body_without_legs(seen, rig) -> None:
+    points_px = seen.points2d_px.copy()
+    points_px[
+        :, :, [SKELETON.index(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle")]
+    ] = np.nan
+    assert wrong_skeleton(Examined.of(with_points(seen, points_px), rig)) == []
+
+
 @pytest.mark.parametrize("n_cameras", [2, 4])
 @pytest.mark.parametrize(
     ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
@@ -151,23 +159,22 @@ def test_arms_or_legs_exchanged_in_all_views(n_cameras: int, limbs: str, joints:
     assert wrong_skeleton(examined) == []
 
 
-@pytest.mark.parametrize("n_cameras", [2, 4])
+@pytest.mark.parametrize(("n_cameras", "camera"), [(2, 0), (2, 1), pytest.param(4, 1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     ("limbs", "joints"), [("arms", ("shoulder", "elbow", "wrist")), ("legs", ("hip", "knee", "ankle"))]
 )
-def test_arms_or_legs_exchanged_in_one_view(n_cameras: int, limbs: str, joints: tuple[str, ...]) -> None:
+def test_arms_or_legs_exchanged_in_one_view(n_cameras: int, camera: int, limbs: str, joints: tuple[str, ...]) -> None:
     rig = room(n_cameras, seed=3)
-    seen = recorded(rig, motion_m("cmu_02_10", 90), seed=3)
+    seen = recorded(rig, motion_m("cmu_02_10", 60), seed=3)
     assert exchanged_limbs(Examined.of(seen, rig)) == []
     own = [SKELETON.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
-    for camera in (0, 1):
-        points_px = seen.points2d_px.copy()
-        points_px[:, camera, own] = points_px[:, camera, SKELETON.mirror[own]]
-        examined = Examined.of(with_points(seen, points_px), rig)
-        assert disagreements(examined) == []
-        (finding,) = exchanged_limbs(examined)
-        assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
-        assert f"Left and right {limbs} are exchanged in {rig.names[camera]} throughout" in finding.reason
+    points_px = seen.points2d_px.copy()
+    points_px[:, camera, own] = points_px[:, camera, SKELETON.mirror[own]]
+    examined = Examined.of(with_points(seen, points_px), rig)
+    assert disagreements(examined) == []
+    (finding,) = exchanged_limbs(examined)
+    assert (finding.code, finding.severity) == (Code.EXCHANGED_SIDES, Severity.WRONG)
+    assert f"Left and right {limbs} are exchanged in {rig.names[camera]} throughout" in finding.reason
 
 
 @pytest.mark.parametrize("n_cameras", [2, 4])
