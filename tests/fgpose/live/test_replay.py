@@ -159,7 +159,7 @@ def test_after_kill_9_all_but_the_last_second_is_there(tmp_path: Path, capsys: p
     command = [sys.executable, "-m", "fgpose", "live", str(rig_file(tmp_path)), *options]
     sender = threading.Thread(target=send, args=(port,))
     system = subprocess.Popen(command, stderr=subprocess.DEVNULL)
-    size = 0
+    size, grown_s = 0, 0.0
     try:
         end_s = time.monotonic() + 60.0
         while size < 400_000:
