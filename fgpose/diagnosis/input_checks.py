@@ -50,9 +50,9 @@ def unusual_steps(examined: Examined) -> list[Finding]:
 
 def off_centre(examined: Examined) -> list[Finding]:
     """Principal points that are no lens's: not given, of images of another size, or of the whole of which these are a
-    part."""
+    part. Where cameras agree, the images were cut and the calibration knows."""
     cameras = [camera for camera in examined.rig.cameras if is_of_another_size(camera)]
-    if not cameras:
+    if not cameras or examined.geometry.normal:
         return []
     first, names = cameras[0], ", ".join(camera.name for camera in cameras)
     return [

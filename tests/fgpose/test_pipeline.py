@@ -17,17 +17,21 @@ from fgpose.estimation import fusion
 from fgpose.estimation.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed, smooth
+from fgpose.finding import Code
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.geometry.triangulation import Triangulation, triangulate_robust
 from fgpose.geometry.up_axis import z_up_R_world
 from fgpose.io.calibration import save_rig
+from fgpose.io.calibration.calibration_origin import CalibrationOrigin, MovedCamera
 from fgpose.io.content import read_content
 from fgpose.io.keypoints import detections, save_observations
+from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory
 from fgpose.observations import Observations
 from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, run_smooth, run_track, write_outputs
+from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import Recording, open_recording
 
@@ -355,3 +359,16 @@ def test_keypoints_of_images_turned_by_caliscope_are_noticed(
         errors_px.append(np.nanmedian(reprojection_residual_px(undistorted_px, each.rig, positions_m)))
     # Turning the images changes nothing but for rounding in the file, 1e-4 px.
     assert errors_px[1] == pytest.approx(errors_px[0], abs=1e-2)
+
+
+@pytest.mark.parametrize(("n_moved", "said"), [(3, True), (2, False)])
+def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
+    source: Source, smoothed: Result, n_moved: int, said: bool
+) -> None:
+    """Two of four cameras that stayed hold it."""
+    moved = (MovedCamera(name, 2.0 * (c < n_moved), 0.1 * (c < n_moved)) for c, name in enumerate(source.rig.names))
+    origin = Origin(calibration=CalibrationOrigin(moved=tuple(moved)))
+    result = diagnosed(replace(smoothed, source=replace(source, origin=origin)))
+    assert result.diagnosis is not None
+    found = [each.reason for each in result.diagnosis.findings if each.code is Code.CALIBRATION]
+    assert ["3 of 4 cameras were moved by the refinement, by about 10 cm" in each for each in found] == [True] * said

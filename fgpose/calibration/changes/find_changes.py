@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,6 +12,15 @@ from jaxtyping import Float
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS, ClockFit, clock_fits, score
+from fgpose.calibration.changes.credible import (
+    JUMP_FRAMES,
+    NOTICEABLE_FRAMES,
+    clock_matters,
+    holds,
+    is_clear,
+    lens_matters,
+    move_matters,
+)
 from fgpose.calibration.changes.lag_costs import (
     BLOCK_S,
     PER_STEP,
@@ -22,7 +31,7 @@ from fgpose.calibration.changes.lag_costs import (
     somebody_moves,
     somebody_walks,
 )
-from fgpose.calibration.changes.lenses import Lens, LensFit, lens_fits, with_lens
+from fgpose.calibration.changes.lenses import LensFit, lens_fits, with_lens
 from fgpose.calibration.changes.pose_changes import PoseFit, misses_m, pose_fit, pose_fits
 from fgpose.calibration.changes.rays import Rays, grid_step_s, rays_of
 from fgpose.calibration.changes.turning_point import turning_point_s
@@ -36,24 +45,7 @@ MAX_LAG_S = 1.5
 """Of one camera behind another; what is found here may be more."""
 _MAX_CHANGES = 6
 _LONGEST_STEP_S = 0.5  # between images: nothing is told of clocks by less than two a second
-# Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
-_SCORE = 5.0
-_GAIN = 25.0
-# At 50 Hz and walking speed 6 mm, half of the usual error.
-_NOTICEABLE_FRAMES = 0.2
-# Lost images are whole ones; a rate adds up to this from the first to the last second.
-_JUMP_FRAMES, _RATE_FRAMES = 0.5, 0.6
-# What a network errs by differs with the side from which it sees somebody. Of somebody who stands, the rays of right
-# cameras miss each other by up to this, root mean square (webcams a metre away); that it changes at a moment is rarer.
-_NOTICEABLE_SHIFT = 0.4
-_NOTICEABLE_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.018}
-_NOTICEABLE_OF_WALKING_M = {Kind.MOVED: 0.01, Kind.BUMP: 0.018}
-# Cost of a block that a change makes worse; of bumps of 0.7 degrees no block loses 3, of a reflection that is seen now
-# and then every fourth loses 6 to 30.
-_CONTRADICTS, _MAY_CONTRADICT = 5.0, 0.06
 _AGREES_M = 0.06  # by which rays of right cameras miss each other at most (diagnosis.hypotheses.search)
-_NOTICEABLE_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
-_NOTICEABLE_BENT_RAD = 0.005  # 2 cm at 4 m
 # A more complicated change must be better by this than a simpler one.
 _CLEARLY = 1.08
 _WHOLE_FRAMES = 0.25
@@ -130,12 +122,11 @@ def _next(
     blocks = blocks_of(rays, rays.direction.shape[2])
     costs = lag_costs(rays, blocks, n_lags)
     walks, moves = somebody_walks(rays, blocks), somebody_moves(rays, costs)
-    least_m = _NOTICEABLE_OF_WALKING_M if walks else _NOTICEABLE_M
     each_camera = range(rig.n_cameras)
-    candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, least_m)]
+    candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
     candidates += [each for c in each_camera if moves for each in _clocks_of(costs, c, step_s)]
     fits = lens_fits(rays, costs, rig) if walks else []
-    fits = [fit for fit in fits if _is_clear(fit) and _is_noticeable(fit) and _holds(fit)]
+    fits = [fit for fit in fits if is_clear(fit) and lens_matters(fit) and holds(fit)]
     # What needs no number goes before what does.
     lens = max(fits, key=lambda fit: fit.gain.sum() * (_CLEARLY if len(fit.lens.values) == 2 else 1.0), default=None)
     while candidates:
@@ -214,42 +205,17 @@ def _clocks_of(costs: LagCosts, c: int, step_s: float) -> list[_Candidate]:
     found = []
     for fit in clock_fits(costs, c, step_s):
         lag_s = fit.lag * costs.step_s
-        if _is_clear(fit) and _matters(fit.kind, lag_s / step_s):
+        if is_clear(fit) and clock_matters(fit.kind, lag_s / step_s):
             found.append(_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())))
     return found
 
 
-def _poses_of(rays: Rays, costs: LagCosts, c: int, least_m: Mapping[Kind, float]) -> list[_Candidate]:
-    poses = [fit for fit in pose_fits(rays, costs, c) if _is_clear(fit)]
+def _poses_of(rays: Rays, costs: LagCosts, c: int, *, walks: bool) -> list[_Candidate]:
+    poses = [fit for fit in pose_fits(rays, costs, c) if is_clear(fit)]
     best = max(poses, key=lambda fit: float(fit.gain.sum()), default=None)
-    noticeable = [fit for fit in poses if fit.shift > _NOTICEABLE_SHIFT and fit.shift_m > least_m[fit.kind]]
-    found = [fit for fit in noticeable if best in noticeable and _holds(fit)]
+    noticeable = [fit for fit in poses if move_matters(fit, walks=walks)]
+    found = [fit for fit in noticeable if best in noticeable and holds(fit)]
     return [_Candidate(Change(fit.kind, c), fit, float(fit.gain.sum())) for fit in found]
-
-
-def _is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
-    return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
-
-
-def _holds(fit: PoseFit | LensFit) -> bool:
-    """Whether hardly a block contradicts what is there all the time: where somebody else is seen, or a reflection, now
-    and then, a move or a lens suits many blocks, and the others not at all."""
-    gain = fit.gain[fit.held] if isinstance(fit, PoseFit) else fit.gain
-    return float(np.mean(gain < -_CONTRADICTS)) <= _MAY_CONTRADICT
-
-
-def _is_noticeable(fit: LensFit) -> bool:
-    if fit.lens is Lens.FOCAL_LENGTH:
-        return abs(fit.value) > _NOTICEABLE_ZOOM
-    return fit.shift_rad > _NOTICEABLE_BENT_RAD
-
-
-def _matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
-    if kind is Kind.OFFSET:
-        return bool(abs(lag[0]) > _NOTICEABLE_FRAMES)
-    if kind is Kind.JUMP:
-        return bool(np.abs(np.diff(lag)).max() > _JUMP_FRAMES)
-    return bool(abs(lag[-1] - lag[0]) > _RATE_FRAMES)
 
 
 def _placed(
@@ -335,7 +301,7 @@ def _jump(
     step_s: float,
 ) -> list[Change]:
     found: list[Change] = []
-    if abs(lag_s[0]) > _NOTICEABLE_FRAMES * step_s:
+    if abs(lag_s[0]) > NOTICEABLE_FRAMES * step_s:
         offset_s = float(lag_s[0])
         found.append(
             Change(Kind.OFFSET, change.camera, offset_s=offset_s, sigma=change.sigma, reliability=change.reliability)
@@ -345,7 +311,7 @@ def _jump(
         frames = by_s / step_s
         if abs(frames - round(frames)) < _WHOLE_FRAMES:
             by_s = round(frames) * step_s
-        if abs(by_s) < _JUMP_FRAMES * step_s:
+        if abs(by_s) < JUMP_FRAMES * step_s:
             continue
         jump = replace(change, offset_s=by_s)
         near_s = blocks.time_s[first] - blocks.length_s / 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import fgpose
@@ -33,6 +34,15 @@ def test_a_principal_point_that_was_left_out() -> None:
     assert "cx = 0, cy = 0" in of_one.reason
     (of_all,) = off_centre(Examined(without_centre(rig, (0, 1, 2)), {0: seen}))
     assert "cam1, cam2, cam3" in of_all.reason
+
+
+def test_images_that_were_cut_with_their_calibration_are_right() -> None:
+    rig = room(3)
+    seen = recorded(rig)
+    cut_px = np.array([600.0, 0.0])
+    cameras = (replace(each, K=each.K - np.array([[0, 0, 600.0], [0, 0, 0], [0, 0, 0]])) for each in rig.cameras)
+    cut = replace(seen, points2d_px=seen.points2d_px - cut_px, points3d_m=None, covariance3d_m2=None)
+    assert off_centre(Examined(CameraRig(tuple(cameras)), {0: cut})) == []
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1000.0, "milliseconds"), (1e-3, "another unit")])

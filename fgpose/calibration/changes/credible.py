@@ -1,0 +1,61 @@
+"""Which fits are believed: clear ones, that hardly a block contradicts, and that matter."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.calibration.changes.change import Kind
+from fgpose.calibration.changes.clock_changes import ClockFit, score
+from fgpose.calibration.changes.lenses import Lens, LensFit
+from fgpose.calibration.changes.pose_changes import PoseFit
+
+# Of undamaged recordings none reaches half of it; a frame that is lost reaches four times as much in ten seconds.
+_SCORE = 5.0
+_GAIN = 25.0
+# Cost of a block that a change makes worse; of bumps of 0.7 degrees no block loses 3, of a reflection that is seen now
+# and then every fourth loses 6 to 30.
+_CONTRADICTS, _MAY_CONTRADICT = 5.0, 0.06
+NOTICEABLE_FRAMES = 0.2
+"""At 50 Hz and walking speed 6 mm, half of the usual error."""
+JUMP_FRAMES = 0.5
+"""Lost images are whole ones."""
+_RATE_FRAMES = 0.6  # that a rate adds up to from the first to the last second
+# What a network errs by differs with the side from which it sees somebody. Of somebody who stands, the rays of right
+# cameras miss each other by up to this, root mean square (webcams a metre away); that it changes at a moment is rarer.
+_SHIFT = 0.4
+_SHIFT_M = {Kind.MOVED: 0.03, Kind.BUMP: 0.018}
+_SHIFT_OF_WALKING_M = {Kind.MOVED: 0.01, Kind.BUMP: 0.018}
+_ZOOM = 0.04  # of the focal length: 8 cm two metres from the middle of the room
+_BENT_RAD = 0.005  # 2 cm at 4 m
+
+
+def is_clear(fit: ClockFit | PoseFit | LensFit) -> bool:
+    """Whether it is better by more than chance."""
+    return score(fit.gain) > _SCORE and float(fit.gain.sum()) > _GAIN
+
+
+def holds(fit: PoseFit | LensFit) -> bool:
+    """Whether hardly a block contradicts what is there all the time: where somebody else is seen, or a reflection, now
+    and then, a move or a lens suits many blocks, and the others not at all."""
+    gain = fit.gain[fit.held] if isinstance(fit, PoseFit) else fit.gain
+    return float(np.mean(gain < -_CONTRADICTS)) <= _MAY_CONTRADICT
+
+
+def clock_matters(kind: Kind, lag: Float[np.ndarray, " block"]) -> bool:
+    """Whether lags, in images, are more than clocks that are right have."""
+    if kind is Kind.OFFSET:
+        return bool(abs(lag[0]) > NOTICEABLE_FRAMES)
+    if kind is Kind.JUMP:
+        return bool(np.abs(np.diff(lag)).max() > JUMP_FRAMES)
+    return bool(abs(lag[-1] - lag[0]) > _RATE_FRAMES)
+
+
+def move_matters(fit: PoseFit, *, walks: bool) -> bool:
+    """Whether rays miss each other by more than those of right cameras, of somebody who walks or does not."""
+    return fit.shift > _SHIFT and fit.shift_m > (_SHIFT_OF_WALKING_M if walks else _SHIFT_M)[fit.kind]
+
+
+def lens_matters(fit: LensFit) -> bool:
+    """Whether it is another lens."""
+    return abs(fit.value) > _ZOOM if fit.lens is Lens.FOCAL_LENGTH else fit.shift_rad > _BENT_RAD
