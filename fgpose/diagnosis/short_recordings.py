@@ -9,6 +9,7 @@ from fgpose.finding import Code, Finding, Severity
 
 # A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
 FURTHEST_DEG, FURTHEST_M = 10.0, 0.15
+_TWICE = 2.0  # a second or two tell turns and moves apart no better
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
 
@@ -49,7 +50,7 @@ def _late(fault: CameraFault, also_moved: bool) -> Finding:
 
 
 def _moved(fault: CameraFault, also_late: bool, several: bool) -> Finding:
-    if fault.rotation_deg > FURTHEST_DEG or fault.translation_m > FURTHEST_M:
+    if fault.rotation_deg > _TWICE * FURTHEST_DEG or fault.translation_m > _TWICE * FURTHEST_M:
         return _elsewhere(fault)
     together = " and --estimate-time-offsets together" if also_late else ""
     lenses = "; or the focal lengths are not those of the calibration, which a short recording does not tell"

@@ -45,7 +45,7 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
     )
     return [
         Finding(
-            Code.OTHER_PERSON,
+            Code.DISAGREEING_CAMERA,
             Severity.DOUBTFUL if outvoted else Severity.WRONG,
             f"{who} see{'s' if len(cameras) == 1 else ''} a body {_FAR_M:.1f} m or more from where others see it in "
             f"{100 * share:.0f} % of the images: {believed}",

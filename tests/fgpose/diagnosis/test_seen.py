@@ -117,7 +117,7 @@ def test_somebody_else_now_and_then(cameras: tuple[int, ...], severity: Severity
     assert seen_elsewhere(Examined(rig, {0: seen}), ()) == []
     given = Examined(rig, {0: with_points(seen, points_px)})
     (finding,) = seen_elsewhere(given, ())
-    assert (finding.code, finding.severity) == (Code.OTHER_PERSON, severity)
+    assert (finding.code, finding.severity) == (Code.DISAGREEING_CAMERA, severity)
     assert 25 <= 100 * finding.numbers["share"] <= 35  # of 30 %
     assert seen_elsewhere(given, rig.names) == []
 
