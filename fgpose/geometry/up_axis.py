@@ -30,7 +30,7 @@ _Z_UP_R_WORLD = {
 def up_vector(world_up: WorldUp) -> Float[np.ndarray, 3]:
     """Of length 1, in the world. Raises ValueError unless it is an axis or a direction."""
     if isinstance(world_up, str):
-        sign, axis = (-1.0 if world_up[0] == "-" else 1.0), world_up[-1:]
+        sign, axis = (-1.0 if world_up[:1] == "-" else 1.0), world_up[-1:]
         if axis not in ("x", "y", "z") or world_up not in (axis, f"+{axis}", f"-{axis}"):
             raise ValueError(f"the axis that points up must be one of {', '.join(SIGNED_AXES)}, got {world_up!r}")
         return sign * np.eye(3)["xyz".index(axis)]
