@@ -11,8 +11,10 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.skeleton import Skeleton
 
-MOST_DEG, MOST_M = 10.0, 0.35
-"""A camera that is kicked is not turned further. It moves by 15 cm, but images of a second or two hardly tell a move
+BUMP_DEG, BUMP_M = 10.0, 0.15
+"""What a bump does: more is another place."""
+MOST_DEG, MOST_M = BUMP_DEG, 0.35
+"""A camera that is kicked is not turned further. It moves by BUMP_M, but images of a second or two hardly tell a move
 from a turn about the body: 5 degrees at 4 m are 35 cm."""
 # Of limbs. Cameras that agree hold the size of the body; of two, one that is bumped changes the distance, and with it
 # the size, by what one degree is of the angle between them.

@@ -10,16 +10,15 @@ import numpy as np
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import LEAST_S, MAX_LAG_S, Changes, find_changes
 from fgpose.calibration.changes.lenses import Lens, LensFit
+from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
 from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
-from fgpose.diagnosis.short_recordings import FURTHEST_DEG, FURTHEST_M, faults_of_short
+from fgpose.diagnosis.short_recordings import faults_of_short, if_by_hand
 from fgpose.finding import Code, Finding, Severity
 
 # Nothing can be told of when such a camera saw what, or where it was then.
 _NOT_OF_THIS_TIME = (Why.UNKNOWN, Why.DISTORTED, Why.RATE)
-# More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
-_FAR_APART_S = 0.12
 # Of bumps that are one, to the second to which they are found; and as many as a recording with a careless operator has.
 _ONE_MOMENT_S, _OFTEN = 2.0, 2
 _AT_THE_END = 0.95  # of the lags that were tried
@@ -180,9 +179,6 @@ _CLOCKS, _POSES = "--estimate-time-offsets", "--refine-calibration"
 
 
 def _late(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
-    by_hand = ""
-    if abs(change.offset_s) > _FAR_APART_S:
-        by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
     frames = abs(change.offset_s) / found.step_s
     one = " Is one file numbered from 0 and another from 1?" if abs(frames - 1) < 0.1 else ""
     by = f"{frames:.1f} frames ({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
@@ -193,7 +189,7 @@ def _late(change: Change, found: Changes, names: Sequence[str], together: bool) 
         Severity.DOUBTFUL,
         f"{names[change.camera]} takes its images {by} {'later' if change.offset_s > 0 else 'earlier'} than their "
         "times say, measured by the clocks of the others, all through the recording",
-        f"{_remedy(_CLOCKS, _POSES, together=together)}{one}{by_hand}",
+        f"{_remedy(_CLOCKS, _POSES, together=together)}{one}{if_by_hand(change.offset_s)}",
         0.5,
         camera=names[change.camera],
         numbers={"offset_s": change.offset_s, "sigma_s": change.sigma},
@@ -323,7 +319,7 @@ def _by(change: Change) -> str:
 
 
 def _mended(change: Change, together: bool, by_hand: str, also: str = "") -> str:
-    if change.rotation_deg > FURTHEST_DEG or np.linalg.norm(change.translation_m) > FURTHEST_M:
+    if change.rotation_deg > BUMP_DEG or np.linalg.norm(change.translation_m) > BUMP_M:
         return f"{by_hand} It is further away than a bump can be refined."
     return f"{_remedy(_POSES, _CLOCKS, together=together)}{also}"
 

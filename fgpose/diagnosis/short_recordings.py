@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from fgpose.calibration.camera_faults import CameraFault, camera_faults
 from fgpose.calibration.changes.find_changes import LEAST_S
+from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
 
-# A bump moves a camera by less; further ones were put elsewhere, and a refinement would change the size of the body.
-FURTHEST_DEG, FURTHEST_M = 10.0, 0.15
 _TWICE = 2.0  # a second or two tell turns and moves apart no better
 # More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
 _FAR_APART_S = 0.12
@@ -29,20 +28,24 @@ def faults_of_short(examined: Examined) -> list[Finding]:
     return [*(_late(fault, bool(moved)) for fault in late), *(_moved(fault, bool(late), several) for fault in moved)]
 
 
+def if_by_hand(offset_s: float) -> str:
+    """What else to do where a camera began so much later or earlier."""
+    if abs(offset_s) <= _FAR_APART_S:
+        return ""
+    return " Were the cameras started by hand? Then fgpose synchronise finds when each began."
+
+
 def _late(fault: CameraFault, also_moved: bool) -> Finding:
     # While the person walks in one direction, both faults cause the same errors. Either option alone would absorb the
     # error of the other.
     both = " and --refine-calibration together" if also_moved else ""
-    by_hand = ""
-    if abs(fault.offset_s) > _FAR_APART_S:
-        by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
     ms, sigma_ms = 1000 * abs(fault.offset_s), 1000 * fault.offset_sigma_s
     return Finding(
         Code.LATE_CAMERA,
         Severity.DOUBTFUL,
         f"{fault.name} takes its images {abs(fault.offset_frames):.1f} frames ({ms:.0f} +/- {sigma_ms:.0f} ms) "
         f"{'later' if fault.offset_s > 0 else 'earlier'} than their times say, measured by the clocks of the others",
-        f"Use --estimate-time-offsets{both}.{by_hand}",
+        f"Use --estimate-time-offsets{both}.{if_by_hand(fault.offset_s)}",
         0.5,
         camera=fault.name,
         numbers={"offset_s": fault.offset_s, "sigma_s": fault.offset_sigma_s},
@@ -50,7 +53,7 @@ def _late(fault: CameraFault, also_moved: bool) -> Finding:
 
 
 def _moved(fault: CameraFault, also_late: bool, several: bool) -> Finding:
-    if fault.rotation_deg > _TWICE * FURTHEST_DEG or fault.translation_m > _TWICE * FURTHEST_M:
+    if fault.rotation_deg > _TWICE * BUMP_DEG or fault.translation_m > _TWICE * BUMP_M:
         return _elsewhere(fault)
     together = " and --estimate-time-offsets together" if also_late else ""
     lenses = "; or the focal lengths are not those of the calibration, which a short recording does not tell"

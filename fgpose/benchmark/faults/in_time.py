@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
 from fgpose.benchmark.faults.damage import Damage, Damaged, some_camera, with_points
-from fgpose.benchmark.faults.geometry import nudge
+from fgpose.benchmark.faults.geometry import nudge, of_points
 from fgpose.benchmark.faults.take import FPS, Take
 from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
@@ -95,17 +95,9 @@ def _each_image(n_times: int, *, everywhere: bool) -> Callable[[Take, np.random.
     return inflict
 
 
-def _smoothed(sigma_s: float, *, everywhere: bool) -> Callable[[Take, np.random.Generator], Damaged]:
+def _smoothed(sigma_s: float, *, one: bool) -> Callable[..., Damaged]:
     """A Gaussian filter over the keypoints of one camera or of all."""
-
-    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
-        c = slice(None) if everywhere else some_camera(take, rng)
-        points = take.observations.points2d_px.copy()
-        points[:, c] = gaussian_filter1d(points[:, c], sigma_s * FPS, axis=0)
-        cameras = () if isinstance(c, slice) else (take.rig.names[c],)
-        return Damaged(take.rig, with_points(take.observations, points), take.truth_m, cameras)
-
-    return inflict
+    return of_points(lambda points, _: gaussian_filter1d(points, sigma_s * FPS, axis=0), one=one)
 
 
 IN_TIME: tuple[Damage, ...] = (
@@ -130,14 +122,14 @@ IN_TIME: tuple[Damage, ...] = (
     Damage(
         "smoothed by 0.4 s",
         (Code.SMOOTHED_KEYPOINTS,),
-        _smoothed(0.4, everywhere=True),
+        _smoothed(0.4, one=False),
         is_constant=True,
         of_simulated=True,
     ),
     Damage(
         "smoothed by 0.2 s, one camera",
         (Code.SMOOTHED_KEYPOINTS,),
-        _smoothed(0.2, everywhere=False),
+        _smoothed(0.2, one=True),
         is_constant=True,
         of_simulated=True,
     ),

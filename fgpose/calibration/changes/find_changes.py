@@ -112,15 +112,23 @@ def _compared(people: Sequence[Observations]) -> bool:
     return by_two > 2 * MIN_BLOCKS * BLOCK_S
 
 
+def _rays(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> Rays:
+    """With the changes so far undone."""
+    grid_s = grid_step_s(people)
+    return rays_of(people, rig, changes, grid_s, _n_lags(grid_s))
+
+
+def _n_lags(grid_s: float) -> int:
+    return round(MAX_LAG_S / grid_s)
+
+
 def _next(
     people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change], step_s: float
 ) -> list[Change] | LensFit:
     """The clearest change on top of others; none if there is no other."""
-    grid_s = grid_step_s(people)
-    n_lags = round(MAX_LAG_S / grid_s)
-    rays = rays_of(people, rig, changes, grid_s, n_lags)
+    rays = _rays(people, rig, changes)
     blocks = blocks_of(rays, rays.direction.shape[2])
-    costs = lag_costs(rays, blocks, n_lags)
+    costs = lag_costs(rays, blocks, _n_lags(rays.step_s))
     walks, moves = somebody_walks(rays, blocks), somebody_moves(rays, costs)
     each_camera = range(rig.n_cameras)
     candidates = [each for c in each_camera for each in _poses_of(rays, costs, c, walks=walks)]
@@ -153,15 +161,13 @@ def _agrees(
 ) -> bool:
     """Whether the camera sees the same as the others, if it was moved: one that shows somebody else for a while, or a
     reflection, agrees better somewhere, and not well anywhere."""
-    grid_s = grid_step_s(people)
-    rays = rays_of(people, rig, [*changes, *found], grid_s, round(MAX_LAG_S / grid_s))
+    rays = _rays(people, rig, [*changes, *found])
     return misses_m(rays, blocks, found[0].camera, fit.held) < _AGREES_M
 
 
 def _all_agree(people: Sequence[Observations], rig: CameraRig, changes: Sequence[Change]) -> bool:
     """Whether the rays of every camera meet those of the others."""
-    grid_s = grid_step_s(people)
-    rays = rays_of(people, rig, changes, grid_s, round(MAX_LAG_S / grid_s))
+    rays = _rays(people, rig, changes)
     blocks = blocks_of(rays, rays.direction.shape[2])
     everywhere = np.ones(blocks.n_blocks, dtype=bool)
     return all(misses_m(rays, blocks, c, everywhere) < _AGREES_M for c in range(rig.n_cameras))
@@ -257,8 +263,7 @@ def _move(
     blocks: Blocks,
 ) -> Change:
     """Until nothing is left of it: a large one makes the angles so wide that some of them look like usual ones."""
-    c, grid_s = change.camera, grid_step_s(people)
-    n_lags = round(MAX_LAG_S / grid_s)
+    c = change.camera
     given = rig.cameras[c].world_T_camera
     for each in changes:
         if each.camera == c and each.kind is Kind.MOVED:
@@ -276,8 +281,8 @@ def _move(
         )
         if np.linalg.norm(fit.rotation) < _SETTLED and np.linalg.norm(fit.translation_m) < _SETTLED_M:
             break
-        rays = rays_of(people, rig, [*changes, change], grid_s, n_lags)
-        fit = pose_fit(rays, lag_costs(rays, blocks, n_lags), c, fit.kind, fit.held)
+        rays = _rays(people, rig, [*changes, change])
+        fit = pose_fit(rays, lag_costs(rays, blocks, _n_lags(rays.step_s)), c, fit.kind, fit.held)
     return change
 
 

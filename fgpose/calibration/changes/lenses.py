@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -164,19 +165,26 @@ class _Seen:
     def view(self) -> _View:
         return _View(self.direction, self.world_R_camera)
 
+    @cached_property
+    def _normalized(self) -> Float[np.ndarray, "sample joint 2"]:
+        own = np.einsum("sji,skj->ski", self.world_R_camera, self.direction)
+        return own[..., :2] / np.where(own[..., 2:] > 0, own[..., 2:], np.nan)
+
+    @cached_property
+    def _px(self) -> Float[np.ndarray, "sample joint 2"]:
+        """In the image as it was taken, which every lens has to explain."""
+        return self.camera.distort(self._normalized * np.diag(self.camera.K)[:2] + self.camera.K[:2, 2])
+
     def through(self, lens: Lens, value: float) -> _View:
         other = lens.of(self.camera, value)
         if other is self.camera:
             return self.view
-        own = np.einsum("sji,skj->ski", self.world_R_camera, self.direction)
-        normalized = own[..., :2] / np.where(own[..., 2:] > 0, own[..., 2:], np.nan)
-        px = self.camera.distort(normalized * np.diag(self.camera.K)[:2] + self.camera.K[:2, 2])
-        changed = (other.undistort(px) - other.K[:2, 2]) / np.diag(other.K)[:2]
+        normalized, changed = self._normalized, (other.undistort(self._px) - other.K[:2, 2]) / np.diag(other.K)[:2]
         known, lost = np.isfinite(changed), np.isfinite(normalized) & ~np.isfinite(changed)
         x, y = _spreads(normalized) / np.maximum(_spreads(changed), 1e-9) if known.any() else (1.0, 1.0)
         rays = np.concatenate([changed, np.ones((*changed.shape[:-1], 1))], axis=-1)
         rays = np.einsum("sij,skj->ski", self.world_R_camera, rays / np.linalg.norm(rays, axis=-1, keepdims=True))
-        return _View(rays, self.world_R_camera, (float(x), float(y)), lost.any(axis=-1))
+        return _View(rays, self.world_R_camera, (float(x), float(y)), np.asarray(lost.any(axis=-1)))
 
 
 def _spreads(points: Float[np.ndarray, "sample joint 2"]) -> Float[np.ndarray, 2]:

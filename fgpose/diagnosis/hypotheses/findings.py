@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.body.sides import mirrored
 from fgpose.diagnosis.body.skeletons import better_skeleton
@@ -22,8 +23,6 @@ from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly
 
 _USUAL = "2 to 6 cm are usual"
-# What a bump does: more is another place. calibration.rig_refinement refuses to move a camera further.
-BUMP_DEG, BUMP_M = 10.0, 0.15
 _FRAMES = 120
 _FEWEST_EQUAL, _MOSTLY_EQUAL = 20, 0.9
 _UNSURE = 0.6  # of the confidence of the other cameras: below, a camera hallucinates rather than sees somebody else

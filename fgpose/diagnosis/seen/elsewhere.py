@@ -39,7 +39,7 @@ def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Findi
     share, at_s = float(far[:, cameras].any(axis=1).mean()), geometry.state.scene.time_s
     when = at_s[far[:, cameras].any(axis=1)]
     who = ", ".join(names[c] for c in cameras)
-    outvoted = len(cameras) == 1 and len(names) > 2
+    outvoted = len(cameras) == 1
     believed = (
         "the others outvote it" if outvoted else "which of them is right is not told, and what comes out is wrong then"
     )
