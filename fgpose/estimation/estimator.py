@@ -14,7 +14,7 @@ from fgpose.config import Config
 from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.bone_lengths import RunningLengths
 from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose.estimation.credibility import RunningUsual
+from fgpose.estimation.credibility import RunningCredibility
 from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gather_frame
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
@@ -80,7 +80,7 @@ class Estimator:
         self._is_tidy = True
         self._arrivals = Arrivals(rig.names)
         self._plausibility = RunningPlausibility()
-        self._usual = RunningUsual()
+        self._credibility = RunningCredibility(rig.n_cameras, skeleton.n_joints)
 
     def __reduce__(self) -> NoReturn:
         raise TypeError(
@@ -209,8 +209,9 @@ class Estimator:
 
     def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:
         """Of a frame, of which some images are new."""
-        usual = self._usual.after(new.confidence)
-        return gather_frame(frame, self._rig, self.config, usual, may_leave_out=self._plausibility.may_leave_out)
+        self._credibility.add(new.confidence, float(new.frame_time_s[0]))
+        credible = self._credibility.credible(frame.confidence)
+        return gather_frame(frame, self._rig, self.config, credible, may_leave_out=self._plausibility.may_leave_out)
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""

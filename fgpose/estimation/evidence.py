@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config, DepthConfig
-from fgpose.estimation.credibility import credible, usual_confidence
+from fgpose.estimation.credibility import credible
 from fgpose.estimation.delays import delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
@@ -234,39 +234,44 @@ class Evidence:
         return Evidence(**{name: array[frames] for name, array in vars(self).items()})
 
 
-def gather(observations: Observations, rig: CameraRig, config: Config, usual: float | None = None) -> Evidence:
+def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
     """The evidence of all frames; the detections of frames that make no body are left out (Evidence.implausible).
 
     Args:
         observations: of one person.
         rig: cameras of the observations, in their order.
         config: the parameters.
-        usual: the confidence of most detections; by default that of these.
 
     Raises:
         ValueError: the cameras of observations and rig differ, or the calibration is in millimetres.
     """
     observations.check_cameras(rig.names)
     refuse_changing(rig)
-    usual = usual_confidence(observations.confidence) if usual is None else usual
+    said = credible(observations.confidence, observations.frame_time_s)
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
-    parts = [observations.frames(slice(start, start + _FRAMES_AT_ONCE)) for start in starts]
-    evidence = concatenated([_gather(part, rig, config, usual) for part in parts])
+    parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
+    evidence = concatenated([_gather(observations.frames(part), rig, config, said[part]) for part in parts])
     bodies = _bodies(evidence, observations.skeleton)
     bodies.refuse_millimetres()
     if not bodies.implausible.any() or bodies.are_mostly_implausible:
         return evidence
-    return _without(evidence, observations, bodies.implausible, rig, config, usual)
+    return _without(evidence, observations, bodies.implausible, rig, config)
 
 
 def gather_frame(
-    frame: Observations, rig: CameraRig, config: Config, usual: float, *, may_leave_out: bool = True
+    frame: Observations,
+    rig: CameraRig,
+    config: Config,
+    credible: Float[np.ndarray, "1 joint"],
+    *,
+    may_leave_out: bool = True,
 ) -> tuple[Evidence, Bodies]:
-    """As gather, of one frame of a stream, which alone does not tell whether the calibration is wrong."""
-    evidence = _gather(frame, rig, config, usual)
+    """As gather, of one frame of a stream, which alone tells neither whether the calibration is wrong nor what is
+    credible."""
+    evidence = _gather(frame, rig, config, credible)
     bodies = _bodies(evidence, frame.skeleton)
     if may_leave_out and bodies.implausible.any():
-        evidence = _without(evidence, frame, bodies.implausible, rig, config, usual)
+        evidence = _without(evidence, frame, bodies.implausible, rig, config)
     return evidence, bodies
 
 
@@ -289,7 +294,6 @@ def _without(
     frames: Bool[np.ndarray, " frame"],
     rig: CameraRig,
     config: Config,
-    usual: float,
 ) -> Evidence:
     """The evidence of these observations with nothing detected in some frames."""
 
@@ -297,7 +301,8 @@ def _without(
         return np.full_like(array[frames], np.nan)
 
     some = observations.frames(frames)
-    nothing = _gather(replace(some, **observations.per_detection(emptied)), rig, config, usual)
+    said = np.ones((some.n_frames, some.skeleton.n_joints))
+    nothing = _gather(replace(some, **observations.per_detection(emptied)), rig, config, said)
     nothing = replace(nothing, implausible=np.ones_like(nothing.implausible))
     if frames.all():
         return nothing
@@ -308,7 +313,9 @@ def _without(
     return Evidence(**values)
 
 
-def _gather(observations: Observations, rig: CameraRig, config: Config, usual: float) -> Evidence:
+def _gather(
+    observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
+) -> Evidence:
     far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px = rig.undistort(observations.points2d_px)
     triangulated_m = triangulate_robust(
@@ -327,7 +334,7 @@ def _gather(observations: Observations, rig: CameraRig, config: Config, usual: f
         weights=detection_weights(fusion, observations.confidence, config.projection),
         sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
         visibility=np.ones(observations.confidence.shape),
-        credible=credible(observations.confidence, usual),
+        credible=credible,
         n_views=observations.seen.sum(axis=1),
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),

@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.assessment.metrics import nees
-from fgpose.estimation.credibility import RunningUsual, credible, usual_confidence
+from fgpose.estimation.credibility import RunningCredibility, credible, usual_confidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
@@ -25,34 +25,58 @@ def of_joints(*confidence: float) -> np.ndarray:
     return np.array([[confidence, confidence]])
 
 
+def at_once(confidence: np.ndarray) -> np.ndarray:
+    """How credible the joints of the first image are, with nothing before or after it."""
+    return credible(confidence, 10.0 * np.arange(len(confidence)))[0]
+
+
+def of_stream(confidence: np.ndarray, time_s: np.ndarray) -> np.ndarray:
+    running, said = RunningCredibility(*confidence.shape[1:]), []
+    for frame, now_s in zip(confidence, time_s, strict=True):
+        running.add(frame[None], float(now_s))
+        said.append(running.credible(frame[None])[0])
+    return np.array(said)
+
+
 def test_a_joint_is_as_credible_as_its_most_confident_camera() -> None:
-    usual = usual_confidence(of_joints(0.8, 0.8, 0.8, 0.04))
-    np.testing.assert_allclose(usual, 0.8)
-    np.testing.assert_array_equal(credible(of_joints(0.8, 0.4, 0.3, 0.04), usual)[0], [1, 1, 1, 0])
+    np.testing.assert_allclose(usual_confidence(of_joints(0.8, 0.8, 0.8, 0.04)), 0.8)
+    np.testing.assert_array_equal(at_once(of_joints(0.8, 0.8, 0.5, 0.04)), [1, 1, 1, 0])
     one_is_sure = np.array([[[0.7, 0.05], [0.05, 0.05]]])
-    np.testing.assert_array_equal(credible(one_is_sure, usual)[0], [1, 0])
-    np.testing.assert_array_equal(credible(of_joints(0.0), usual)[0], [1])  # nothing is detected, nothing is said
+    np.testing.assert_array_equal(at_once(one_is_sure), [1, 0])
+    np.testing.assert_array_equal(at_once(of_joints(0.0)), [1])  # nothing is detected, nothing is said
 
 
 def test_low_confidence_that_is_usual_tells_nothing() -> None:
     for low in (0.3, 0.05, 1e-6):
-        confidence = of_joints(low, 1.5 * low, low, low)
-        np.testing.assert_array_equal(credible(confidence, usual_confidence(confidence))[0], 1.0)
+        np.testing.assert_array_equal(at_once(of_joints(low, 1.5 * low, low, low)), 1.0)
     assert np.isnan(usual_confidence(of_joints(0.0)))
-    np.testing.assert_array_equal(credible(of_joints(0.3), np.nan)[0], [1])
 
 
 def test_where_some_confidence_is_high_it_is_a_probability() -> None:
     """Most of the person is hidden: the joints that are guessed are not usual because they are many."""
-    confidence = of_joints(0.95, *[0.05] * 9)
-    assert credible(confidence, usual_confidence(confidence))[0, 1:].max() < 0.1
+    assert at_once(of_joints(0.95, *[0.05] * 9))[1:].max() < 0.1
+
+
+def test_seconds_of_doubt_say_more_than_one_image() -> None:
+    """A third of the usual confidence: among better images it is believed, for seconds on end it is not; and an image
+    that is sure of the joint is believed in the midst of them."""
+    time_s = np.arange(180) / FPS
+    confidence = np.full((180, 2, 3), 0.9)
+    confidence[::6, :, 1] = 0.3
+    confidence[:, :, 2] = 0.3
+    confidence[100, 1, 2] = 0.9
+    for said in (credible(confidence, time_s), of_stream(confidence, time_s)):
+        later = said[30:]
+        assert later[:, :2].min() > 0.9
+        assert later[70, 2] == 1.0
+        assert np.delete(later[:, 2], 70).max() < 0.25  # of the stream, just after that image
 
 
 def test_of_a_stream() -> None:
-    running = RunningUsual()
-    assert np.isnan(running.after(of_joints(0.0)))
-    assert [running.after(of_joints(0.8)) for _ in range(3)] == pytest.approx([0.8] * 3)
-    assert running.after(of_joints(0.05)) == pytest.approx(0.61, abs=0.01)  # the mean of four
+    """What is usual is the mean of the images."""
+    stream = of_stream(np.concatenate([of_joints(0.0), of_joints(0.8), of_joints(0.8), of_joints(0.4)]), np.arange(4.0))
+    np.testing.assert_array_equal(stream[:, 0], 1.0)
+    assert of_stream(np.concatenate([of_joints(0.8)] * 3 + [of_joints(0.05)]), 9.0 * np.arange(4))[-1] == 0.0
 
 
 def legs_guessed(rig: CameraRig, skeleton: Skeleton, confidence: float) -> tuple[Observations, np.ndarray, list[int]]:
@@ -78,8 +102,11 @@ def share_within(trajectory: Trajectory, truth_m: np.ndarray, joints: list[int])
     return float(np.mean(squared < OF_99))
 
 
-def test_guesses_are_predicted_and_their_claims_contain_the_truth(rig: CameraRig, skeleton: Skeleton) -> None:
-    observations, truth_m, legs = legs_guessed(rig, skeleton, 0.05)
+@pytest.mark.parametrize("confidence", [0.05, 0.2])
+def test_guesses_are_predicted_and_their_claims_contain_the_truth(
+    rig: CameraRig, skeleton: Skeleton, confidence: float
+) -> None:
+    observations, truth_m, legs = legs_guessed(rig, skeleton, confidence)
     trajectory = fgpose.smooth(observations, rig)
     rest = [joint for joint in range(skeleton.n_joints) if joint not in legs]
     assert (trajectory.status[:, legs] == Status.PREDICTED).all()
