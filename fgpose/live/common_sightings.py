@@ -63,10 +63,6 @@ class CommonSighting:
     """Their number."""
     instant_s: float
     """By the clock of the cameras, with what is known of their offsets."""
-    time_s: float
-    """When the tracker has them where they are: a little later or earlier."""
-    positions_m: Float[np.ndarray, "joint 3"]
-    """There, world frame; NaN: not estimated."""
 
     @property
     def of_known_clocks(self) -> CommonSighting:
@@ -137,16 +133,7 @@ class CommonSightings:
                 original_px, confidence[c] = _at_time(glimpses[camera.name], instant_s - offset_s[camera.name])
                 px[c] = camera.undistort(original_px)
         confidence = np.where(np.isfinite(px).all(axis=-1), confidence, 0.0)
-        estimate = person.estimate
-        return CommonSighting(
-            px,
-            confidence,
-            1e3 * late_m / away_m,
-            person.person,
-            float(instant_s),
-            estimate.time_s,
-            estimate.positions_m,
-        )
+        return CommonSighting(px, confidence, 1e3 * late_m / away_m, person.person, float(instant_s))
 
     def _see(
         self, person: Tracked, image: Detections, detection: Int[np.ndarray, " joint"], joint: Int[np.ndarray, " joint"]

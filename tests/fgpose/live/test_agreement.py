@@ -229,6 +229,32 @@ def test_a_clock_that_is_grossly_wrong_is_noticed_at_once(n_cameras: int, late_s
     assert look(CameraAgreement(walk.rig), walk, sigma_s=unknown) == np.inf
 
 
+@pytest.mark.parametrize("n_cameras", [3, 4])
+def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
+    """With the tracker, which for a while believes the wrong camera and loses one that is right."""
+    walk = scene(n_cameras, rate_hz=12.0, duration_s=6.0)
+    rig, wrong_s = walk.rig, 3.0
+    live = LiveTracking(rig, walk.motion.skeleton, fgpose.Config(tracking={"max_processes": 1}), volume_points_m(rig))
+    ok = [CameraStatus(name, CameraState.OK) for name in rig.names]
+    late = [
+        replace(image, time_s=image.time_s + 0.6) if image.camera == "ring_1" and image.time_s > wrong_s else image
+        for image in walk.observations.images
+    ]
+    said_s: dict[str, float] = {}
+    in_order = sorted(late, key=lambda image: image.time_s)
+    for instant, images in itertools.groupby(in_order, key=lambda image: int(12.0 * image.time_s)):
+        live.track([RecordedImage(image, image.time_s, time_sigma_s=0.02) for image in images])
+        for _ in range(8):
+            live.tidy()
+        for camera in live.frame(instant / 12.0, ok).cameras:
+            if camera.state is not CameraState.OK:
+                assert "it sees people where they were 0." in camera.reason
+                said_s.setdefault(camera.name, instant / 12.0 - wrong_s)
+    live.close()
+    assert said_s.keys() == {"ring_1"}
+    assert said_s["ring_1"] < 2.1
+
+
 @pytest.mark.slow
 def test_the_status_of_the_camera_says_it() -> None:
     """With the tracker, which takes less and less of what such a camera sees."""
