@@ -92,7 +92,7 @@ class Finding:
     weight: float = 1.0
     """Share of the result that it puts in doubt, in [0, 1]: the most important has the largest."""
     camera: str = ""
-    """Which one it is about; empty: all, or none in particular. The same for joint and person."""
+    """Which one it is about; empty: all, or none in particular. The same for joint (or "arms", "legs") and person."""
     joint: str = ""
     person: int | None = None
     from_s: float | None = None

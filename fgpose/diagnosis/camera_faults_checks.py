@@ -9,7 +9,7 @@ import numpy as np
 
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import LEAST_S, MAX_LAG_S, Changes, find_changes
-from fgpose.calibration.changes.lenses import Lens, LensFit
+from fgpose.calibration.changes.lenses import Lens, LensFit, distortion_of
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
@@ -92,9 +92,9 @@ _OF_LENS = {
         "Were images resized in one direction only? Multiply fy by {factor:.2f}, or calibrate {whose} anew.",
     ),
     Lens.DISTORTION: (
-        "The lens of {who} distorts (k1 is about {value:+.2f}), and the calibration has no distortion",
+        "The lens of {who} distorts (k1 is about {k1:+.2f}), and the calibration has no distortion",
         "Were the coefficients left out, or is it a fisheye lens? Give them with the calibration, or calibrate {whose} "
-        "anew.",
+        "anew; {k1:+.2f}, {k2:+.2f}, 0, 0 are nearer to it than none.",
     ),
     Lens.NONE_LEFT: (
         "The keypoints of {who} have no distortion, and the calibration has",
@@ -123,9 +123,8 @@ _OF_LENS = {
 def _other_lens(fit: LensFit, names: Sequence[str]) -> Finding:
     one = len(fit.cameras) == 1
     who = f"{names[fit.cameras[0]]}{_which(fit.cameras[0], names)}" if one else "all cameras"
-    words = {
-        "who": who, "whose": "its lens" if one else "the lenses", "value": fit.value, "factor": fit.factor,
-    }  # fmt: skip
+    whose = "its lens" if one else "the lenses"
+    words = {"who": who, "whose": whose, "factor": fit.factor, **_numbers_of_lens(fit)}
     reason, remedy = (text.format(**words) for text in _OF_LENS[fit.lens])
     return Finding(
         Code.WRONG_LENS,
@@ -162,7 +161,7 @@ def _numbers_of_lens(fit: LensFit) -> dict[str, float]:
         Lens.FOCAL_LENGTH: {"focal_factor": fit.factor},
         Lens.WIDTH: {"fx_factor": fit.factor},
         Lens.HEIGHT: {"fy_factor": fit.factor},
-        Lens.DISTORTION: {"k1": fit.value},
+        Lens.DISTORTION: dict(zip(("k1", "k2"), distortion_of(fit.value), strict=False)),
         Lens.NONE_LEFT: {"distortion_factor": 0.0},
         Lens.SIGN: {"distortion_factor": -1.0},
     }

@@ -10,8 +10,9 @@ import numpy as np
 
 from fgpose.association.common_clock import on_common_clock
 from fgpose.benchmark.faults.damage import Damaged, with_points, with_sides_exchanged
+from fgpose.calibration.changes.lenses import distortion_of
 from fgpose.calibration.self_calibration import calibrate_cameras
-from fgpose.diagnosis.seen.repeated import repeats
+from fgpose.diagnosis.body.limb_sides import LIMBS
 from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import stretched, zoomed
@@ -68,28 +69,20 @@ def _without_its_images(given: Damaged, finding: Finding) -> Damaged | None:
     return replace(given, observations=with_points(given.observations, points))
 
 
-def _without_repetitions(given: Damaged, finding: Finding) -> Damaged | None:
-    """Of the camera that is named, or of all."""
-    same, _ = repeats(given.observations)
-    if finding.camera:
-        same[:, [name != finding.camera for name in given.rig.names]] = False
-    points = np.where(same[..., None, None], np.nan, given.observations.points2d_px)
-    return replace(given, observations=with_points(given.observations, points))
-
-
 def _exchanged_back(given: Damaged, finding: Finding) -> Damaged | None:
-    """Left and right; None where it is not said in which camera."""
+    """Left and right, of arms or legs if these are named; None where it is not said in which camera."""
     if not finding.camera:
         return None
     camera = given.rig.names.index(finding.camera)
-    return replace(given, observations=with_sides_exchanged(given.observations, camera))
+    joints = LIMBS.get(finding.joint, ())
+    return replace(given, observations=with_sides_exchanged(given.observations, camera, joints))
 
 
 def _with_its_lens(given: Damaged, finding: Finding) -> Damaged | None:
-    """With the focal lengths that are named, or without distortion."""
+    """With the focal lengths or the distortion that are named."""
     named = [(change, finding.numbers[name]) for name, change in _OF_LENS.items() if name in finding.numbers]
     if not named:
-        return _left_out(given, finding)
+        return None
     change, number = named[0]
     cameras = [change(each, number) if finding.camera in ("", each.name) else each for each in given.rig.cameras]
     return replace(given, rig=CameraRig(tuple(cameras)))
@@ -99,6 +92,7 @@ _OF_LENS: Mapping[str, Callable[[Camera, float], Camera]] = {
     "focal_factor": zoomed,
     "fx_factor": partial(stretched, axis=0),
     "fy_factor": partial(stretched, axis=1),
+    "k1": lambda camera, k1: replace(camera, distortion=distortion_of(k1)),
     "distortion_factor": lambda camera, factor: replace(camera, distortion=factor * camera.distortion),
 }
 
@@ -126,7 +120,6 @@ _ACTIONS: Mapping[Code, Callable[[Damaged, Finding], Damaged | None]] = {
     Code.OTHER_PERSON: _left_out,
     Code.EXCHANGED_SIDES: _exchanged_back,
     Code.FROZEN_CAMERA: _without_its_images,
-    Code.REPEATED_IMAGES: _without_repetitions,
     Code.HALLUCINATING_CAMERA: _left_out,
     Code.UNIT: _in_metres,
 }

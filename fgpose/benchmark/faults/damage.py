@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -65,14 +65,16 @@ def with_points(
     return replace(observations, points2d_px=points2d_px, confidence=np.where(known, given, 0.0))
 
 
-def with_sides_exchanged(observations: Observations, camera: int) -> Observations:
-    """Left and right, in one camera."""
-    points, confidence, mirror = (
-        observations.points2d_px.copy(),
-        observations.confidence.copy(),
-        observations.skeleton.mirror,
-    )
-    points[:, camera], confidence[:, camera] = points[:, camera][:, mirror], confidence[:, camera][:, mirror]
+def with_sides_exchanged(observations: Observations, camera: int, joints: Iterable[str] = ()) -> Observations:
+    """Left and right of these joints (of neither side), or of all, in one camera."""
+    skeleton = observations.skeleton
+    own = [skeleton.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
+    order = skeleton.mirror.copy()
+    if own:
+        order = np.arange(skeleton.n_joints)
+        order[own] = skeleton.mirror[own]
+    points, confidence = observations.points2d_px.copy(), observations.confidence.copy()
+    points[:, camera], confidence[:, camera] = points[:, camera][:, order], confidence[:, camera][:, order]
     return with_points(observations, points, confidence)
 
 

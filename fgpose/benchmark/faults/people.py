@@ -26,14 +26,11 @@ def _skeleton(take: Take, rng: np.random.Generator) -> Damaged:
     return _reordered(take, order)
 
 
-def _reordered(take: Take, order: np.ndarray, camera: int | None = None) -> Damaged:
-    """With the joints of one camera or of all in another order."""
-    seen, cameras = take.observations, slice(None) if camera is None else slice(camera, camera + 1)
-    points, confidence = seen.points2d_px.copy(), seen.confidence.copy()
-    points[:, cameras] = points[:, cameras][:, :, order]
-    confidence[:, cameras] = confidence[:, cameras][:, :, order]
-    names = () if camera is None else (take.rig.names[camera],)
-    return Damaged(take.rig, with_points(seen, points, confidence), take.truth_m, names)
+def _reordered(take: Take, order: np.ndarray) -> Damaged:
+    """With the joints of all cameras in another order."""
+    seen = take.observations
+    reordered = with_points(seen, seen.points2d_px[:, :, order], seen.confidence[:, :, order])
+    return Damaged(take.rig, reordered, take.truth_m)
 
 
 def _joints_exchanged(
@@ -56,11 +53,11 @@ def _sides_of_limbs(joints: tuple[str, ...], *, everywhere: bool) -> Callable[[T
     """Left and right are exchanged of some joints, in one camera or in all."""
 
     def inflict(take: Take, rng: np.random.Generator) -> Damaged:
-        skeleton = take.observations.skeleton
-        own = [skeleton.index(f"{side}_{joint}") for joint in joints for side in ("left", "right")]
-        order = np.arange(skeleton.n_joints)
-        order[own] = skeleton.mirror[own]
-        return _reordered(take, order, None if everywhere else some_camera(take, rng))
+        cameras = range(take.rig.n_cameras) if everywhere else (some_camera(take, rng),)
+        seen = take.observations
+        for c in cameras:
+            seen = with_sides_exchanged(seen, c, joints)
+        return Damaged(take.rig, seen, take.truth_m, () if everywhere else (take.rig.names[cameras[0]],))
 
     return inflict
 
@@ -140,8 +137,9 @@ def _hallucinating(take: Take, rng: np.random.Generator) -> Damaged:
     """A camera's network sees somebody in a coat stand: always the same, with some noise."""
     c = some_camera(take, rng)
     points = take.observations.points2d_px.copy()
-    stand_px = np.nanmedian(points[:, c], axis=0) + rng.uniform(-300, 300, 2)
-    points[:, c] = stand_px + rng.normal(0, 3.0, points[:, c].shape)
+    ever = np.isfinite(points[:, c]).all(axis=-1).any(axis=0)
+    stand_px = np.nanmedian(points[:, c, ever], axis=0) + rng.uniform(-300, 300, 2)
+    points[:, c, ever] = stand_px + rng.normal(0, 3.0, points[:, c, ever].shape)
     return Damaged(take.rig, with_points(take.observations, points), take.truth_m, (take.rig.names[c],))
 
 

@@ -82,7 +82,7 @@ class Lens(Enum):
             case Lens.CENTRE_X | Lens.CENTRE_Y:
                 return shifted(camera, value, axis=0 if self is Lens.CENTRE_X else 1)
             case Lens.DISTORTION:
-                return replace(camera, distortion=np.array([value, _K2 * value**2, 0.0, 0.0]))
+                return replace(camera, distortion=distortion_of(value))
             case Lens.NONE_LEFT:
                 return replace(camera, distortion=np.zeros(0), lens="pinhole")
             case Lens.SIGN:
@@ -93,6 +93,11 @@ class Lens(Enum):
                 return replace(camera, lens="pinhole")
             case Lens.FISHEYE:
                 return replace(camera, distortion=given[:4], lens="fisheye")
+
+
+def distortion_of(k1: float) -> Float[np.ndarray, 4]:
+    """Of a lens with this first coefficient, if it is like others: k1, k2, p1, p2."""
+    return np.array([k1, _K2 * k1**2, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)

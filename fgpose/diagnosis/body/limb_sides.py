@@ -14,7 +14,7 @@ from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import spread_evenly
 from fgpose.skeleton import Skeleton
 
-_LIMBS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
+LIMBS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
 _FRAMES = 60
 # Share of the cost (agreement.cost) that is left with them exchanged: more than 1.3 in 114 recordings by 2 to 8
 # cameras, so less than 0.77 where they are exchanged, 0.2 as a rule.
@@ -42,7 +42,7 @@ def exchanged_limbs(examined: Examined) -> list[Finding]:
         return []
     scene, skeleton = examined.scene.frames(spread_evenly(examined.main.n_frames, _FRAMES)), examined.main.skeleton
     found: dict[str, int] = {}
-    for limbs, joints in _LIMBS.items():
+    for limbs, joints in LIMBS.items():
         own = [skeleton.index(joint) for name in joints for joint in _both(name) if joint in skeleton.joints]
         camera = _exchanging(scene, np.array(own), skeleton) if own else None
         if camera is not None:
@@ -88,4 +88,5 @@ def _finding(camera: str, limbs: str) -> Finding:
         "them?",
         1.0,
         camera=camera,
+        joint=limbs,
     )

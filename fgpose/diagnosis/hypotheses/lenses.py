@@ -56,5 +56,6 @@ def _undistorted(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]
         ),
         "The distortion in the calibration of {cameras} is not that of the images that the keypoints are of",
         "Were the images undistorted before? Then leave the distortion out of the calibration.",
+        {"distortion_factor": 0.0},
         preference=2,
     )

@@ -74,8 +74,7 @@ def _finding(camera: str, share: float, rate_hz: float) -> Finding:
         Severity.DOUBTFUL,
         f"Of {who} {often}, with keypoints that are the same to the last digit: {true_hz:.3g} images a second were "
         f"taken, not {rate_hz:.3g}",
-        "Detect in the original video, or leave out the keypoints of the repetitions (missing, or confidence 0): what "
-        "moves is estimated between them.",
+        "Detect in the original video: repeated keypoints claim to know where somebody is between its images.",
         0.4,
         camera=camera,
         numbers={"share": share, "true_hz": true_hz},
