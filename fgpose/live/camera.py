@@ -59,7 +59,7 @@ class LiveCamera:
     ) -> None:
         self.name, self.settings, self.clock = name, settings, clock
         self._on_event = on_event
-        self._model = ClockModel(settings.latency_s)
+        self._model = ClockModel(settings.latency_s, settings.clock)
         self._health, self._picture_faults = (
             Health(settings.fps, late_s if settings.pace == "real time" else np.inf),
             PictureFaults(),
@@ -129,6 +129,7 @@ class LiveCamera:
                 clock_offset_s=self._model.offset_s,
                 clock_sigma_s=self._model.sigma_s,
                 n_images=self._n_images,
+                unproven_s=self._model.unproven_s,
             )
 
     def look(self) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -38,6 +39,9 @@ _SYNCHRONISED_SIGMA_S = 0.01
 _UNKNOWN_LATENCY_SIGMA_S, _KNOWN_LATENCY_SIGMA_S = 0.1, 0.01
 
 
+ClockKind = Literal["auto", "own", "synchronised"]
+
+
 @dataclass(frozen=True)
 class Stamp:
     """What a source says of when an image was taken."""
@@ -60,14 +64,19 @@ class ClockModel:
 
     Args:
         latency_s: the least time from taking an image to its arrival: exposure, encoding, network, decoding.
+        clock: of the camera. own: the Unix time that it sends tells nothing. synchronised: it is believed, and images
+            that come late are late. auto: it is believed if it agrees with the arrivals.
     """
 
-    def __init__(self, latency_s: float = 0.0) -> None:
-        self._latency_s = latency_s
+    def __init__(self, latency_s: float = 0.0, clock: ClockKind = "auto") -> None:
+        self._latency_s, self._kind = latency_s, clock
         self._segment: _Segment | None = None
         self._drift, self._drift_sigma = 0.0, _DRIFT_SIGMA
         self._last: Stamp | None = None
         self._is_synchronised = False
+        self.unproven_s: float | None = None
+        """By how much longer ago than its time says the newest image may have been taken: nothing tells whether the
+        clock is behind or the images come late. None: nothing tells how late they come."""
         self.n_jumps = 0
         """Since the start."""
         self.jump_s = 0.0
@@ -80,6 +89,20 @@ class ClockModel:
             stamp: None if the source has none.
             arrived_s: Unix time.
         """
+        if stamp is not None and self._kind == "own":
+            stamp = replace(stamp, wall_s=None)
+        captured_s = self._captured_s(stamp, arrived_s)
+        self.unproven_s = self._unproven_s(stamp, captured_s)
+        return captured_s
+
+    def _unproven_s(self, stamp: Stamp | None, captured_s: float) -> float | None:
+        if stamp is not None and (stamp.is_host_time or self._is_synchronised):
+            return 0.0
+        if stamp is not None and stamp.wall_s is not None and stamp.wall_s <= captured_s:
+            return captured_s - stamp.wall_s
+        return 0.0 if self._latency_s else None
+
+    def _captured_s(self, stamp: Stamp | None, arrived_s: float) -> float:
         before, self._last = self._last, stamp
         if stamp is None:
             return arrived_s - self._latency_s
@@ -97,7 +120,8 @@ class ClockModel:
             self._is_synchronised = False
         else:
             fastest_s = stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - stamp.wall_s
-            self._is_synchronised = _SYNCHRONISED_S[0] <= fastest_s <= _SYNCHRONISED_S[1]
+            latest_s = np.inf if self._kind == "synchronised" else _SYNCHRONISED_S[1]
+            self._is_synchronised = bool(_SYNCHRONISED_S[0] <= fastest_s <= latest_s)
             if self._is_synchronised:
                 return stamp.wall_s
         return stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - self._latency_s

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import reprlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,7 +18,8 @@ from fgpose.live.rejections import MessageError
 ROBOT_FORMAT, DISTANCES_FORMAT, VERSION = "fgpose/robot", "fgpose/distances", 1
 MAX_ROBOT_BYTES = 64 << 10
 """Of a message of a robot: hundreds of links take less."""
-_ROBOT_KEYS = {"format", "version", "world_T_link", "reset"}
+_LARGEST_S = 1e11  # some thousand years
+_ROBOT_KEYS = {"format", "version", "world_T_link", "time_s", "reset"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,14 +28,17 @@ class RobotMessage:
 
     world_T_link: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(4, 4) poses of some of its links in the world, metres."""
+    time_s: float | None = None
+    """When the links were there, Unix time; None: when the message came."""
     reset: bool = False
     """Clear the latched faults."""
 
 
-def encode_robot(world_T_link: Mapping[str, np.ndarray], *, reset: bool = False) -> bytes:
-    """A message of poses, (4, 4) in metres, of links in the world."""
+def encode_robot(world_T_link: Mapping[str, np.ndarray], *, time_s: float | None = None, reset: bool = False) -> bytes:
+    """A message of poses, (4, 4) in metres, of links in the world, at a Unix time."""
     poses = {name: np.asarray(pose, dtype=float) for name, pose in world_T_link.items()}
-    return packed({"format": ROBOT_FORMAT, "version": VERSION, "world_T_link": poses, "reset": reset})
+    when = {} if time_s is None else {"time_s": time_s}
+    return packed({"format": ROBOT_FORMAT, "version": VERSION, "world_T_link": poses, "reset": reset} | when)
 
 
 def decode_robot(body: bytes | memoryview, link_names: Collection[str]) -> RobotMessage:
@@ -52,22 +57,33 @@ def decode_robot(body: bytes | memoryview, link_names: Collection[str]) -> Robot
         document = unpacked(body)
     except ValueError as error:
         raise MessageError("content", str(error)) from None
-    if not isinstance(document, dict) or (document.get("format"), document.get("version")) != (ROBOT_FORMAT, VERSION):
+    if not _is_of(document, ROBOT_FORMAT):
         raise MessageError("content", f"not a message of {ROBOT_FORMAT}, version {VERSION}")
     unknown = sorted(map(str, document.keys() - _ROBOT_KEYS))
     if unknown:
         raise MessageError("content", f"unknown keys: {_short(unknown)}")
-    poses, reset = document.get("world_T_link", {}), document.get("reset", False)
+    poses, reset, time_s = document.get("world_T_link", {}), document.get("reset", False), document.get("time_s")
     if not isinstance(poses, dict) or not isinstance(reset, bool):
         raise MessageError("content", "world_T_link is a map of poses by link, reset is true or false")
+    if time_s is not None and not (isinstance(time_s, int | float) and abs(time_s) < _LARGEST_S):
+        raise MessageError("time", f"time_s is a Unix time, got {_short(time_s)}")
     wrong = sorted(map(str, poses.keys() - set(link_names)))
     if wrong:
         raise MessageError("link", f"links that the cell does not have: {_short(wrong)}; it has {_short(link_names)}")
-    return RobotMessage({name: _pose(name, pose) for name, pose in poses.items()}, reset)
+    return RobotMessage({name: _pose(name, pose) for name, pose in poses.items()}, time_s, reset)
 
 
-def encode_distances(distances: Sequence[LinkDistance], sequence: int, published_s: float) -> bytes:
-    """A message of the distances of all links."""
+def encode_distances(
+    distances: Sequence[LinkDistance], sequence: int, published_s: float, frame_s: float = math.nan
+) -> bytes:
+    """A message of the distances of all links.
+
+    Args:
+        distances: of the links.
+        sequence: number of the message.
+        published_s: Unix time.
+        frame_s: when the frame was published that they come from; NaN: there was none.
+    """
     return packed(
         {
             "format": DISTANCES_FORMAT,
@@ -75,6 +91,7 @@ def encode_distances(distances: Sequence[LinkDistance], sequence: int, published
             "notice": NO_SAFETY_FUNCTION,
             "sequence": sequence,
             "published_s": published_s,
+            "frame_s": frame_s,
             "links": [dataclasses.asdict(distance) for distance in distances],
         }
     )
@@ -87,10 +104,7 @@ def decode_distances(body: bytes) -> tuple[LinkDistance, ...]:
         ValueError: it is no such message.
     """
     document = unpacked(body)
-    if not isinstance(document, dict) or (document.get("format"), document.get("version")) != (
-        DISTANCES_FORMAT,
-        VERSION,
-    ):
+    if not _is_of(document, DISTANCES_FORMAT):
         raise ValueError(f"not a message of {DISTANCES_FORMAT}, version {VERSION}")
     try:
         return tuple(
@@ -99,6 +113,14 @@ def decode_distances(body: bytes) -> tuple[LinkDistance, ...]:
         )
     except (TypeError, KeyError) as error:
         raise ValueError(f"a damaged message of {DISTANCES_FORMAT}: {type(error).__name__}: {error}") from None
+
+
+def _is_of(document: Any, name: str) -> bool:
+    """An array is compared by element, so it is asked for text and number first."""
+    if not isinstance(document, dict):
+        return False
+    name_of, version = document.get("format"), document.get("version")
+    return isinstance(name_of, str) and isinstance(version, int) and (name_of, version) == (name, VERSION)
 
 
 def _pose(name: str, value: Any) -> np.ndarray:

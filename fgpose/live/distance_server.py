@@ -8,11 +8,14 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.live.assurance import FUTURE_S
 from fgpose.live.cell import Cell
 from fgpose.live.distance_messages import MAX_ROBOT_BYTES, decode_robot, encode_distances
 from fgpose.live.distances import DistanceMonitor, LinkDistance
@@ -23,8 +26,11 @@ from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
 
 _LOG = logging.getLogger("fgpose.live")
-# Read at once; a client that sends more cannot keep distances from being measured.
-_MAX_MESSAGES = 100
+# That wait in ZeroMQ, and that are looked at of those that came together: the newest. More is a client gone wild.
+_MAX_WAITING, _MAX_LOOKED_AT = 1000, 20
+# Clients cannot take more of the processor than this leaves.
+_REST_S = 0.002
+_POLL_MS = 100
 # Of a consumer who subscribes.
 _MAX_SUBSCRIPTION_BYTES = 1024
 _HUNG_S = 1.0
@@ -34,7 +40,7 @@ class DistanceServer:
     """An output of the live system. A thread of its own measures and publishes, whatever comes or does not come.
 
     Args:
-        cell: links, zones and limits. A pose is used for max_age_s after it has come; then there is a fault.
+        cell: links, zones and limits.
         rig, skeleton: of the frames.
         port: where consumers of distances subscribe; 0 takes any free one.
         poses_port: where the robot sends poses of its links with a PUSH socket; 0 takes any free one.
@@ -67,23 +73,29 @@ class DistanceServer:
         zmq = load_zmq()
         self._monitor = DistanceMonitor(cell, rig, skeleton)
         self._link_names = [link.name for link in cell.links if not link.is_fixed]
-        self._max_age_s, self._period_s = cell.limits.max_age_s, 1.0 / rate_hz
+        self._period_s = 1.0 / rate_hz
         self._show, self._tell, self._now_s = show, tell, now_s
         options = {zmq.CONFLATE: 1, zmq.MAXMSGSIZE: _MAX_SUBSCRIPTION_BYTES, zmq.LINGER: 0}
         self._publisher, self.address = bound_socket(zmq.PUB, host, port, options)
         try:
-            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_MESSAGES}
+            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_WAITING}
             self._poses, self.poses_address = bound_socket(zmq.PULL, host, poses_port, options)
         except OSError:
             self._publisher.close()
             raise
         self._rejections = Rejections(f"poses at {self.poses_address}", tell)
+        self._lock = threading.Lock()
         self._pose_of: dict[str, tuple[np.ndarray, float]] = {}
-        """The newest pose of each link, and when it came."""
+        """The newest pose of each link, and of when it is."""
+        self._is_reset = False
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="distances", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=run, name=f"distances: {name}", daemon=True)
+            for name, run in (("measure", self._run), ("poses", self._read_poses))
+        ]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def state(self) -> OutputState:
@@ -104,7 +116,8 @@ class DistanceServer:
     def close(self) -> None:
         """Stop measuring. Closing again does nothing."""
         self._stopped.set()
-        self._thread.join()
+        for thread in self._threads:
+            thread.join()
 
     def _run(self) -> None:
         due_s = time.monotonic()
@@ -118,35 +131,63 @@ class DistanceServer:
             except Exception as error:
                 self._failed(error)
         self._publisher.close()
-        self._poses.close(linger=0)
 
     def _measure(self) -> None:
-        self._read_poses()
+        with self._lock:
+            pose_of, is_reset, self._is_reset = dict(self._pose_of), self._is_reset, False
+        # With the poses of the same message: what was measured before them must not be latched after it.
+        if is_reset:
+            self._monitor.reset()
         now_s = self._now_s()
-        known = {name: pose for name, (pose, came_s) in self._pose_of.items() if now_s - came_s <= self._max_age_s}
-        distances = self._monitor.measure(known, now_s)
-        self._publisher.send(encode_distances(distances, self._n_published, now_s))
+        poses = {name: pose for name, (pose, _) in pose_of.items()}
+        poses_s = {name: at_s for name, (_, at_s) in pose_of.items()}
+        distances = self._monitor.measure(poses, now_s, poses_s)
+        self._publisher.send(encode_distances(distances, self._n_published, now_s, self._monitor.frame_s))
         self._n_published += 1
         self._published_s = time.monotonic()
         if self._show is not None:
             self._show(distances)
 
     def _read_poses(self) -> None:
-        for _ in range(_MAX_MESSAGES):
-            if not self._poses.poll(0):
-                return
-            parts = self._poses.recv_multipart(copy=False)
+        while not self._stopped.is_set():
             try:
-                if len(parts) != 1:
-                    raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
-                message = decode_robot(parts[0].buffer, self._link_names)
+                self._take_poses()
+            # The link has a fault when its pose is old; reading goes on.
+            except Exception as error:
+                self._failed(error)
+        self._poses.close(linger=0)
+
+    def _take_poses(self) -> None:
+        """Of all messages that wait only the newest count: what is older says where a link was."""
+        if not self._poses.poll(_POLL_MS):
+            return
+        waiting: deque[list[Any]] = deque(maxlen=_MAX_LOOKED_AT)
+        for n_waiting in range(_MAX_WAITING):
+            if not self._poses.poll(0):
+                break
+            if n_waiting >= _MAX_LOOKED_AT:
+                self._rejections.add(
+                    MessageError("old", f"more than {_MAX_LOOKED_AT} messages waited; the newest count")
+                )
+            waiting.append(self._poses.recv_multipart(copy=False))
+        came_s = self._now_s()
+        for parts in waiting:
+            try:
+                self._take(parts, came_s)
             except MessageError as error:
                 self._rejections.add(error)
-                continue
-            came_s = self._now_s()
-            self._pose_of |= {name: (pose, came_s) for name, pose in message.world_T_link.items()}
-            if message.reset:
-                self._monitor.reset()
+        self._stopped.wait(_REST_S)
+
+    def _take(self, parts: list[Any], came_s: float) -> None:
+        if len(parts) != 1:
+            raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
+        message = decode_robot(parts[0].buffer, self._link_names)
+        if message.time_s is not None and message.time_s > came_s + FUTURE_S:
+            raise MessageError("time", f"poses {message.time_s - came_s:.2f} s ahead of this computer's clock")
+        at_s = came_s if message.time_s is None else min(message.time_s, came_s)
+        with self._lock:
+            self._pose_of |= {name: (pose, at_s) for name, pose in message.world_T_link.items()}
+            self._is_reset |= message.reset
 
     def _failed(self, error: Exception) -> None:
         said = f"distances cannot be measured: {type(error).__name__}: {error}"

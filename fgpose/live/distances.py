@@ -9,24 +9,27 @@ its joints along the line to the link (fgpose.live.clearance), and by what a per
 data, with the speeds of ISO 13855. The links are taken to be where the given poses put them: how far the robot moves
 before it stops is left to the caller (S_robot and S_stop of ISO 10218-2).
 
-A fault is latched: it stays, with its first reason, until reset() is called, also when its cause is gone.
+What may be said without a fault is decided in one place (fgpose.live.assurance). A fault is latched: it stays, with its
+first reason, until reset() is called, also when its cause is gone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.approach import Approach
+from fgpose.live.assurance import Facts, faults_of, is_new
 from fgpose.live.body import ARM, Body
 from fgpose.live.cell import Cell
 from fgpose.live.clearance import Axes, clearance
-from fgpose.live.frame import CameraState, LiveFrame
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.links import PlacedLinks, world_poses
 from fgpose.skeleton import Skeleton
 
@@ -35,8 +38,6 @@ NO_SAFETY_FUNCTION = (
     "needs a rated device that stops it whatever is said here."
 )
 """For the help of commands and the heads of outputs."""
-
-_FUTURE_S = 0.1  # by which clocks of computers in one room may differ; data from farther ahead have a wrong clock
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,9 @@ class LinkDistance:
     """How fast this person and the link have come nearer over the last images; negative: moving apart. NaN: not known,
     because nobody was near this place before."""
     age_s: float
-    """Of the newest image that the people were estimated from."""
+    """Of the images that the people were estimated from, by the worse of what stamps and arrivals say."""
+    pose_age_s: float
+    """Of the pose of the link; NaN: there was none."""
     observed_share: float
     """Of the surroundings of the link, by at least two cameras that are ok."""
     fault: Fault | None
@@ -113,6 +116,12 @@ class DistanceMonitor:
         self._faults: dict[int, Fault] = {}
         self._approach = Approach(cell.limits.walking_m_s)
 
+    @property
+    def frame_s(self) -> float:
+        """When the newest frame was published, Unix time; NaN: none has come."""
+        frame = self._frame
+        return math.nan if frame is None else frame.published_s
+
     def publish(self, frame: LiveFrame) -> None:
         """The newest frame. Never blocks."""
         self._frame = frame
@@ -124,57 +133,73 @@ class DistanceMonitor:
         """Clear the latched faults of all links. A cause that is still there is a fault again at once."""
         self._faults.clear()
 
-    def measure(self, poses: Mapping[str, np.ndarray], now_s: float) -> tuple[LinkDistance, ...]:
+    def measure(
+        self, poses: Mapping[str, np.ndarray], now_s: float, poses_s: Mapping[str, float] | None = None
+    ) -> tuple[LinkDistance, ...]:
         """Smallest distance of each link, in the order of the cell.
 
         Args:
-            poses: (4, 4) pose of each link in the world (world_T_link, metres), as it is now. A link without one, or
-                with one that is not a rigid transform, has a fault; other names are ignored. Zones need none.
+            poses: (4, 4) pose of each link in the world (world_T_link, metres). A link without one, or with one that is
+                not a rigid transform, has a fault; other names are ignored. Zones need none.
             now_s: Unix time.
+            poses_s: of when each pose is, Unix time; by default, of now.
         """
-        frame, every_link = self._frame, range(len(self._links.links))
+        frame, links = self._frame, self._links.links
+        world_T_link, is_rigid = world_poses(links, poses)
+        known_s = dict.fromkeys(poses, now_s) if poses_s is None else poses_s
+        pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]
         if frame is None:
-            self._latch(every_link, "no frame has come yet", now_s)
-            return tuple(self._anywhere(link, math.inf, 0.0) for link in every_link)
-        world_T_link, wrong = world_poses(self._links.links, poses)
-        for link, reason in wrong.items():
-            self._latch([link], reason, now_s)
-        age_s = now_s - frame.time_s
-        self._check_age(age_s, now_s)
-        shares = [self._check_views(frame, link, world_T_link[link], now_s) for link in every_link if link not in wrong]
-        share_of = dict(zip((link for link in every_link if link not in wrong), shares, strict=True))
-        measured = self._measured(frame, world_T_link, max(age_s, 0.0))
-        self._check_joints(frame, measured, now_s)
-        self._approach.add(frame, measured.expected_m.min(axis=1))
-        unknown = set(every_link) if measured.without_place() else set(wrong)
-        return tuple(
-            self._anywhere(link, age_s, share_of.get(link, 0.0))
-            if link in unknown
-            else self._nearest(link, frame, measured, age_s, share_of[link])
-            for link in every_link
+            measured, incomplete = None, _nobody(len(links))
+        else:
+            measured = self._measured(frame, world_T_link, max(now_s - taken_s(frame), 0.0))
+            incomplete = self._incomplete(frame, measured)
+            self._approach.add(frame, measured.expected_m.min(axis=1))
+        said = []
+        for number, link in enumerate(links):
+            share = 0.0 if frame is None else self._observed_share(frame, number, world_T_link[number])
+            facts = self._facts(frame, pose_s[number], share, bool(is_rigid[number]), tuple(incomplete[number]))
+            faults = faults_of(facts, self._limits, now_s)
+            if faults:
+                self._faults.setdefault(number, Fault(faults[0], now_s))
+            is_placed = bool(is_rigid[number]) and is_new(pose_s[number], self._limits, now_s)
+            nearest = self._nearest(number, frame, measured) if is_placed else _said(-math.inf, -math.inf)
+            said.append(
+                LinkDistance(
+                    link=link.name,
+                    **nearest,
+                    age_s=math.inf if frame is None else now_s - facts.taken_s,
+                    pose_age_s=now_s - pose_s[number],
+                    observed_share=share,
+                    fault=self._faults.get(number),
+                )
+            )
+        return tuple(said)
+
+    def _facts(
+        self, frame: LiveFrame | None, pose_s: float, share: float, is_rigid: bool, incomplete: tuple[str, ...]
+    ) -> Facts:
+        if frame is None:
+            return Facts(math.nan, math.nan, math.nan, pose_s, is_rigid, share)
+        state = {camera.name: camera.state for camera in frame.cameras}
+        return Facts(
+            taken_s=taken_s(frame),
+            tracking_since_s=frame.tracking_since_s,
+            tracked_s=frame.time_s,
+            pose_s=pose_s,
+            is_rigid=is_rigid,
+            observed_share=share,
+            not_ok=tuple(
+                f"{name} {state[name].value if name in state else 'missing'}"
+                for name in self._camera_names
+                if state.get(name) is not CameraState.OK
+            ),
+            unproven=tuple(camera.name for camera in in_use(frame) if camera.unproven_s is None),
+            incomplete=incomplete,
         )
 
-    def _latch(self, links: Iterable[int], reason: str, now_s: float) -> None:
-        for link in links:
-            self._faults.setdefault(link, Fault(reason, now_s))
-
-    def _check_age(self, age_s: float, now_s: float) -> None:
-        every_link = range(len(self._links.links))
-        if age_s > self._limits.max_age_s:
-            self._latch(every_link, f"the data are {age_s:.2f} s old", now_s)
-        elif not age_s >= -_FUTURE_S:
-            self._latch(every_link, f"the data are {-age_s:.2f} s ahead of the clock", now_s)
-
-    def _check_views(self, frame: LiveFrame, link: int, world_T_link: Float[np.ndarray, "4 4"], now_s: float) -> float:
-        state = {camera.name: camera.state for camera in frame.cameras}
-        is_ok = np.array([state.get(name) is CameraState.OK for name in self._camera_names])
-        share = self._links.observed_share(link, world_T_link, is_ok)
-        if share < self._limits.min_observed_share:
-            others = [f"{name} {state[name].value if name in state else 'missing'}"
-                      for name, ok in zip(self._camera_names, is_ok, strict=True) if not ok]  # fmt: skip
-            because = f" ({', '.join(others)})" if others else ""
-            self._latch([link], f"two cameras observe only {share:.0%} of its surroundings{because}", now_s)
-        return share
+    def _observed_share(self, frame: LiveFrame, link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:
+        ok = {camera.name for camera in frame.cameras if camera.state is CameraState.OK}
+        return self._links.observed_share(link, world_T_link, np.array([name in ok for name in self._camera_names]))
 
     def _measured(self, frame: LiveFrame, world_T_link: Float[np.ndarray, "link 4 4"], age_s: float) -> _Measured:
         body, n_joints = self._body, self._skeleton.n_joints
@@ -200,36 +225,51 @@ class DistanceMonitor:
         least_m, expected_m, along = arrays
         return _Measured(least_m - self._speed_m_s[:, None] * age_s, expected_m, along)
 
-    def _check_joints(self, frame: LiveFrame, measured: _Measured, now_s: float) -> None:
-        nowhere = measured.without_place()
+    def _incomplete(self, frame: LiveFrame, measured: _Measured) -> list[list[str]]:
+        """By link, the people near it, or anywhere, of whom joints are missing."""
+        nowhere, incomplete = measured.without_place(), _nobody(len(self._links.links))
         for number, person in enumerate(frame.people):
             missing = [self._skeleton.joints[joint] for joint in self._body.missing(person)]
             is_near = measured.expected_m[number].min(axis=0) < self._limits.missing_within_m
             links = range(len(is_near)) if number in nowhere else np.flatnonzero(is_near).tolist()
-            if missing:
-                self._latch(links, f"person {person.person} has no estimate of {', '.join(missing)}", now_s)
+            for link in links if missing else ():
+                incomplete[link].append(f"person {person.person} has no estimate of {', '.join(missing)}")
+        return incomplete
 
-    def _anywhere(self, link: int, age_s: float, share: float) -> LinkDistance:
-        """Where people or the link may be anywhere."""
-        name, fault = self._links.links[link].name, self._faults.get(link)
-        return LinkDistance(name, -math.inf, -math.inf, None, "", "", math.nan, age_s, share, fault)
-
-    def _nearest(self, link: int, frame: LiveFrame, measured: _Measured, age_s: float, share: float) -> LinkDistance:
-        name, fault = self._links.links[link].name, self._faults.get(link)
+    def _nearest(self, link: int, frame: LiveFrame | None, measured: _Measured | None) -> dict[str, Any]:
+        if frame is None or measured is None or measured.without_place():
+            return _said(-math.inf, -math.inf)
         if not frame.people:
-            return LinkDistance(name, math.inf, math.inf, None, "", "", math.nan, age_s, share, fault)
+            return _said(math.inf, math.inf)
         least_m = measured.least_m[:, :, link]
         number, capsule = np.unravel_index(np.argmin(least_m), least_m.shape)
         end = int(measured.along[number, capsule, link] > 0.5)
-        return LinkDistance(
-            link=name,
-            distance_m=float(least_m[number, capsule]),
-            expected_m=float(measured.expected_m[number, capsule, link]),
-            person=frame.people[number].person,
-            part=self._body.names[capsule],
-            joint=self._skeleton.joints[self._body.joints[capsule, end, 0]],
-            closing_m_s=self._approach.closing_m_s(int(number), link),
-            age_s=age_s,
-            observed_share=share,
-            fault=fault,
-        )
+        return {
+            "distance_m": float(least_m[number, capsule]),
+            "expected_m": float(measured.expected_m[number, capsule, link]),
+            "person": frame.people[number].person,
+            "part": self._body.names[capsule],
+            "joint": self._skeleton.joints[self._body.joints[capsule, end, 0]],
+            "closing_m_s": self._approach.closing_m_s(int(number), link),
+        }
+
+
+def taken_s(frame: LiveFrame) -> float:
+    """The earliest at which the images may have been taken that the people of a frame come from."""
+    return frame.time_s - max((camera.unproven_s or 0.0 for camera in in_use(frame)), default=0.0)
+
+
+def in_use(frame: LiveFrame) -> list[CameraStatus]:
+    """The cameras whose images may have entered a frame."""
+    gone = (CameraState.LOST, CameraState.RECONNECTING)
+    return [camera for camera in frame.cameras if camera.state not in gone]
+
+
+def _nobody(n_links: int) -> list[list[str]]:
+    return [[] for _ in range(n_links)]
+
+
+def _said(distance_m: float, expected_m: float) -> dict[str, Any]:
+    """Nobody is there, or people or the link may be anywhere."""
+    nobody = {"person": None, "part": "", "joint": "", "closing_m_s": math.nan}
+    return {"distance_m": distance_m, "expected_m": expected_m, **nobody}

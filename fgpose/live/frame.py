@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 
@@ -51,6 +52,9 @@ class CameraStatus:
     """By how much later than their times say its images are taken, as the motion of those who are seen tells; relative
     to the cameras whose times are known best. None: it has told nothing yet, or the times are this computer's."""
     motion_sigma_s: float | None = None
+    unproven_s: float | None = None
+    """So much longer ago than their times say its images may have been taken: nothing tells yet whether its clock is
+    behind or its images come late. None: nothing tells how late they come."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +92,9 @@ class LiveFrame:
     observed_share: float
     """Of the volume, that at least two cameras that are ok observe: elsewhere, nobody does not mean that nobody is
     there."""
+    tracking_since_s: float = math.nan
+    """When the first image was taken that the tracker has used without beginning anew, Unix time; NaN: it has not
+    begun. For a second after that, nobody may mean not found yet."""
 
     @property
     def age_s(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict
 from typing import Any
 
@@ -40,7 +41,7 @@ def frame_document(frame: LiveFrame) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "version": VERSION,
-        **{name: getattr(frame, name) for name in _SCALARS},
+        **{name: getattr(frame, name) for name in (*_SCALARS, "tracking_since_s")},
         "skeleton": frame.skeleton.name,
         "joints": frame.skeleton.joints,
         "people": [_person_document(person) for person in frame.people],
@@ -66,7 +67,8 @@ def frame_of_document(document: Any, skeleton: Skeleton) -> LiveFrame:
         cameras = tuple(
             CameraStatus(**{**camera, "state": CameraState(camera["state"])}) for camera in document["cameras"]
         )
-        return LiveFrame(**scalars, skeleton=skeleton, people=people, cameras=cameras)
+        since_s = document.get("tracking_since_s", math.nan)
+        return LiveFrame(**scalars, skeleton=skeleton, people=people, cameras=cameras, tracking_since_s=since_s)
     except (TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"a damaged message of {FORMAT}: {type(error).__name__}: {error}") from None
 

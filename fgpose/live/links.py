@@ -79,21 +79,15 @@ class PlacedLinks:
 
 def world_poses(
     links: Sequence[Link], poses: Mapping[str, np.ndarray]
-) -> tuple[Float[np.ndarray, "link 4 4"], dict[int, str]]:
-    """The pose of each link in the world, and for each whose pose is not usable, why; it is the identity then."""
-    world_T_link = np.tile(np.eye(4), (len(links), 1, 1))
-    wrong = {}
+) -> tuple[Float[np.ndarray, "link 4 4"], Bool[np.ndarray, " link"]]:
+    """The pose of each link in the world, and whether it is a rigid transform; it is the identity where it is not."""
+    world_T_link, is_rigid = np.tile(np.eye(4), (len(links), 1, 1)), np.ones(len(links), dtype=bool)
     for number, link in enumerate(links):
-        if link.is_fixed:
-            continue
-        pose = poses.get(link.name)
-        if pose is None:
-            wrong[number] = "it has no pose, or none that is new enough"
-        elif not _is_rigid(pose):
-            wrong[number] = "its pose is not a rigid transform"
-        else:
-            world_T_link[number] = pose
-    return world_T_link, wrong
+        if not link.is_fixed:
+            is_rigid[number] = link.name in poses and _is_rigid(poses[link.name])
+            if is_rigid[number]:
+                world_T_link[number] = poses[link.name]
+    return world_T_link, is_rigid
 
 
 def _is_rigid(pose: np.ndarray) -> bool:

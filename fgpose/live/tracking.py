@@ -26,6 +26,8 @@ from fgpose.tracking import Tracker
 _LOG = logging.getLogger("fgpose.live")
 # Predicted people say so when no image has come for longer than the slowest usual camera takes.
 _COASTS_AFTER_S = 0.2
+# What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
+_TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,8 @@ class LiveTracking:
         self._frame_s = -np.inf
         """Of the people as they are known."""
         self._people: tuple[LivePerson, ...] = ()
+        self._since_s = np.nan
+        """When the first image was taken that the tracker has used."""
         self._share: tuple[frozenset[str], float] = frozenset(), 0.0
         """How much of the volume these cameras observe."""
         self._n_used: Counter[str] = Counter()
@@ -113,6 +117,7 @@ class LiveTracking:
             people=people,
             cameras=told,
             observed_share=self._observed_share(told),
+            tracking_since_s=self._since_s,
         )
         self._sequence += 1
         return frame
@@ -146,6 +151,8 @@ class LiveTracking:
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
+            if np.isnan(self._since_s):
+                self._since_s = min(image.time_s for image in given)
         except Exception:
             self._begin_anew()
             people, events = [], []
@@ -178,7 +185,7 @@ class LiveTracking:
         self.n_failures += 1
         self._tracker.close()
         self._tracker = Tracker(self.rig, self.skeleton, self.config)
-        self._people = ()
+        self._people, self._since_s = (), np.nan
 
     def _is_too_old(self, detections: Detections) -> bool:
         return detections.time_s < self.newest_s - self.config.online.lag_s
@@ -200,10 +207,19 @@ class LiveTracking:
             camera = replace(camera, n_used=n_used, n_lost=n_lost)
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
                 camera = replace(camera, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
+            if is_told_by_motion(camera, cameras):
+                camera = replace(camera, unproven_s=_SIGMAS * (camera.motion_sigma_s or 0.0))
             if camera.name in self._agreement.faults:
                 camera = _doubtful(camera, self._agreement.faults[camera.name])
             told.append(camera)
         return tuple(told)
+
+
+def is_told_by_motion(camera: CameraStatus, cameras: Sequence[CameraStatus]) -> bool:
+    """How old its images are, beside those of another camera of which it is proven."""
+    others = (each for each in cameras if each.name != camera.name and each.state is CameraState.OK)
+    is_told = camera.motion_sigma_s is not None and camera.motion_sigma_s < _TOLD_SIGMA_S
+    return is_told and any(each.unproven_s == 0 for each in others)
 
 
 def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:

@@ -21,6 +21,9 @@ class CameraSource:
     """Of a file or folder. fast: each image as soon as the one before it was taken; none is left out."""
     latency_s: float = 0.0
     """The least time from taking an image to its arrival, see ClockModel."""
+    clock: Literal["auto", "own", "synchronised"] = "auto"
+    """Of a camera or detector that sends Unix time. own: it is set by hand, say latency_s. synchronised: by NTP or PTP
+    to this computer's, so images that come late are late. auto: believed where it agrees with when images come."""
     timeout_s: float = 5.0
     """Without an answer or an image for so long, a device or URL is opened again."""
     transport: Literal["tcp", "udp"] = "tcp"

@@ -49,8 +49,9 @@ def live_frame(
     """A frame of these people; cameras are ok but for those that are lost."""
     status = [
         CameraStatus(name, CameraState.LOST, "nothing has come for 2.0 s") if name in lost
-        else CameraStatus(name, CameraState.OK, "", time_s, 30.0, -0.012, 0.001, 900, 890, 2)
+        else CameraStatus(name, CameraState.OK, "", time_s, 30.0, -0.012, 0.001, 900, 890, 2, unproven_s=0.0)
         for name in cameras
     ]  # fmt: skip
     share = 1.0 if len(cameras) - len(lost) >= 2 else 0.0
-    return LiveFrame(sequence, time_s, time_s + delay_s, skeleton, tuple(people), tuple(status), share)
+    since_s = time_s - 60.0
+    return LiveFrame(sequence, time_s, time_s + delay_s, skeleton, tuple(people), tuple(status), share, since_s)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from fgpose.live.clock_model import ClockModel, Stamp
+from fgpose.live.clock_model import ClockKind, ClockModel, Stamp
 from fgpose.live.lower_envelope import envelope_line
 
 FPS = 30.0
@@ -209,3 +209,44 @@ def test_how_far_all_times_of_a_camera_may_be_off() -> None:
     assert known.time_sigma_s == pytest.approx(np.hypot(0.01, known.sigma_s))
     assert unknown.time_sigma_s == pytest.approx(np.hypot(0.1, known.sigma_s))
     assert without.time_sigma_s == 0.1
+
+
+def unproven_s(late_s: float, behind_s: float, latency_s: float = 0.0, clock: ClockKind = "auto") -> float | None:
+    """Of images that come so late from a clock that is so much behind."""
+    model = ClockModel(latency_s, clock)
+    for k in range(60):
+        taken_s = 1.7e9 + k / FPS
+        model.captured_s(Stamp(taken_s - behind_s, taken_s - behind_s), taken_s + late_s)
+    return model.unproven_s
+
+
+def test_late_images_and_a_clock_that_is_behind_look_alike() -> None:
+    """So the worse of both is possible; not where it is declared which of them it is."""
+    for late_s, behind_s in ((0.6, 0.0), (0.0, 0.6), (0.3, 0.3)):
+        assert unproven_s(late_s, behind_s) == pytest.approx(0.6, abs=1e-3)
+        assert unproven_s(late_s, behind_s, clock="synchronised") == 0.0
+        assert unproven_s(late_s, behind_s, latency_s=0.05, clock="own") == 0.0
+        assert unproven_s(late_s, behind_s, clock="own") is None
+    assert unproven_s(0.05, 0.0) == 0.0
+    # Ahead of the images' arrival: the clock is wrong, and tells nothing of how late they are.
+    assert unproven_s(0.1, -0.6) is None
+
+
+def test_a_declared_clock_is_believed() -> None:
+    late = ClockModel(clock="synchronised")
+    taken_s = 1.7e9 + np.arange(60) / FPS
+    said_s = [late.captured_s(Stamp(each_s, each_s), each_s + 2.0) for each_s in taken_s.tolist()]
+    np.testing.assert_array_equal(said_s, taken_s)
+
+
+def test_what_tells_how_late_images_come() -> None:
+    for stamp, latency_s, expected in (
+        (Stamp(5.0, is_host_time=True), 0.0, 0.0),
+        (Stamp(5.0), 0.0, None),
+        (Stamp(5.0), 0.12, 0.0),
+        (None, 0.0, None),
+        (None, 0.12, 0.0),
+    ):
+        model = ClockModel(latency_s)
+        model.captured_s(stamp, 1000.0)
+        assert model.unproven_s == expected

@@ -14,7 +14,7 @@ from fgpose.association.track import TrackState
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.observed import volume_points_m
-from fgpose.live.tracking import LiveTracking, Update
+from fgpose.live.tracking import LiveTracking, Update, is_told_by_motion
 from fgpose.people import Detections
 from fgpose.synthetic import (
     CrowdErrors,
@@ -154,6 +154,17 @@ def test_the_motion_tells_how_late_a_camera_is():
     assert all(camera.motion_sigma_s is not None and 0 < camera.motion_sigma_s < 0.02 for camera in told.cameras)
 
 
+def test_motion_proves_a_clock_beside_one_that_is_proven() -> None:
+    """It tells how late images come, beside a camera of which that is known; without one it does not."""
+    told = CameraStatus("late", CameraState.OK, motion_sigma_s=0.01, unproven_s=0.6)
+    vague, untold = replace(told, motion_sigma_s=0.05), replace(told, motion_sigma_s=None)
+    proven, lost = CameraStatus("other", CameraState.OK, unproven_s=0.0), CameraStatus("other", CameraState.LOST)
+    assert is_told_by_motion(told, [told, proven])
+    for camera, other in ((vague, proven), (untold, proven), (told, replace(told, name="other")), (told, lost)):
+        assert not is_told_by_motion(camera, [camera, other])
+    assert not is_told_by_motion(replace(proven, motion_sigma_s=0.01), [proven])
+
+
 def test_an_image_that_was_there_before_is_not_used_again():
     live, images = tracking(), list(scene().observations.images[:8])
     _, now_s = feed(live, images)
@@ -172,5 +183,10 @@ def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplo
     (update,) = [update for image in images[60:64] for update in feed(live, [image])[0]]
     assert (update.people, live.n_failures) == ((), 1)
     assert "the tracker failed and begins anew" in caplog.text
+    # Nobody is not nobody there: a system that has just begun knows nothing, and says so from the first frame on.
+    begun_s, failed = images[0].time_s, live.frame(now_s, statuses())
+    assert failed.people == ()
+    assert np.isnan(failed.tracking_since_s)
     _, now_s = feed(live, images[64:140])
+    assert begun_s < update.images[0].detections.time_s <= live.frame(now_s, statuses()).tracking_since_s < now_s
     assert len(live.frame(now_s, statuses()).people) == 2

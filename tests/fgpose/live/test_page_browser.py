@@ -105,8 +105,8 @@ def served(names: tuple[str, ...]) -> Iterator[StatusPage]:
     with StatusPage(rig, SKELETON, port=0, faults=lambda: faults) as page:
         fault = Fault("the data are 0.61 s old", time.time() - 300)
         page.show_distances([
-            LinkDistance("forearm", 0.412, 0.55, 1, "left hand", "left_wrist", 0.82, 0.03, 1.0, None),
-            LinkDistance("gripper", 0.63, 0.8, 1, "left hand", "left_wrist", 0.4, 0.03, 1.0, fault),
+            LinkDistance("forearm", 0.412, 0.55, 1, "left hand", "left_wrist", 0.82, 0.03, 0.01, 1.0, None),
+            LinkDistance("gripper", 0.63, 0.8, 1, "left hand", "left_wrist", 0.4, 0.03, 0.01, 1.0, fault),
         ])  # fmt: skip
 
         def feed() -> None:
