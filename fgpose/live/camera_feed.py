@@ -109,7 +109,9 @@ class CameraFeed:
         now_s = self._clock.now_s()
         known = {status.name: status for process in self._processes for status in process.statuses()}
         known |= {name: camera.status(now_s) for name, camera in self.received.items()}
-        return tuple(replace(known[name], n_lost=self._arrivals.n_left_out(name)) for name in self.rig.names)
+        return tuple(
+            replace(known[name], n_lost=known[name].n_lost + self._arrivals.n_left_out(name)) for name in self.rig.names
+        )
 
     def go_on(self, camera_names: Collection[str]) -> None:
         """See Feed."""

@@ -85,12 +85,13 @@ class LiveTracking:
     def add(self, image: RecordedImage, now_s: float) -> list[Update]:
         """Take the detections of an image, unless they are not to be used; what it completes is tracked."""
         detections = image.detections
-        is_again = detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        key = detections.camera, detections.time_s
+        is_again = key in self._arrived or detections.time_s <= self._image_s.get(detections.camera, -np.inf)
         if not image.is_used or is_again or self._is_too_old(detections):
             self._n_lost[detections.camera] += 1
             self.on_taken([detections.camera])
             return [Update((replace(image, is_used=False),), (), ())]
-        self._arrived[detections.camera, detections.time_s] = image
+        self._arrived[key] = image
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
     def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
