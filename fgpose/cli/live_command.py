@@ -78,16 +78,17 @@ class Live(LiveOutputs, LiveInputs):
         live_rig, clock = load_live_rig(self.rig), Clock()
         open_network, skeleton = self._detector(live_rig)
         with ExitStack() as stack:
-            consumers = Consumers()
+            consumers = Consumers(clock)
+            show, parts = consumers.show_image, consumers.parts
             feed = stack.enter_context(
-                CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=consumers.show_image)
+                CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=show, parts=parts)
             )
-            consumers.open(stack, self, feed.rig, skeleton, config, clock)
-            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig))
+            consumers.open(stack, self, feed.rig, skeleton, config)
+            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig), parts)
             stack.callback(tracking.close)
             self._receive(stack, feed, skeleton, consumers)
             line = stack.enter_context(StatusLine(console))
-            system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock)
+            system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock, parts)
             with _stopped_by_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
@@ -129,7 +130,7 @@ class Live(LiveOutputs, LiveInputs):
             rig = feed.rig.subset(feed.received)
             socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=consumers.tell)
             consumers.sockets.append(socket)
-            stack.callback(KeypointReceiver(socket, feed.received, feed.deliver).close)
+            stack.callback(KeypointReceiver(socket, feed.received, feed.deliver, consumers.parts).close)
             new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")
 
 

@@ -6,7 +6,6 @@ THIS IS NO SAFETY FUNCTION: see fgpose.live.distances.
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable, Sequence
 
@@ -18,7 +17,9 @@ from fgpose.live.distance_messages import MAX_ROBOT_BYTES, decode_robot, encode_
 from fgpose.live.distances import DistanceMonitor, LinkDistance
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import OutputState
+from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
+from fgpose.live.worker import Worker
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
 
@@ -43,6 +44,7 @@ class DistanceServer:
         show: takes what was measured, in the thread.
         tell: called with one line for the first message of each kind that is refused, and when measuring fails.
         now_s: Unix time.
+        parts: told when the thread has ended.
 
     Raises:
         ValueError: the skeleton lacks a joint that a body needs, or too little around a zone is observed.
@@ -63,6 +65,7 @@ class DistanceServer:
         show: Callable[[Sequence[LinkDistance]], None] | None = None,
         tell: Callable[[str], None] | None = None,
         now_s: Callable[[], float] = time.time,
+        parts: Parts | None = None,
     ) -> None:
         zmq = load_zmq()
         self._monitor = DistanceMonitor(cell, rig, skeleton)
@@ -81,9 +84,8 @@ class DistanceServer:
         self._pose_of: dict[str, tuple[np.ndarray, float]] = {}
         """The newest pose of each link, and when it came."""
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="distances", daemon=True)
-        self._thread.start()
+        self._worker = Worker("measuring distances", self._run, parts)
+        self._worker.start()
 
     @property
     def state(self) -> OutputState:
@@ -103,12 +105,13 @@ class DistanceServer:
 
     def close(self) -> None:
         """Stop measuring. Closing again does nothing."""
-        self._stopped.set()
-        self._thread.join()
+        self._worker.close()
+        self._publisher.close()
+        self._poses.close(linger=0)
 
     def _run(self) -> None:
         due_s = time.monotonic()
-        while not self._stopped.wait(max(due_s - time.monotonic(), 0.0)):
+        while not self._worker.stopped.wait(max(due_s - time.monotonic(), 0.0)):
             # What was missed is not made up for.
             due_s = max(due_s + self._period_s, time.monotonic())
             try:
@@ -117,8 +120,6 @@ class DistanceServer:
             # Consumers take silence for a fault; measuring begins again with the next frame or pose.
             except Exception as error:
                 self._failed(error)
-        self._publisher.close()
-        self._poses.close(linger=0)
 
     def _measure(self) -> None:
         self._read_poses()

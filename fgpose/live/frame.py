@@ -53,6 +53,19 @@ class CameraStatus:
     motion_sigma_s: float | None = None
 
 
+@dataclass(frozen=True)
+class Restarts:
+    """A thread or process of the live system that has ended and was begun again."""
+
+    part: str
+    n: int
+    """How often."""
+    reason: str
+    """Of the last time."""
+    last_s: float
+    """When that was, Unix time."""
+
+
 @dataclass(frozen=True, eq=False)
 class LivePerson:
     """Somebody at the time of a frame."""
@@ -88,6 +101,8 @@ class LiveFrame:
     observed_share: float
     """Of the volume, that at least two cameras that are ok observe: elsewhere, nobody does not mean that nobody is
     there."""
+    restarts: tuple[Restarts, ...] = ()
+    """Of what has ended since the start of the live system; what it knew before is lost."""
 
     @property
     def age_s(self) -> float:

@@ -180,6 +180,6 @@ def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplo
     monkeypatch.setattr(live._tracker, "update", fail)
     (update,) = [update for image in images[60:64] for update in feed(live, [image])[0]]
     assert (update.people, live.n_failures) == ((), 1)
-    assert "the tracker failed and begins anew" in caplog.text
+    assert "the tracker ended (RuntimeError: indeterminate) and is begun again" in caplog.text
     _, now_s = feed(live, images[64:140])
     assert len(live.frame(now_s, statuses()).people) == 2
