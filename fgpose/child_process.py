@@ -66,11 +66,8 @@ class ChildProcess:
 
     @property
     def is_stopped(self) -> bool:
-        """It has got SIGSTOP or is held by a debugger; seen on Linux only."""
-        with suppress(OSError):
-            after_name = Path(f"/proc/{self.process_id}/stat").read_text().rpartition(")")[2]
-            return after_name.split()[0] in "Tt"
-        return False
+        """See is_stopped."""
+        return is_stopped(self.process_id)
 
     def write(self, message: object, timeout_s: float = math.inf) -> None:
         """Raises BrokenPipeError if the process has ended or is closed, TimeoutError if it does not take the message in
@@ -147,6 +144,14 @@ class ChildProcess:
             if time.monotonic() >= end_s or (is_stopped and was_stopped):
                 raise TimeoutError(f"process {self.process_id} {'is stopped' if is_stopped else 'does not answer'}")
             was_stopped = is_stopped
+
+
+def is_stopped(process_id: int) -> bool:
+    """Whether a process has got SIGSTOP or is held by a debugger; seen on Linux only."""
+    with suppress(OSError):
+        after_name = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2]
+        return after_name.split()[0] in "Tt"
+    return False
 
 
 def _is_ready(pipe: IO[bytes], event: int, timeout_s: float) -> bool:

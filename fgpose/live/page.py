@@ -25,13 +25,14 @@ from types import TracebackType
 import numpy as np
 from jaxtyping import UInt8
 
+from fgpose.child_process import is_stopped
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.distances import LinkDistance
 from fgpose.live.frame import LiveFrame
 from fgpose.live.page_server import STATIC
 from fgpose.live.page_state import PageState
 from fgpose.live.parts import Parts
-from fgpose.live.worker import Worker
+from fgpose.live.worker import PartEndedError, Worker
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.session import UpAxis
 
@@ -39,6 +40,8 @@ _STATE = "/state.json"
 _THUMBNAIL_PX = 320  # the longer side
 _JPEG_QUALITY = 70
 _ENDS_WITHIN_S = 2.0
+# Whether the server is stopped is looked at so often.
+_LOOKS_S = 0.2
 
 
 class StatusPage:
@@ -121,9 +124,11 @@ class StatusPage:
     def close(self) -> None:
         """End the server. Closing again does nothing."""
         self._worker.stopped.set()
-        # Again: a server may just have been started.
+        self._process.terminate()
+        self._worker.close(_ENDS_WITHIN_S)
+        # It is stopped, or another one has just been started.
         while self._worker.is_alive:
-            self._process.terminate()
+            self._process.kill()
             self._worker.close(0.1)
         self._listening.close()
 
@@ -152,7 +157,7 @@ class StatusPage:
             self._answer(self._connection)
         except (EOFError, OSError):
             if not self._worker.stopped.is_set():
-                raise EOFError(f"its server ended with status {self._ended()}") from None
+                raise PartEndedError(f"its server ended with status {self._ended()}") from None
         finally:
             # The server ends when the connection does.
             self._connection.close()
@@ -171,9 +176,15 @@ class StatusPage:
         _send(connection, STATIC, self._html)
         for path in (_STATE, *map(_picture_path, self._sizes)):
             _send(connection, path, b"")
+        was_stopped = False
         while True:
-            path = connection.recv_bytes().decode()
-            _send(connection, path, self._content(path))
+            if connection.poll(_LOOKS_S):
+                path = connection.recv_bytes().decode()
+                _send(connection, path, self._content(path))
+            has_stopped = is_stopped(self._process.pid)
+            if has_stopped and was_stopped:
+                self._process.kill()
+            was_stopped = has_stopped
 
     def _content(self, path: str) -> bytes:
         if path == _STATE:

@@ -13,6 +13,10 @@ from fgpose.live.parts import Parts
 _FIRST_WAIT_S, _LAST_WAIT_S, _WORKS_S = 0.05, 2.0, 10.0
 
 
+class PartEndedError(Exception):
+    """What work raises where it knows what has ended, and why: there is nothing to be found in the code."""
+
+
 class Worker:
     """Does its work in a thread until it is closed. Work that ends before, however it does, is begun again and counted.
 
@@ -53,9 +57,11 @@ class Worker:
                 error = raised
             if self.stopped.is_set():
                 return
-            reason = "its work returned" if error is None else f"{type(error).__name__}: {error}"
             with suppress(Exception):  # whoever is told must not end it either
-                self._parts.restarted(self._name, reason, error)
+                if error is None or isinstance(error, PartEndedError):
+                    self._parts.restarted(self._name, str(error or "its work returned"))
+                else:
+                    self._parts.restarted(self._name, f"{type(error).__name__}: {error}", error)
             wait_s = _FIRST_WAIT_S if time.monotonic() - began_s > _WORKS_S else wait_s
             if self.stopped.wait(wait_s):
                 return

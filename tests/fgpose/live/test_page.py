@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import http.client
 import json
+import signal
 import socket
 import time
 from collections.abc import Iterator
@@ -187,6 +188,19 @@ def test_a_server_that_is_killed_comes_back(odd_rig: CameraRig, skeleton: Skelet
         state = json.loads(wait_for(page, "/state.json"))
         assert state["frame"]["sequence"] == 0
         assert [(each.part, each.n) for each in parts.so_far()] == [("the status page", 1)]
+
+
+def test_a_server_that_is_stopped_is_replaced(odd_rig: CameraRig, skeleton: Skeleton) -> None:
+    parts = Parts()
+    with StatusPage(odd_rig, skeleton, port=0, parts=parts) as page:
+        wait_for(page, "/state.json")
+        server = page._process
+        server.send_signal(signal.SIGSTOP)
+        server.wait(60)
+        wait_for(page, "/state.json")
+        page._process.send_signal(signal.SIGSTOP)
+    assert page._process.returncode is not None
+    assert [each.reason for each in parts.so_far()] == ["its server ended with status -9"]
 
 
 def test_what_cannot_be_shown_does_not_end_the_page(
