@@ -1,4 +1,4 @@
-"""A part of this program in a process of its own. Both sides exchange pickles.
+"""A part of this program in a process of its own. Both sides exchange pickles, each after its length.
 
 Python keeps to one core whatever the number of threads, and what a library does to its process it does to all of it.
 The child is started as a command and not by multiprocessing, which would run the user's script again.
@@ -6,17 +6,25 @@ The child is started as a command and not by multiprocessing, which would run th
 
 from __future__ import annotations
 
+import math
 import os
 import pickle
 import select
+import struct
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from pathlib import Path
+from typing import IO, Any
 
 _ENDS_WITHIN_S = 5.0
+_LENGTH = struct.Struct("<Q")
+# Whether a process is stopped is looked at so often while it is waited for.
+_LOOKS_S = 0.1
+_READ_BYTES = 1 << 20
 
 
 class ChildProcess:
@@ -38,11 +46,14 @@ class ChildProcess:
             [sys.executable, "-P", "-c", f"from {module} import {function}; {function}()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            bufsize=0,
             # Modules are found where this process finds them.
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
             # Ctrl-C is for this process, which may still want answers.
             start_new_session=True,
         )
+        for pipe in (self._stdin, self._stdout):
+            os.set_blocking(pipe.fileno(), False)
 
     @property
     def process_id(self) -> int:
@@ -53,24 +64,39 @@ class ChildProcess:
         """With which it ended; None: it runs."""
         return self._process.poll()
 
-    def write(self, message: object) -> None:
-        """Raises BrokenPipeError if the process has ended."""
-        assert self._process.stdin is not None
-        pickle.dump(message, self._process.stdin, protocol=pickle.HIGHEST_PROTOCOL)
-        self._process.stdin.flush()
+    @property
+    def is_stopped(self) -> bool:
+        """See is_stopped."""
+        return is_stopped(self.process_id)
 
-    def read(self) -> Any:
-        """The next message. Raises EOFError if the process has ended."""
-        assert self._process.stdout is not None
+    def write(self, message: object, timeout_s: float = math.inf) -> None:
+        """Raises BrokenPipeError if the process has ended or is closed, TimeoutError if it does not take the message in
+        time or is stopped; after that it can only be ended. Without a limit it may be stopped as long as it likes."""
+        end_s = time.monotonic() + timeout_s
+        body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
+        left = memoryview(_LENGTH.pack(len(body)) + body)
         try:
-            return pickle.load(self._process.stdout)
-        except pickle.UnpicklingError as error:
-            raise EOFError("in the middle of a message") from error
+            while left:
+                self._wait(self._stdin, select.POLLOUT, end_s)
+                left = left[self._stdin.write(left) or 0 :]
+        # Another thread has closed it.
+        except ValueError:
+            raise BrokenPipeError("the process is closed") from None
+
+    def read(self, timeout_s: float = math.inf) -> Any:
+        """The next message. Raises EOFError if the process has ended or is closed, TimeoutError as write."""
+        end_s = time.monotonic() + timeout_s
+        try:
+            (length,) = _LENGTH.unpack(self._read(_LENGTH.size, end_s))
+            body = self._read(length, end_s)
+        # Another thread has closed it.
+        except ValueError:
+            raise EOFError("the process is closed") from None
+        return pickle.loads(body)
 
     def has_message(self) -> bool:
-        """Whether a first message, or the end, can be read without waiting."""
-        assert self._process.stdout is not None
-        return bool(select.select([self._process.stdout], [], [], 0.0)[0])
+        """Whether a message has begun to come, or the process has ended."""
+        return _is_ready(self._stdout, select.POLLIN, 0.0)
 
     def kill(self) -> None:
         """End it at once."""
@@ -78,17 +104,60 @@ class ChildProcess:
 
     def close(self) -> None:
         """End its messages, wait until it has ended, and kill it if that takes long. Closing again does nothing."""
-        stdin, stdout = self._process.stdin, self._process.stdout
-        assert stdin is not None
-        assert stdout is not None
         with suppress(BrokenPipeError):
-            stdin.close()
+            self._stdin.close()
+        if self.is_stopped:
+            self._process.kill()
         try:
             self._process.wait(_ENDS_WITHIN_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        stdout.close()
+        self._stdout.close()
+
+    @property
+    def _stdin(self) -> IO[bytes]:
+        assert self._process.stdin is not None
+        return self._process.stdin
+
+    @property
+    def _stdout(self) -> IO[bytes]:
+        assert self._process.stdout is not None
+        return self._process.stdout
+
+    def _read(self, n_bytes: int, end_s: float) -> bytes:
+        body = bytearray()
+        while len(body) < n_bytes:
+            self._wait(self._stdout, select.POLLIN, end_s)
+            some = self._stdout.read(min(n_bytes - len(body), _READ_BYTES))
+            if some == b"":
+                raise EOFError("the process has ended")
+            body += some or b""
+        return bytes(body)
+
+    def _wait(self, pipe: IO[bytes], event: int, end_s: float) -> None:
+        """Until a pipe can be read or written. Raises TimeoutError."""
+        was_stopped = False
+        while not _is_ready(pipe, event, min(max(end_s - time.monotonic(), 0.0), _LOOKS_S)):
+            is_stopped = math.isfinite(end_s) and self.is_stopped
+            # Looked at twice: whoever stops a process for a moment goes on at once.
+            if time.monotonic() >= end_s or (is_stopped and was_stopped):
+                raise TimeoutError(f"process {self.process_id} {'is stopped' if is_stopped else 'does not answer'}")
+            was_stopped = is_stopped
+
+
+def is_stopped(process_id: int) -> bool:
+    """Whether a process has got SIGSTOP or is held by a debugger; seen on Linux only."""
+    with suppress(OSError):
+        after_name = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2]
+        return after_name.split()[0] in "Tt"
+    return False
+
+
+def _is_ready(pipe: IO[bytes], event: int, timeout_s: float) -> bool:
+    poll = select.poll()
+    poll.register(pipe, event)
+    return bool(poll.poll(1000 * timeout_s))
 
 
 @contextmanager
@@ -99,12 +168,20 @@ def parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
     with os.fdopen(os.dup(sys.stdout.fileno()), "wb") as answers:
         sys.stdout = sys.stderr  # nothing else may get between the messages
 
+        def read(n_bytes: int) -> bytes:
+            body = sys.stdin.buffer.read(n_bytes)
+            if len(body) < n_bytes:
+                raise EOFError("there are no more messages")
+            return body
+
         def receive() -> Any:
-            return pickle.load(sys.stdin.buffer)
+            return pickle.loads(read(*_LENGTH.unpack(read(_LENGTH.size))))
 
         def send(message: object) -> None:
+            body = pickle.dumps(message, protocol=pickle.HIGHEST_PROTOCOL)
             with lock:
-                pickle.dump(message, answers, protocol=pickle.HIGHEST_PROTOCOL)
+                answers.write(_LENGTH.pack(len(body)))
+                answers.write(body)
                 answers.flush()
 
         yield receive, send

@@ -68,7 +68,8 @@ class Live(LiveOutputs, LiveInputs):
             refuse_others([self.rrd], "live", remedy="choose another with --rrd, or remove it")
         if self.replay is not None:
             self._refuse_options_of_cameras()
-            run_replay(self.replay, self, self.config, is_fast=self.fast)
+            with _on_signals(_interrupt):
+                run_replay(self.replay, self, self.config, is_fast=self.fast)
             return
         if self.rig is None or self.fast:
             raise ValueError(
@@ -77,18 +78,19 @@ class Live(LiveOutputs, LiveInputs):
         config = Config() if self.config is None else load_config(self.config)
         live_rig, clock = load_live_rig(self.rig), Clock()
         open_network, skeleton = self._detector(live_rig)
-        with ExitStack() as stack:
-            consumers = Consumers()
+        with _on_signals(_interrupt), ExitStack() as stack:
+            consumers = Consumers(clock)
+            show, parts = consumers.show_image, consumers.parts
             feed = stack.enter_context(
-                CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=consumers.show_image)
+                CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=show, parts=parts)
             )
-            consumers.open(stack, self, feed.rig, skeleton, config, clock)
-            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig))
+            consumers.open(stack, self, feed.rig, skeleton, config)
+            tracking = LiveTracking(feed.rig, skeleton, config, volume_points_m(feed.rig), parts)
             stack.callback(tracking.close)
             self._receive(stack, feed, skeleton, consumers)
             line = stack.enter_context(StatusLine(console))
-            system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock)
-            with _stopped_by_signals(system.stop):
+            system = LiveSystem(feed, tracking, [*consumers.frames, line], consumers.observers, clock, parts)
+            with _on_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
         consumers.say_states()
@@ -129,20 +131,28 @@ class Live(LiveOutputs, LiveInputs):
             rig = feed.rig.subset(feed.received)
             socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=consumers.tell)
             consumers.sockets.append(socket)
-            stack.callback(KeypointReceiver(socket, feed.received, feed.deliver).close)
+            stack.callback(KeypointReceiver(socket, feed.received, feed.deliver, consumers.parts).close)
             new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")
 
 
 @contextmanager
-def _stopped_by_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Ctrl-C and SIGTERM are how a live system ends: everything is closed, and the report is printed."""
-    numbers = signal.SIGINT, signal.SIGTERM
-    before = [signal.signal(number, lambda *_: stop()) for number in numbers]
+def _on_signals(call: Callable[[], None]) -> Iterator[None]:
+    """Ctrl-C, Ctrl-\\, SIGTERM and the end of the terminal are how a live system ends: everything is closed, and the
+    report is printed. Under nohup it outlives its terminal."""
+    numbers = [signal.SIGINT, signal.SIGTERM, signal.SIGQUIT]
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = [signal.signal(number, lambda *_: call()) for number in numbers]
     try:
         yield
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
+
+
+def _interrupt() -> None:
+    """What is open already is closed."""
+    raise KeyboardInterrupt
 
 
 def _table(report: Report) -> Table:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from fgpose.live.keypoint_socket import KeypointSocket
     from fgpose.live.outputs import Output, ViewerOutput
     from fgpose.live.page import StatusPage
+    from fgpose.live.parts import Parts
     from fgpose.live.system import Consumer
     from fgpose.live.tracking import Update
     from fgpose.skeleton import Skeleton
@@ -31,40 +32,47 @@ if TYPE_CHECKING:
 class Consumers:
     """What takes the frames of a live system, and whatever else it says."""
 
+    clock: Clock
     outputs: list[Output] = field(default_factory=list)
     observers: list[Callable[[Update], None]] = field(default_factory=list)
     sockets: list[KeypointSocket] = field(default_factory=list)
     page: StatusPage | None = None
     viewer: ViewerOutput | None = None
+    parts: Parts = field(init=False)
+    """What of the system has ended and was begun again."""
 
-    def open(
-        self, stack: ExitStack, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, config: Config, clock: Clock
-    ) -> None:
+    def __post_init__(self) -> None:
+        from fgpose.live.parts import Parts
+
+        self.parts = Parts(self.clock.now_s, self._note)
+
+    def open(self, stack: ExitStack, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
         """Open all that the options want, before any work; the stack closes it."""
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
         from fgpose.live.page import StatusPage
         from fgpose.live.recorder import Recorder
 
-        console, tell = new_console(stderr=True), self.tell
+        console, tell, parts = new_console(stderr=True), self.tell, self.parts
         if options.page is not None:
-            self.page = stack.enter_context(StatusPage(rig, skeleton, options.page, options.host, faults=self._faults))
+            page = StatusPage(rig, skeleton, options.page, options.host, faults=self._faults, parts=parts)
+            self.page = stack.enter_context(page)
             console.print(f"status page: {self.page.url}", soft_wrap=True)
         if options.distances is not None:
-            self._add(stack, self._distance_server(options, rig, skeleton, clock))
+            self._add(stack, self._distance_server(options, rig, skeleton))
         if options.zmq is not None:
-            self._add(stack, open_zmq_output(options.zmq, host=options.host, tell=tell))
+            self._add(stack, open_zmq_output(options.zmq, host=options.host, tell=tell, parts=parts))
             console.print(f"publishing over ZeroMQ at tcp://{options.host}:{options.zmq}")
         if options.lsl:
-            self._add(stack, open_lsl_output(skeleton, n_slots=options.lsl, tell=tell))
+            self._add(stack, open_lsl_output(skeleton, n_slots=options.lsl, tell=tell, parts=parts))
             console.print(f"publishing {options.lsl} people over the Lab Streaming Layer")
         if options.mcap is not None:
-            self._add(stack, open_mcap_output(options.mcap, tell=tell))
+            self._add(stack, open_mcap_output(options.mcap, tell=tell, parts=parts))
         if options.record is not None:
             recorder = Recorder(options.record, rig, skeleton, config, tell=tell)
             self._add(stack, recorder)
             self.observers.append(lambda update: recorder.record(update.images))
         if options.rrd is not None or options.view:
-            self.viewer = open_viewer(options.rrd, rig, skeleton, options.view, tell)
+            self.viewer = open_viewer(options.rrd, rig, skeleton, options.view, tell, parts)
             self._add(stack, self.viewer)
             self.observers.append(self.viewer.observe)
 
@@ -76,6 +84,10 @@ class Consumers:
     def tell(self, line: str) -> None:
         """Say what is wrong with an input or output, wherever somebody may look."""
         logging.getLogger("fgpose.live").warning(line)
+        self._note(line)
+
+    def _note(self, line: str) -> None:
+        """On the page; it is logged already."""
         if self.page is not None:
             self.page.note(line, is_fault=True)
 
@@ -94,9 +106,7 @@ class Consumers:
         self.outputs.append(output)
         stack.callback(output.close)
 
-    def _distance_server(
-        self, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, clock: Clock
-    ) -> DistanceServer:
+    def _distance_server(self, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton) -> DistanceServer:
         from fgpose.live.cell import load_cell
         from fgpose.live.distance_server import DistanceServer
         from fgpose.live.distances import NO_SAFETY_FUNCTION
@@ -111,7 +121,8 @@ class Consumers:
             host=options.host,
             show=None if self.page is None else self.page.show_distances,
             tell=self.tell,
-            now_s=clock.now_s,
+            now_s=self.clock.now_s,
+            parts=self.parts,
         )
         console = new_console(stderr=True)
         console.print(f"distances at {server.address}; poses of links come to {server.poses_address}", soft_wrap=True)

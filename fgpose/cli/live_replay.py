@@ -33,8 +33,8 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
     clock = Clock()
     config = None if config_path is None else load_config(config_path)
     with ExitStack() as stack:
-        consumers = Consumers()
-        consumers.open(stack, outputs, recording.rig, recording.skeleton, config or recording.config, clock)
+        consumers = Consumers(clock)
+        consumers.open(stack, outputs, recording.rig, recording.skeleton, config or recording.config)
 
         def publish(frame: LiveFrame) -> None:
             for consumer in consumers.frames:

@@ -13,6 +13,7 @@ from fgpose.cli.view import has_display, rerun_program
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
     from fgpose.live.outputs import ViewerOutput
+    from fgpose.live.parts import Parts
     from fgpose.skeleton import Skeleton
 
 # Beyond it the viewer forgets what is oldest.
@@ -20,7 +21,12 @@ _VIEWER_MEMORY = "1GB"
 
 
 def open_viewer(
-    path: Path | None, rig: CameraRig, skeleton: Skeleton, with_window: bool, tell: Callable[[str], None]
+    path: Path | None,
+    rig: CameraRig,
+    skeleton: Skeleton,
+    with_window: bool,
+    tell: Callable[[str], None],
+    parts: Parts | None = None,
 ) -> ViewerOutput:
     """Show a live system in a file, in a window, or in both. Where there is no display it says how to connect.
 
@@ -33,7 +39,7 @@ def open_viewer(
     from fgpose.live.outputs import ViewerOutput
 
     program = rerun_program() if with_window else ""
-    output = ViewerOutput(path, rig, skeleton, live=with_window, tell=tell)
+    output = ViewerOutput(path, rig, skeleton, live=with_window, tell=tell, parts=parts)
     if output.viewer_url is not None:
         if has_display():
             local = ["--memory-limit", _VIEWER_MEMORY, "--bind", "127.0.0.1"]

@@ -192,9 +192,9 @@ def wanted_region(people: str, region: str | None) -> PersonRegion | None:
 
 def new_console(*, stderr: bool = False) -> Console:
     """A console that prints text as it is: file names in brackets are no markup."""
-    from rich.console import Console
+    from fgpose.cli.plain_console import PlainConsole
 
-    return Console(stderr=stderr, highlight=False, markup=False)
+    return PlainConsole(stderr=stderr)
 
 
 @contextmanager

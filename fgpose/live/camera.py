@@ -67,7 +67,7 @@ class LiveCamera:
         self._keypoints = FrozenKeypoints()
         self._lock = threading.Lock()
         self._said = _CONNECTING
-        self._n_images = 0
+        self._n_images = self._n_again = 0
         self._image_s: float | None = None
 
     def connected(self) -> None:
@@ -91,7 +91,8 @@ class LiveCamera:
         self.look()
 
     def receive(self, image: SourceImage) -> Image | None:
-        """Take an image that has just arrived; it is given back with its time, unless it is damaged."""
+        """Take an image that has just arrived; it is given back with its time, which is after that of the one before.
+        None: it is damaged, or its clock says that it was taken no later than the one before."""
         arrived_s = self.clock.now_s()
         with self._lock:
             n_jumps = self._model.n_jumps
@@ -107,7 +108,9 @@ class LiveCamera:
                 faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s [{Code.LATE_CAMERA}]"
             self._health.add(arrived_s, captured_s, faults, is_damaged=image.is_damaged)
             number, self._n_images = self._n_images, self._n_images + 1
-            if image.is_damaged:
+            is_again = self._image_s is not None and bool(captured_s <= self._image_s)
+            self._n_again += is_again
+            if image.is_damaged or is_again:
                 return None
             self._image_s = captured_s
         if image.detections is not None:
@@ -130,6 +133,7 @@ class LiveCamera:
                 clock_sigma_s=self._model.sigma_s,
                 n_images=self._n_images,
                 unproven_s=self._model.unproven_s,
+                n_lost=self._n_again,
             )
 
     def look(self) -> None:

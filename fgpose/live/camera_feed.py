@@ -19,7 +19,8 @@ from fgpose.live.camera import CameraEvent, LiveCamera
 from fgpose.live.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.camera_process import CameraProcess
 from fgpose.live.clock import Clock
-from fgpose.live.frame import CameraStatus
+from fgpose.live.frame import CameraStatus, Restarts
+from fgpose.live.parts import Parts
 from fgpose.live.rig_file import LiveRig
 from fgpose.monocular.network import Network
 
@@ -42,6 +43,7 @@ class CameraFeed:
         on_event: called once for every change of a camera's state, in any thread.
         show: takes the name of a camera and its picture, (H, W, 3) RGB, scaled down, a few times a second, in any
             thread.
+        parts: told when a process, or a thread of one, has ended.
 
     Warns:
         UserWarning: the size of the images differs from the calibration's in a way that can be explained.
@@ -62,8 +64,9 @@ class CameraFeed:
         n_jobs: int | None = None,
         on_event: Callable[[CameraEvent], None] | None = None,
         show: Callable[[str, np.ndarray], None] | None = None,
+        parts: Parts | None = None,
     ) -> None:
-        self._clock, self._on_event, self._show = clock, on_event, show
+        self._clock, self._on_event, self._show, self._parts = clock, on_event, show, parts or Parts(clock.now_s)
         sources = live_rig.sources
         self.received = {
             name: LiveCamera(name, settings, clock, late_s, on_event)
@@ -84,7 +87,7 @@ class CameraFeed:
                 job = CameraJob(
                     share, open_network, late_s, n_detectors, clock.unix_minus_monotonic_s, show is not None
                 )
-                self._processes.append(CameraProcess(job, self._hear))
+                self._processes.append(CameraProcess(job, self._hear, self._parts))
             opened = _opened(self._processes)
         except BaseException:
             self.close()
@@ -109,7 +112,9 @@ class CameraFeed:
         now_s = self._clock.now_s()
         known = {status.name: status for process in self._processes for status in process.statuses()}
         known |= {name: camera.status(now_s) for name, camera in self.received.items()}
-        return tuple(replace(known[name], n_lost=self._arrivals.n_left_out(name)) for name in self.rig.names)
+        return tuple(
+            replace(known[name], n_lost=known[name].n_lost + self._arrivals.n_left_out(name)) for name in self.rig.names
+        )
 
     def go_on(self, camera_names: Collection[str]) -> None:
         """See Feed."""
@@ -143,6 +148,8 @@ class CameraFeed:
             self._show(message.camera, message.picture_rgb)
         elif isinstance(message, CameraEvent) and self._on_event is not None:
             self._on_event(message)
+        elif isinstance(message, Restarts):
+            self._parts.heard(message)
 
 
 def _shares(live_rig: LiveRig, n_processes: int) -> list[LiveRig]:

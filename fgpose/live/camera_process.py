@@ -8,22 +8,23 @@ them is sent.
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 from fgpose.child_process import ChildProcess
 from fgpose.live.camera_messages import Begin, CameraJob, Opened
 from fgpose.live.frame import CameraState, CameraStatus
+from fgpose.live.parts import Parts
 from fgpose.live.rig_file import LiveRig
+from fgpose.live.worker import Worker
 
 _LOG = logging.getLogger("fgpose.live")
 _LOOKS_S = 0.2
 # Without a status for so long, its cameras cannot be trusted; a process that is silent for longer hangs.
 _SILENT_S, _HANGS_S = 1.0, 10.0
+_TAKES_WITHIN_S = 0.05
 # Before it is started again: doubled from the first to the last, and the first again when it has worked for so long.
 _FIRST_WAIT_S, _LAST_WAIT_S, _WORKS_S = 0.5, 10.0, 15.0
 _SERVER = "fgpose.live.camera_server"
@@ -34,22 +35,26 @@ class CameraProcess:
 
     Args:
         job: of the process.
-        hear: takes what it sends: RecordedImage, SmallPicture and CameraEvent. It is called from the thread.
+        hear: takes what it sends: RecordedImage, SmallPicture, CameraEvent and Restarts. It is called from the thread.
+        parts: told when the process, or a thread that hears it, has ended.
 
     Raises:
         OSError: the process cannot be started.
     """
 
-    def __init__(self, job: CameraJob, hear: Callable[[Any], None]) -> None:
-        self._job, self._hear = job, hear
+    def __init__(self, job: CameraJob, hear: Callable[[Any], None], parts: Parts | None = None) -> None:
+        self._job, self._hear, self._parts = job, hear, parts or Parts()
         self._process = ChildProcess(_SERVER)
         self._process.write(job)
         self._begin: Begin | None = None
         self._statuses = _unknown(job.live_rig, "connecting")
         self._heard_s = time.monotonic()
         self._is_running = True
-        self._closed = threading.Event()
-        self._threads = [threading.Thread(target=run, name="cameras", daemon=True) for run in (self._run, self._watch)]
+        self._wait_s = _FIRST_WAIT_S
+        names = ", ".join(job.live_rig.rig.names)
+        self._name = f"the process of {names}"
+        self._reader = Worker(f"hearing the process of {names}", self._read, self._parts)
+        self._watcher = Worker(f"watching the process of {names}", self._watch, self._parts)
 
     @property
     def process_id(self) -> int:
@@ -72,13 +77,19 @@ class CameraProcess:
         """Let it read."""
         self._begin = begin
         self._process.write(begin)
-        for thread in self._threads:
-            thread.start()
+        self._reader.start()
+        self._watcher.start()
 
     def go_on(self, camera_names: Sequence[str]) -> None:
         """See Detectors. One that begins anew goes on by itself."""
-        with suppress(OSError):
-            self._process.write(camera_names)
+        process = self._process
+        try:
+            process.write(camera_names, _TAKES_WITHIN_S)
+        # Many of these fit into a pipe: it has not read any for long.
+        except TimeoutError:
+            process.kill()
+        except BrokenPipeError:
+            pass
 
     def statuses(self) -> tuple[CameraStatus, ...]:
         """Of its cameras now."""
@@ -89,28 +100,30 @@ class CameraProcess:
 
     def close(self) -> None:
         """End the process. Closing again does nothing."""
-        self._closed.set()
+        self._reader.stopped.set()
+        self._watcher.stopped.set()
         self._process.close()
-        for thread in self._threads:
-            if thread.is_alive():
-                thread.join()
+        self._reader.close()
+        self._watcher.close()
+        # The reader may have started another one meanwhile.
+        self._process.close()
 
-    def _run(self) -> None:
-        wait_s = _FIRST_WAIT_S
-        while not self._closed.is_set():
+    def _read(self) -> None:
+        """Hear the process, and the next one when it has ended."""
+        while not self._reader.stopped.is_set():
             began_s = time.monotonic()
             try:
                 while True:
                     self._take(self._process.read())
             # What is left of a process that was killed may be anything.
             except Exception as error:
-                if self._closed.is_set():
+                if self._reader.stopped.is_set():
                     return
                 if not isinstance(error, EOFError):
                     _LOG.exception("a message of a process of cameras cannot be taken")
-            wait_s = _FIRST_WAIT_S if time.monotonic() - began_s > _WORKS_S else wait_s
-            self._restart(wait_s)
-            wait_s = min(2 * wait_s, _LAST_WAIT_S)
+            self._wait_s = _FIRST_WAIT_S if time.monotonic() - began_s > _WORKS_S else self._wait_s
+            self._restart()
+            self._wait_s = min(2 * self._wait_s, _LAST_WAIT_S)
 
     def _take(self, message: Any) -> None:
         self._heard_s = time.monotonic()
@@ -123,27 +136,33 @@ class CameraProcess:
         elif not isinstance(message, Opened):
             self._hear(message)
 
-    def _restart(self, wait_s: float) -> None:
+    def _restart(self) -> None:
         self._is_running = False
         self._process.kill()
         self._process.close()
-        names = ", ".join(self._job.live_rig.rig.names)
-        reason = f"its process ended with status {self._process.status} and is started again"
-        _LOG.warning("camera %s: %s", names, reason)
+        status = self._process.status
+        self._parts.restarted(self._name, f"status {status}")
+        reason = f"its process ended with status {status} and is started again"
         self._statuses = _unknown(self._job.live_rig, reason, self._statuses)
-        if self._closed.wait(wait_s):
+        if self._reader.stopped.wait(self._wait_s):
             return
-        self._process = ChildProcess(_SERVER)
-        self._process.write(self._job)
-        self._process.write(self._begin)
+        process = ChildProcess(_SERVER)
+        process.write(self._job)
+        process.write(self._begin)
+        self._process = process
         # The first status comes when the network is open, which takes seconds.
         self._heard_s = time.monotonic() + _HANGS_S
         self._is_running = True
 
     def _watch(self) -> None:
-        while not self._closed.wait(_LOOKS_S):
-            if self._is_running and time.monotonic() - self._heard_s > _HANGS_S:
+        """Kill it if it hangs; that is heard."""
+        was_stopped = False
+        while not self._watcher.stopped.wait(_LOOKS_S):
+            is_stopped = self._is_running and self._process.is_stopped
+            hangs = self._is_running and time.monotonic() - self._heard_s > _HANGS_S
+            if hangs or (is_stopped and was_stopped):
                 self._process.kill()
+            was_stopped = is_stopped
 
 
 def _unknown(live_rig: LiveRig, reason: str, last: tuple[CameraStatus, ...] = ()) -> tuple[CameraStatus, ...]:

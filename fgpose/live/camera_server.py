@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import warnings
 from collections.abc import Callable
 from logging.handlers import QueueHandler
@@ -14,7 +13,9 @@ from fgpose.live.camera_messages import Begin, CameraJob, Opened, SmallPicture
 from fgpose.live.cameras import LiveCameras
 from fgpose.live.clock import Clock
 from fgpose.live.detectors import Detectors
+from fgpose.live.parts import Parts
 from fgpose.live.shown import ShownPictures
+from fgpose.live.worker import Worker
 from fgpose.monocular.network import Network
 
 STATUS_S = 0.1
@@ -29,8 +30,9 @@ def serve() -> None:
         logger.setLevel(logging.INFO)
         logger.addHandler(_Sender(send))
         try:
-            network = job.open_network()
-            cameras, said = _opened(job, send)
+            network, clock = job.open_network(), Clock(job.unix_minus_monotonic_s)
+            parts = Parts(clock.now_s, on_restart=send)
+            cameras, said = _opened(job, clock, parts, send)
         # Raised by CameraProcess.opened.
         except Exception as error:
             send(error)
@@ -38,14 +40,15 @@ def serve() -> None:
         send(Opened(cameras.rig, cameras.playback.period_s, said))
         begin: Begin = receive()
         cameras.playback.begin(begin.start_s, begin.period_s)
-        _serve(cameras, network, job, receive, send)
+        _serve(cameras, network, job, parts, receive, send)
 
 
-def _opened(job: CameraJob, send: Callable[[object], None]) -> tuple[LiveCameras, tuple[str, ...]]:
-    clock = Clock(job.unix_minus_monotonic_s)
+def _opened(
+    job: CameraJob, clock: Clock, parts: Parts, send: Callable[[object], None]
+) -> tuple[LiveCameras, tuple[str, ...]]:
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always", UserWarning)
-        cameras = LiveCameras(job.live_rig, clock, job.late_s, send, is_known=job.is_known)
+        cameras = LiveCameras(job.live_rig, clock, job.late_s, send, parts=parts, is_known=job.is_known)
     return cameras, tuple(str(warning.message) for warning in said if issubclass(warning.category, UserWarning))
 
 
@@ -53,27 +56,26 @@ def _serve(
     cameras: LiveCameras,
     network: Network,
     job: CameraJob,
+    parts: Parts,
     receive: Callable[[], Any],
     send: Callable[[object], None],
 ) -> None:
-    ended = threading.Event()
-
     def tell() -> None:
-        while not ended.wait(STATUS_S):
+        while not telling.stopped.wait(STATUS_S):
             send(cameras.statuses())
 
+    telling = Worker(f"telling of {', '.join(cameras.cameras)}", tell, parts)
     show = ShownPictures(lambda camera, picture: send(SmallPicture(camera, picture))) if job.has_viewer else None
     with cameras:
-        detectors = Detectors(cameras, network, send, job.n_detectors, show)
-        telling = threading.Thread(target=tell, daemon=True)
+        detectors = Detectors(cameras, network, send, job.n_detectors, show, parts)
         telling.start()
         try:
             while True:
                 detectors.go_on(receive())
         except EOFError:
-            ended.set()
+            telling.stopped.set()
             detectors.close()
-            telling.join()
+            telling.close()
 
 
 class _Sender(QueueHandler):

@@ -15,10 +15,12 @@ from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraStatus
 from fgpose.live.image import Image
 from fgpose.live.mailbox import Mailbox
+from fgpose.live.parts import Parts
 from fgpose.live.reader import HANGS, CameraReader
 from fgpose.live.rig_file import LiveRig
 from fgpose.live.sources import Source, SourceError, open_source
 from fgpose.live.sources.playback import Playback
+from fgpose.live.worker import Worker
 
 _LOOKS_S = 0.2
 
@@ -33,6 +35,7 @@ class LiveCameras:
         clock: of the live system.
         late_s: images that arrive this long after they were taken are late; default: the lag of the estimator.
         on_event: called once for every change of a camera's state, in any thread.
+        parts: told when a thread has ended.
         is_known: the sources were open before. They are opened again when they can be, and the calibration is that of
             their images.
 
@@ -51,6 +54,7 @@ class LiveCameras:
         late_s: float = OnlineConfig.lag_s,
         on_event: Callable[[CameraEvent], None] | None = None,
         *,
+        parts: Parts | None = None,
         is_known: bool = False,
     ) -> None:
         self.changed = threading.Condition()
@@ -62,7 +66,7 @@ class LiveCameras:
         """The newest image of each camera."""
         self.playback = Playback(clock)
         """Of the recordings among the sources."""
-        self._clock, self._stopped = clock, threading.Event()
+        self._clock = clock
         openers = {
             name: partial(open_source, name, settings, clock, self.playback)
             for name, settings in live_rig.sources.items()
@@ -77,10 +81,10 @@ class LiveCameras:
             raise
         size_px = {camera.name: camera.size_px for camera in self.rig.cameras}
         self._readers = [
-            CameraReader(camera, self.mailboxes[name], openers[name], size_px[name], opened.get(name))
+            CameraReader(camera, self.mailboxes[name], openers[name], size_px[name], opened.get(name), parts)
             for name, camera in self.cameras.items()
         ]
-        self._watcher = threading.Thread(target=self._watch, name="cameras", daemon=True)
+        self._watcher = Worker(f"watching {', '.join(self.cameras)}", self._watch, parts)
 
     def __getitem__(self, name: str) -> LiveCamera:
         return self.cameras[name]
@@ -97,7 +101,7 @@ class LiveCameras:
 
     def close(self) -> None:
         """Stop reading; what hangs is left behind."""
-        self._stopped.set()
+        self._watcher.close()
         stops = [threading.Thread(target=reader.stop) for reader in self._readers]
         for stop in stops:
             stop.start()
@@ -112,7 +116,7 @@ class LiveCameras:
         self.close()
 
     def _watch(self) -> None:
-        while not self._stopped.wait(_LOOKS_S):
+        while not self._watcher.stopped.wait(_LOOKS_S):
             for reader in self._readers:
                 reader.watch()
 

@@ -20,9 +20,10 @@ _DRIFT_SIGMA = 100e-6
 # The same crystal some time later, at another temperature.
 _KNOWN_DRIFT_SIGMA = 10e-6
 _KNOWN_AFTER_S = 120.0
-# More than the jitter of a network: the clock has jumped. A stream that starts late may catch up at first.
+# More than the jitter of a network: the clock has jumped. A stream that starts late may catch up at first, but not by
+# more than any source keeps.
 _JUMP_S = 0.25
-_SETTLED_S = 2.0
+_SETTLED_S, _BACKLOG_S = 2.0, 10.0
 # Before there are enough images to tell.
 _FIRST_SIGMA_S = 0.1
 _N_LOWEST = 10
@@ -83,7 +84,7 @@ class ClockModel:
         """By how much (stamp minus Unix time) jumped the last time."""
 
     def captured_s(self, stamp: Stamp | None, arrived_s: float) -> float:
-        """Learn from an image; Unix time at which it was taken.
+        """Learn from an image; Unix time at which it was taken, not after its arrival unless the stamp is host time.
 
         Args:
             stamp: None if the source has none.
@@ -123,8 +124,8 @@ class ClockModel:
             latest_s = np.inf if self._kind == "synchronised" else _SYNCHRONISED_S[1]
             self._is_synchronised = bool(_SYNCHRONISED_S[0] <= fastest_s <= latest_s)
             if self._is_synchronised:
-                return stamp.wall_s
-        return stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - self._latency_s
+                return min(stamp.wall_s, arrived_s)
+        return min(stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - self._latency_s, arrived_s)
 
     def restart(self) -> None:
         """The source was opened again: its stamps may begin anew. The drift is kept."""
@@ -186,7 +187,8 @@ class ClockModel:
         if stamp.stamp_s < before.stamp_s:
             return True
         early_s = self._segment.offset_s(stamp.stamp_s) - (arrived_s - stamp.stamp_s)
-        return bool(early_s > _JUMP_S and self._segment.duration_s > _SETTLED_S)
+        is_settled = self._segment.duration_s > _SETTLED_S
+        return bool(early_s > (_JUMP_S if is_settled else _BACKLOG_S))
 
     def _end_segment(self) -> None:
         if self._segment is not None and self._segment.duration_s > _KNOWN_AFTER_S:

@@ -13,6 +13,8 @@ import numpy as np
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.cameras import LiveCameras
 from fgpose.live.image import Image
+from fgpose.live.parts import Parts
+from fgpose.live.worker import Worker
 from fgpose.monocular.detected import detections_of
 from fgpose.monocular.network import Network, Tracker
 
@@ -38,6 +40,7 @@ class Detectors:
         deliver: takes what was found in each image, in the thread that looked.
         n_threads: at work at once.
         show: takes the name of the camera and its picture, RGB, before the network does.
+        parts: told when a thread has ended.
     """
 
     def __init__(
@@ -47,6 +50,7 @@ class Detectors:
         deliver: Callable[[RecordedImage], None],
         n_threads: int,
         show: Callable[[str, np.ndarray], None] | None = None,
+        parts: Parts | None = None,
     ) -> None:
         self._cameras, self._network, self._deliver, self._show = cameras, network, deliver, show
         self._calibrated = {camera.name: camera for camera in cameras.rig.cameras}
@@ -59,11 +63,9 @@ class Detectors:
         """When the image of each camera was taken at which a thread last looked."""
         self._failed: set[str] = set()
         self._stopped = threading.Event()
-        self._threads = [
-            threading.Thread(target=self._run, name=f"fgpose detector {n}", daemon=True) for n in range(n_threads)
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._workers = [Worker(f"detector {n}", self._run, parts) for n in range(n_threads)]
+        for worker in self._workers:
+            worker.start()
 
     def go_on(self, camera_names: Iterable[str]) -> None:
         """What was found in the newest images of these cameras is used."""
@@ -78,15 +80,20 @@ class Detectors:
     def close(self) -> None:
         """Stop when the images at hand are done."""
         self._stopped.set()
-        for thread in self._threads:
-            thread.join(_JOIN_S)
+        for worker in self._workers:
+            worker.close(_JOIN_S)
 
     def _run(self) -> None:
         _give_way()
         while not self._stopped.is_set():
-            image = self._take()
-            if image is not None and not self._look(image):
-                self.go_on([image.camera])
+            image, is_looked_at = self._take(), False
+            if image is None:
+                continue
+            try:
+                is_looked_at = self._look(image)
+            finally:
+                if not is_looked_at:
+                    self.go_on([image.camera])
 
     def _take(self) -> Image | None:
         """The next image of the camera whose last was taken first, of those at whose images no other thread looks."""

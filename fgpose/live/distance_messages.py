@@ -4,22 +4,36 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import reprlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Literal
 
+import msgspec
 import numpy as np
 
 from fgpose.io.packing import packed, unpacked
 from fgpose.live.distances import NO_SAFETY_FUNCTION, Fault, LinkDistance
+from fgpose.live.message_schema import PackedArray, Schema, shown
 from fgpose.live.rejections import MessageError
 
 ROBOT_FORMAT, DISTANCES_FORMAT, VERSION = "fgpose/robot", "fgpose/distances", 1
 MAX_ROBOT_BYTES = 64 << 10
 """Of a message of a robot: hundreds of links take less."""
 _LARGEST_S = 1e11  # some thousand years
-_ROBOT_KEYS = {"format", "version", "world_T_link", "time_s", "reset"}
+_Rows = tuple[tuple[float, float, float, float], ...]
+
+
+class _Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A message of a robot; poses are arrays, or four rows of four numbers."""
+
+    format: Literal["fgpose/robot"]
+    version: Literal[1]
+    world_T_link: dict[str, PackedArray | _Rows] = msgspec.field(default_factory=dict)
+    time_s: float | None = None
+    reset: bool = False
+
+
+_SCHEMA = Schema(_Robot, f"{ROBOT_FORMAT}, version {VERSION}", MAX_ROBOT_BYTES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,26 +65,14 @@ def decode_robot(body: bytes | memoryview, link_names: Collection[str]) -> Robot
     Raises:
         MessageError: the message is refused. Nothing else is raised, whatever the bytes are.
     """
-    if len(body) > MAX_ROBOT_BYTES:
-        raise MessageError("size", f"a message of {len(body)} bytes, at most {MAX_ROBOT_BYTES} are possible")
-    try:
-        document = unpacked(body)
-    except ValueError as error:
-        raise MessageError("content", str(error)) from None
-    if not _is_of(document, ROBOT_FORMAT):
-        raise MessageError("content", f"not a message of {ROBOT_FORMAT}, version {VERSION}")
-    unknown = sorted(map(str, document.keys() - _ROBOT_KEYS))
-    if unknown:
-        raise MessageError("content", f"unknown keys: {_short(unknown)}")
-    poses, reset, time_s = document.get("world_T_link", {}), document.get("reset", False), document.get("time_s")
-    if not isinstance(poses, dict) or not isinstance(reset, bool):
-        raise MessageError("content", "world_T_link is a map of poses by link, reset is true or false")
-    if time_s is not None and not (isinstance(time_s, int | float) and abs(time_s) < _LARGEST_S):
-        raise MessageError("time", f"time_s is a Unix time, got {_short(time_s)}")
-    wrong = sorted(map(str, poses.keys() - set(link_names)))
+    document = _SCHEMA.document(body)
+    wrong = sorted(document.world_T_link.keys() - set(link_names))
     if wrong:
-        raise MessageError("link", f"links that the cell does not have: {_short(wrong)}; it has {_short(link_names)}")
-    return RobotMessage({name: _pose(name, pose) for name, pose in poses.items()}, time_s, reset)
+        raise MessageError("link", f"links that the cell does not have: {shown(wrong)}; it has {shown(link_names)}")
+    poses = {name: _pose(name, pose) for name, pose in document.world_T_link.items()}
+    if document.time_s is not None and not abs(document.time_s) < _LARGEST_S:
+        raise MessageError("time", f"time_s is a Unix time, got {document.time_s:g}")
+    return RobotMessage(poses, document.time_s, document.reset)
 
 
 def encode_distances(
@@ -104,7 +106,10 @@ def decode_distances(body: bytes) -> tuple[LinkDistance, ...]:
         ValueError: it is no such message.
     """
     document = unpacked(body)
-    if not _is_of(document, DISTANCES_FORMAT):
+    if not isinstance(document, dict) or (document.get("format"), document.get("version")) != (
+        DISTANCES_FORMAT,
+        VERSION,
+    ):
         raise ValueError(f"not a message of {DISTANCES_FORMAT}, version {VERSION}")
     try:
         return tuple(
@@ -115,24 +120,8 @@ def decode_distances(body: bytes) -> tuple[LinkDistance, ...]:
         raise ValueError(f"a damaged message of {DISTANCES_FORMAT}: {type(error).__name__}: {error}") from None
 
 
-def _is_of(document: Any, name: str) -> bool:
-    """An array is compared by element, so it is asked for text and number first."""
-    if not isinstance(document, dict):
-        return False
-    name_of, version = document.get("format"), document.get("version")
-    return isinstance(name_of, str) and isinstance(version, int) and (name_of, version) == (name, VERSION)
-
-
-def _pose(name: str, value: Any) -> np.ndarray:
-    """From an array, or four lists of four numbers."""
-    try:
-        pose = np.asarray(value, dtype=float)
-    except (TypeError, ValueError):
-        pose = np.zeros(0)
+def _pose(name: str, value: PackedArray | _Rows) -> np.ndarray:
+    pose = value.array() if isinstance(value, PackedArray) else np.array(value)
     if pose.shape != (4, 4):
-        raise MessageError("shape", f"link {name}: a pose is (4, 4) numbers, got {_short(value)}")
+        raise MessageError("shape", f"link {name}: a pose is (4, 4) numbers, got {pose.shape}")
     return pose
-
-
-def _short(value: Any) -> str:
-    return reprlib.repr(value)

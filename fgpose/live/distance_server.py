@@ -21,7 +21,9 @@ from fgpose.live.distance_messages import MAX_ROBOT_BYTES, decode_robot, encode_
 from fgpose.live.distances import DistanceMonitor, LinkDistance
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import OutputState
+from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
+from fgpose.live.worker import Worker
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
 
@@ -49,6 +51,7 @@ class DistanceServer:
         show: takes what was measured, in the thread.
         tell: called with one line for the first message of each kind that is refused, and when measuring fails.
         now_s: Unix time.
+        parts: told when the thread has ended.
 
     Raises:
         ValueError: the skeleton lacks a joint that a body needs, or too little around a zone is observed.
@@ -69,6 +72,7 @@ class DistanceServer:
         show: Callable[[Sequence[LinkDistance]], None] | None = None,
         tell: Callable[[str], None] | None = None,
         now_s: Callable[[], float] = time.time,
+        parts: Parts | None = None,
     ) -> None:
         zmq = load_zmq()
         self._monitor = DistanceMonitor(cell, rig, skeleton)
@@ -89,13 +93,12 @@ class DistanceServer:
         """The newest pose of each link, and of when it is."""
         self._is_reset = False
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
-        self._stopped = threading.Event()
-        self._threads = [
-            threading.Thread(target=run, name=f"distances: {name}", daemon=True)
-            for name, run in (("measure", self._run), ("poses", self._read_poses))
+        self._workers = [
+            Worker("measuring distances", self._run, parts),
+            Worker("reading the poses of the robot", self._read_poses, parts),
         ]
-        for thread in self._threads:
-            thread.start()
+        for worker in self._workers:
+            worker.start()
 
     @property
     def state(self) -> OutputState:
@@ -115,13 +118,14 @@ class DistanceServer:
 
     def close(self) -> None:
         """Stop measuring. Closing again does nothing."""
-        self._stopped.set()
-        for thread in self._threads:
-            thread.join()
+        for worker in self._workers:
+            worker.close()
+        self._publisher.close()
+        self._poses.close(linger=0)
 
     def _run(self) -> None:
         due_s = time.monotonic()
-        while not self._stopped.wait(max(due_s - time.monotonic(), 0.0)):
+        while not self._workers[0].stopped.wait(max(due_s - time.monotonic(), 0.0)):
             # What was missed is not made up for.
             due_s = max(due_s + self._period_s, time.monotonic())
             try:
@@ -130,7 +134,6 @@ class DistanceServer:
             # Consumers take silence for a fault; measuring begins again with the next frame or pose.
             except Exception as error:
                 self._failed(error)
-        self._publisher.close()
 
     def _measure(self) -> None:
         with self._lock:
@@ -149,13 +152,8 @@ class DistanceServer:
             self._show(distances)
 
     def _read_poses(self) -> None:
-        while not self._stopped.is_set():
-            try:
-                self._take_poses()
-            # The link has a fault when its pose is old; reading goes on.
-            except Exception as error:
-                self._failed(error)
-        self._poses.close(linger=0)
+        while not self._workers[1].stopped.is_set():
+            self._take_poses()
 
     def _take_poses(self) -> None:
         """Of all messages that wait only the newest count: what is older says where a link was."""
@@ -176,7 +174,7 @@ class DistanceServer:
                 self._take(parts, came_s)
             except MessageError as error:
                 self._rejections.add(error)
-        self._stopped.wait(_REST_S)
+        self._workers[1].stopped.wait(_REST_S)
 
     def _take(self, parts: list[Any], came_s: float) -> None:
         if len(parts) != 1:

@@ -57,6 +57,19 @@ class CameraStatus:
     behind or its images come late. None: nothing tells how late they come."""
 
 
+@dataclass(frozen=True)
+class Restarts:
+    """A thread or process of the live system that has ended and was begun again."""
+
+    part: str
+    n: int
+    """How often."""
+    reason: str
+    """Of the last time."""
+    last_s: float
+    """When that was, Unix time."""
+
+
 @dataclass(frozen=True, eq=False)
 class LivePerson:
     """Somebody at the time of a frame."""
@@ -95,6 +108,8 @@ class LiveFrame:
     tracking_since_s: float = math.nan
     """When the first image was taken that the tracker has used without beginning anew, Unix time; NaN: it has not
     begun. For a second after that, nobody may mean not found yet."""
+    restarts: tuple[Restarts, ...] = ()
+    """Of what has ended since the start of the live system; what it knew before is lost."""
 
     @property
     def age_s(self) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from fgpose.association.track import TrackState
 from fgpose.io.packing import packed, unpacked
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
 from fgpose.skeleton import Skeleton
 
 FORMAT, VERSION = "fgpose/people", 1
@@ -46,6 +46,7 @@ def frame_document(frame: LiveFrame) -> dict[str, Any]:
         "joints": frame.skeleton.joints,
         "people": [_person_document(person) for person in frame.people],
         "cameras": [{**asdict(camera), "state": camera.state.value} for camera in frame.cameras],
+        "restarts": [asdict(restarts) for restarts in frame.restarts],
     }
 
 
@@ -67,8 +68,11 @@ def frame_of_document(document: Any, skeleton: Skeleton) -> LiveFrame:
         cameras = tuple(
             CameraStatus(**{**camera, "state": CameraState(camera["state"])}) for camera in document["cameras"]
         )
+        # Recordings of before have neither.
         since_s = document.get("tracking_since_s", math.nan)
-        return LiveFrame(**scalars, skeleton=skeleton, people=people, cameras=cameras, tracking_since_s=since_s)
+        restarts = tuple(Restarts(**each) for each in document.get("restarts", ()))
+        later = {"tracking_since_s": since_s, "restarts": restarts}
+        return LiveFrame(**scalars, skeleton=skeleton, people=people, cameras=cameras, **later)
     except (TypeError, KeyError, AttributeError) as error:
         raise ValueError(f"a damaged message of {FORMAT}: {type(error).__name__}: {error}") from None
 

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import reprlib
-from typing import Any
+from typing import Literal
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.packing import packed, unpacked
+from fgpose.io.packing import packed
+from fgpose.live.message_schema import PackedArray, Schema, shown
 from fgpose.live.rejections import MessageError
 from fgpose.observations import positive_definite, refuse_millimetres
 from fgpose.people import Detections
@@ -20,8 +21,25 @@ MAX_BODY_BYTES = 1 << 20
 """Of a message that is looked at: thirty people with 133 joints each and all that a message may have take less."""
 MAX_PEOPLE = 30
 """In an image: the time to tell people apart grows with them."""
-_REQUIRED = {"format", "version", "camera", "time_s", "size_px", "skeleton", "points2d_px", "confidence"}
-_OPTIONAL = {"points3d_camera_m", "covariance3d_camera_m2", "appearance"}
+
+
+class _Keypoints(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A message."""
+
+    format: Literal["fgpose/keypoints"]
+    version: Literal[1]
+    camera: str
+    time_s: float
+    size_px: tuple[int, int]
+    skeleton: str
+    points2d_px: PackedArray
+    confidence: PackedArray
+    points3d_camera_m: PackedArray | msgspec.UnsetType = msgspec.UNSET
+    covariance3d_camera_m2: PackedArray | msgspec.UnsetType = msgspec.UNSET
+    appearance: PackedArray | msgspec.UnsetType = msgspec.UNSET
+
+
+_SCHEMA = Schema(_Keypoints, f"{FORMAT}, version {VERSION}", MAX_BODY_BYTES)
 
 
 def encode_keypoints(
@@ -67,89 +85,67 @@ def decode_keypoints(body: bytes | memoryview, rig: CameraRig, skeleton: Skeleto
         MessageError: the message is refused; kind says why in a word or two, the text in full. Nothing else is raised,
             whatever the bytes are.
     """
-    if len(body) > MAX_BODY_BYTES:
-        raise MessageError("size", f"a message of {len(body)} bytes, at most {MAX_BODY_BYTES} are possible")
-    try:
-        document = unpacked(body)
-    except ValueError as error:
-        raise MessageError("content", str(error)) from None
-    camera = _check(document, rig, skeleton)
-    shape = _people_shape(document["points2d_px"], camera, skeleton)
-    arrays = {"confidence": _array(document, "confidence", camera, shape)}
-    if "points3d_camera_m" in document:
-        points_m = _array(document, "points3d_camera_m", camera, (*shape, 3))
+    document = _SCHEMA.document(body)
+    camera = _checked_camera(document, rig, skeleton)
+    points2d_px = document.points2d_px.array()
+    shape = _people_shape(points2d_px, camera, skeleton)
+    arrays = {"confidence": _array(document.confidence, "confidence", camera, shape)}
+    if document.points3d_camera_m:
+        points_m = _array(document.points3d_camera_m, "points3d_camera_m", camera, (*shape, 3))
         arrays["points3d_m"] = camera.to_world_frame(points_m)
-    if "covariance3d_camera_m2" in document:
-        arrays["covariance3d_m2"] = _covariance(document, camera, shape)
-    if "appearance" in document:
-        arrays["appearance"] = _array(document, "appearance", camera, (shape[0], None))
-    points2d_px = np.asarray(document["points2d_px"], dtype=float)
+        if document.covariance3d_camera_m2:
+            arrays["covariance3d_m2"] = _covariance(document.covariance3d_camera_m2, points_m, camera)
+    if document.appearance:
+        arrays["appearance"] = _array(document.appearance, "appearance", camera, (shape[0], None))
     try:
         refuse_millimetres(arrays.get("points3d_m", np.zeros(0)))
-        return Detections(camera.name, float(document["time_s"]), points2d_px, **arrays)
+        return Detections(camera.name, document.time_s, points2d_px, **arrays)
     except ValueError as error:
         raise MessageError("values", str(error)) from None
 
 
-def _check(document: Any, rig: CameraRig, skeleton: Skeleton) -> Camera:
-    """Everything but the arrays."""
-    if not isinstance(document, dict) or (document.get("format"), document.get("version")) != (FORMAT, VERSION):
-        raise MessageError("content", f"not a message of {FORMAT}, version {VERSION}")
-    wrong = sorted((_REQUIRED - document.keys()) | (document.keys() - _REQUIRED - _OPTIONAL))
-    if wrong:
-        raise MessageError("content", f"keys that are missing or unknown: {_short(wrong)}")
-    name = document["camera"]
+def _checked_camera(document: _Keypoints, rig: CameraRig, skeleton: Skeleton) -> Camera:
+    """Everything but the arrays is as here."""
+    name = document.camera
     if name not in rig.names:
-        raise MessageError("camera", f"the rig has no camera {_short(name)}, only {', '.join(rig.names)}")
+        raise MessageError("camera", f"the rig has no camera {shown(name)}, only {', '.join(rig.names)}")
     camera = rig.cameras[rig.names.index(name)]
-    if document["skeleton"] != skeleton.name:
+    if document.skeleton != skeleton.name:
         wanted = f"{skeleton.name} with {skeleton.n_joints} joints"
-        raise MessageError("skeleton", f"camera {name}: skeleton {_short(document['skeleton'])}, not {wanted}")
-    if not _same_size(document["size_px"], camera.size_px):
+        raise MessageError("skeleton", f"camera {name}: skeleton {shown(document.skeleton)}, not {wanted}")
+    if document.size_px != tuple(camera.size_px):
         raise MessageError(
-            "image size", f"camera {name}: images of {_short(document['size_px'])}, calibrated are {camera.size_px}"
+            "image size", f"camera {name}: images of {shown(document.size_px)}, calibrated are {camera.size_px}"
         )
-    time_s = document["time_s"]
-    if isinstance(time_s, bool) or not isinstance(time_s, int | float) or not abs(time_s) < np.inf:
-        raise MessageError("time", f"camera {name}: the time of an image is {_short(time_s)}")
-    if "covariance3d_camera_m2" in document and "points3d_camera_m" not in document:
+    if not np.isfinite(document.time_s):
+        raise MessageError("time", f"camera {name}: the time of an image is {document.time_s}")
+    if document.covariance3d_camera_m2 and not document.points3d_camera_m:
         raise MessageError("content", f"camera {name}: a covariance without 3D joints")
     return camera
 
 
-def _same_size(size_px: Any, calibrated_px: tuple[int, int]) -> bool:
-    return isinstance(size_px, list) and tuple(size_px) == tuple(calibrated_px)
-
-
-def _people_shape(points2d_px: Any, camera: Camera, skeleton: Skeleton) -> tuple[int, int]:
-    shape = np.shape(points2d_px) if isinstance(points2d_px, np.ndarray) else ()
+def _people_shape(points2d_px: np.ndarray, camera: Camera, skeleton: Skeleton) -> tuple[int, int]:
+    shape = points2d_px.shape
     if len(shape) != 3 or shape[1:] != (skeleton.n_joints, 2):
-        wanted = f"(people, {skeleton.n_joints}, 2), got {shape or _short(points2d_px)}"
+        wanted = f"(people, {skeleton.n_joints}, 2), got {shape}"
         raise MessageError("shape", f"camera {camera.name}: points2d_px must be {wanted}")
     if shape[0] > MAX_PEOPLE:
         raise MessageError("shape", f"camera {camera.name}: {shape[0]} people in an image, at most {MAX_PEOPLE}")
     return shape[:2]
 
 
-def _array(document: dict[str, Any], name: str, camera: Camera, shape: tuple[int | None, ...]) -> np.ndarray:
-    array = document[name]
-    actual = np.shape(array) if isinstance(array, np.ndarray) else ()
-    if len(actual) != len(shape) or any(n not in (None, m) for n, m in zip(shape, actual, strict=True)):
+def _array(sent: PackedArray, name: str, camera: Camera, shape: tuple[int | None, ...]) -> np.ndarray:
+    if len(sent.shape) != len(shape) or any(n not in (None, m) for n, m in zip(shape, sent.shape, strict=True)):
         wanted = ", ".join("any" if n is None else str(n) for n in shape)
-        raise MessageError("shape", f"camera {camera.name}: {name} must be ({wanted}), got {actual or _short(array)}")
-    return np.asarray(array, dtype=float)
+        raise MessageError("shape", f"camera {camera.name}: {name} must be ({wanted}), got {sent.shape}")
+    return sent.array()
 
 
-def _covariance(document: dict[str, Any], camera: Camera, shape: tuple[int, int]) -> np.ndarray:
+def _covariance(sent: PackedArray, points_m: np.ndarray, camera: Camera) -> np.ndarray:
     """In the world frame."""
-    covariance_m2 = _array(document, "covariance3d_camera_m2", camera, (*shape, 3, 3))
-    known = np.asarray(np.isfinite(document["points3d_camera_m"]).all(axis=-1))
+    covariance_m2 = _array(sent, "covariance3d_camera_m2", camera, (*points_m.shape, 3))
+    known = np.isfinite(points_m).all(axis=-1)
     if not positive_definite(covariance_m2[known]).all():
         raise MessageError("values", f"camera {camera.name}: the covariance of a 3D joint is not positive definite")
     R = camera.world_T_camera[:3, :3]
     return R @ covariance_m2 @ R.T
-
-
-def _short(value: Any) -> str:
-    """For a message, however long the value is."""
-    return reprlib.repr(value)

@@ -94,6 +94,9 @@ class KeypointSocket:
                 return self._taken(parts, arrived_s)
             except MessageError as error:
                 self._rejections.add(error)
+            # Whatever nobody has thought of: one message must not end the reception of the others.
+            except Exception as error:
+                self._rejections.add(MessageError("unexpected", f"{type(error).__name__}: {error}"))
         return None
 
     def _taken(self, parts: list[Any], arrived_s: float) -> ArrivedDetections:

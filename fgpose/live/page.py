@@ -15,10 +15,8 @@ import importlib.util
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from importlib import resources
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -27,19 +25,23 @@ from types import TracebackType
 import numpy as np
 from jaxtyping import UInt8
 
+from fgpose.child_process import is_stopped
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.distances import LinkDistance
 from fgpose.live.frame import LiveFrame
 from fgpose.live.page_server import STATIC
 from fgpose.live.page_state import PageState
+from fgpose.live.parts import Parts
+from fgpose.live.worker import PartEndedError, Worker
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.session import UpAxis
 
 _STATE = "/state.json"
 _THUMBNAIL_PX = 320  # the longer side
 _JPEG_QUALITY = 70
-_RESTART_S = 1.0
 _ENDS_WITHIN_S = 2.0
+# Whether the server is stopped is looked at so often.
+_LOOKS_S = 0.2
 
 
 class StatusPage:
@@ -54,6 +56,7 @@ class StatusPage:
         up: the axis of the world that points up.
         now_s: the clock, Unix time.
         faults: of inputs and outputs by name, empty where there is none; asked whenever somebody looks.
+        parts: told when the server or the thread that feeds it has ended.
 
     Raises:
         ImportError: waitress is not installed.
@@ -70,6 +73,7 @@ class StatusPage:
         up: UpAxis = "+z",
         now_s: Callable[[], float] = time.time,
         faults: Callable[[], Mapping[str, str]] = dict,
+        parts: Parts | None = None,
     ) -> None:
         if importlib.util.find_spec("waitress") is None:
             raise ImportError('the status page needs waitress: pip install "fgpose[live]"')
@@ -80,10 +84,9 @@ class StatusPage:
         self._html = resources.files("fgpose").joinpath("live", "page.html").read_bytes()
         self._listening = _listen(host, port)
         self._address = host, int(self._listening.getsockname()[1])
-        self._is_closed = threading.Event()
         self._process, self._connection = self._start()
-        self._thread = threading.Thread(target=self._answer_all, name="status page", daemon=True)
-        self._thread.start()
+        self._worker = Worker("the status page", self._serve, parts)
+        self._worker.start()
 
     @property
     def url(self) -> str:
@@ -120,11 +123,13 @@ class StatusPage:
 
     def close(self) -> None:
         """End the server. Closing again does nothing."""
-        if self._is_closed.is_set():
-            return
-        self._is_closed.set()
+        self._worker.stopped.set()
         self._process.terminate()
-        self._thread.join()
+        self._worker.close(_ENDS_WITHIN_S)
+        # It is stopped, or another one has just been started.
+        while self._worker.is_alive:
+            self._process.kill()
+            self._worker.close(0.1)
         self._listening.close()
 
     def __enter__(self) -> StatusPage:
@@ -144,31 +149,42 @@ class StatusPage:
             process = subprocess.Popen(command, pass_fds=numbers, stdin=subprocess.DEVNULL)
         return process, Connection(own.detach())
 
-    def _answer_all(self) -> None:
-        """Answer the server until it is closed; if it ends before, start another one."""
-        while True:
-            with suppress(EOFError, OSError):
-                self._answer(self._connection)
+    def _serve(self) -> None:
+        """Answer the server until it is closed or has ended; begun again, with another one."""
+        if self._connection.closed:
+            self._process, self._connection = self._start()
+        try:
+            self._answer(self._connection)
+        except (EOFError, OSError):
+            if not self._worker.stopped.is_set():
+                raise PartEndedError(f"its server ended with status {self._ended()}") from None
+        finally:
             # The server ends when the connection does.
             self._connection.close()
-            try:
-                self._process.wait(_ENDS_WITHIN_S)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-            if self._is_closed.wait(_RESTART_S):
-                return
-            self.note("the server of this page had ended and was started again", is_fault=True)
-            self._process, self._connection = self._start()
+            self._ended()
+
+    def _ended(self) -> int:
+        """The status with which the server has ended, if need be because it is killed."""
+        try:
+            return self._process.wait(_ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            return self._process.wait()
 
     def _answer(self, connection: Connection) -> None:
         """First which paths there are, then the newest content of those that are asked for."""
         _send(connection, STATIC, self._html)
         for path in (_STATE, *map(_picture_path, self._sizes)):
             _send(connection, path, b"")
+        was_stopped = False
         while True:
-            path = connection.recv_bytes().decode()
-            _send(connection, path, self._content(path))
+            if connection.poll(_LOOKS_S):
+                path = connection.recv_bytes().decode()
+                _send(connection, path, self._content(path))
+            has_stopped = is_stopped(self._process.pid)
+            if has_stopped and was_stopped:
+                self._process.kill()
+            was_stopped = has_stopped
 
     def _content(self, path: str) -> bytes:
         if path == _STATE:

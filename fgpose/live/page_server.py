@@ -55,16 +55,16 @@ class Contents:
         self._changed = threading.Condition()
 
     def receive(self) -> None:
-        """Take what comes until the live process has ended."""
-        while True:
-            try:
+        """Take what comes until the live process has ended, and end then, or when anything is wrong."""
+        try:
+            while True:
                 path, _, body = self._connection.recv_bytes().partition(b"\0")
-            except (EOFError, OSError):
-                os._exit(0)
-            with self._changed:
-                self._bodies[path.decode()] = body
-                self._received_s[path.decode()] = time.monotonic()
-                self._changed.notify_all()
+                with self._changed:
+                    self._bodies[path.decode()] = body
+                    self._received_s[path.decode()] = time.monotonic()
+                    self._changed.notify_all()
+        finally:
+            os._exit(0)
 
     def newest(self, path: str) -> bytes | None:
         """The content of a path, 0.4 s old, or a little more if the live process is slow to answer; empty if there is

@@ -6,6 +6,7 @@ import json
 import math
 from collections import deque
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -89,6 +90,7 @@ class PageState:
                 ],
                 "people": [] if frame is None else [self._person(person) for person in frame.people],
                 "outputs": [{"name": name, "fault": fault} for name, fault in faults.items()],
+                "restarts": [] if frame is None else [asdict(restarts) for restarts in frame.restarts],
                 "distances": [_distance(distance) for distance in self._distances],
                 "events": list(self._events),
             }

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from fgpose.live.camera import LiveCamera
 from fgpose.live.image import Image, SourceImage
 from fgpose.live.mailbox import Mailbox
+from fgpose.live.parts import Parts
 from fgpose.live.sources import Source, SourceError
 from fgpose.live.sources.address import shown
 
@@ -30,6 +31,7 @@ class CameraReader:
         open_source: opens its source anew; SourceError says why it could not.
         first: the source, if it is open already.
         size_px: width and height that its images must have.
+        parts: told when its thread has ended.
     """
 
     def __init__(
@@ -39,7 +41,9 @@ class CameraReader:
         open_source: Callable[[], Source],
         size_px: tuple[int, int],
         first: Source | None = None,
+        parts: Parts | None = None,
     ) -> None:
+        self._parts = parts or Parts(camera.clock.now_s)
         self._camera, self._mailbox, self._open, self._size_px = camera, mailbox, open_source, size_px
         self._clock = camera.clock
         self._first = first
@@ -55,9 +59,13 @@ class CameraReader:
         self._thread.start()
 
     def watch(self) -> None:
-        """Replace a thread that hangs, and say what has changed. To be called several times a second."""
+        """Replace a thread that hangs or has ended, and say what has changed. To be called several times a second."""
         silent_s = self._clock.now_s() - self._alive_s
-        if not self._ended and not self._stopped.is_set() and silent_s > HANGS * self._camera.settings.timeout_s:
+        is_to_read = not self._ended and not self._stopped.is_set()
+        if is_to_read and self._thread is not None and not self._thread.is_alive():
+            self._parts.restarted(f"reading {self._camera.name}", "its thread ended")
+            self.start()
+        elif is_to_read and silent_s > HANGS * self._camera.settings.timeout_s:
             self._camera.failed(f"its source hangs for {silent_s:.0f} s; it is opened anew")
             self.start()
         self._camera.look()

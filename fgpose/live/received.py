@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Mapping
 
@@ -12,6 +11,8 @@ from fgpose.live.camera import LiveCamera
 from fgpose.live.clock_model import Stamp
 from fgpose.live.image import SourceImage
 from fgpose.live.keypoint_socket import KeypointSocket
+from fgpose.live.parts import Parts
+from fgpose.live.worker import Worker
 
 _LOOKS_S = 0.2
 
@@ -23,34 +24,37 @@ class KeypointReceiver:
         socket: from which it reads from now on; closed with it.
         cameras: whose source is ``zmq``.
         deliver: takes the detections with their times, in the thread.
+        parts: told when the thread has ended.
     """
 
     def __init__(
-        self, socket: KeypointSocket, cameras: Mapping[str, LiveCamera], deliver: Callable[[RecordedImage], None]
+        self,
+        socket: KeypointSocket,
+        cameras: Mapping[str, LiveCamera],
+        deliver: Callable[[RecordedImage], None],
+        parts: Parts | None = None,
     ) -> None:
         self._socket, self._cameras, self._deliver = socket, cameras, deliver
-        self._stopped = threading.Event()
         self._looked_s = -math.inf
-        self._thread = threading.Thread(target=self._run, name="keypoints", daemon=True)
-        self._thread.start()
+        self._worker = Worker("the reception of keypoints", self._run, parts)
+        self._worker.start()
 
     def close(self) -> None:
         """Stop reading. Closing again does nothing."""
-        self._stopped.set()
-        self._thread.join()
+        self._worker.close()
+        self._socket.close()
 
     def _run(self) -> None:
-        with self._socket:
-            while not self._stopped.is_set():
-                self._look()
-                arrived = self._socket.receive(_LOOKS_S)
-                if arrived is None:
-                    continue
-                camera = self._cameras[arrived.detections.camera]
-                stamp = Stamp(arrived.detections.time_s, wall_s=arrived.detections.time_s)
-                image = camera.receive(SourceImage(stamp=stamp, detections=arrived.detections))
-                if image is not None and image.detections is not None:
-                    self._deliver(image.recorded(image.detections))
+        while not self._worker.stopped.is_set():
+            self._look()
+            arrived = self._socket.receive(_LOOKS_S)
+            if arrived is None:
+                continue
+            camera = self._cameras[arrived.detections.camera]
+            stamp = Stamp(arrived.detections.time_s, wall_s=arrived.detections.time_s)
+            image = camera.receive(SourceImage(stamp=stamp, detections=arrived.detections))
+            if image is not None and image.detections is not None:
+                self._deliver(image.recorded(image.detections))
 
     def _look(self) -> None:
         """Several times a second."""

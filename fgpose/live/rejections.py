@@ -12,8 +12,8 @@ class MessageError(ValueError):
     def __init__(self, kind: str, reason: str) -> None:
         super().__init__(reason)
         self.kind = kind
-        """What is wrong, in a word or two: size, content, camera, skeleton, image size, shape, time, values, link or
-        connection."""
+        """What is wrong, in a word or two: size, content, camera, skeleton, image size, shape, time, values, link,
+        connection or unexpected."""
 
 
 @dataclass(frozen=True)

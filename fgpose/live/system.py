@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
+from dataclasses import replace
+from typing import Protocol, TypeVar, runtime_checkable
 
 from fgpose.live.clock import Clock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraState, LiveFrame
+from fgpose.live.parts import Parts
 from fgpose.live.report import Report
 from fgpose.live.tracking import LiveTracking, Update
 
+Given = TypeVar("Given")
 # Without images, frames are published this often: nobody may take silence for an empty room.
 _SILENT_S = 0.1
 # How the cameras are is asked so often: faults are noticed within a second.
 _STATUS_S = 0.05
+# What fails again and again does not keep a core busy.
+_PAUSE_S = 0.05
 
 
 @runtime_checkable
@@ -26,7 +31,7 @@ class Consumer(Protocol):
 
 
 class LiveSystem:
-    """Tracks and publishes.
+    """Tracks and publishes. Whatever an image, an output or an observer does, it goes on.
 
     Args:
         feed: detections and cameras.
@@ -34,6 +39,7 @@ class LiveSystem:
         outputs: take every frame.
         observers: told of every update, as a recorder is; they do not wait.
         clock: of the feed.
+        parts: frames say what of them has ended; told when the tracking, an output or an observer has failed.
     """
 
     def __init__(
@@ -43,44 +49,66 @@ class LiveSystem:
         outputs: Sequence[Consumer],
         observers: Sequence[Callable[[Update], None]],
         clock: Clock,
+        parts: Parts | None = None,
     ) -> None:
+        self._parts = parts or Parts(clock.now_s)
         self._feed, self._tracking, self._clock = feed, tracking, clock
         self._outputs, self._observers = tuple(outputs), tuple(observers)
         self.report = Report(tracking.rig.names)
         self._cameras, self._looked_s = feed.statuses(), clock.now_s()
         tracking.on_taken = feed.go_on
         self._published_s = clock.now_s()
-        self._stopped = threading.Event()
+        self._stopped, self._has_failed = threading.Event(), False
 
     def run(self, until_s: float = float("inf")) -> None:
         """Track and publish in this thread until stopped, or until a time."""
         while not self._stopped.is_set() and self._clock.now_s() < until_s:
-            due_s = min(self._tracking.deadline_s, self._published_s + _SILENT_S)
-            images = self._feed.take(max(due_s - self._clock.now_s(), 0.0))
-            if self._clock.now_s() >= self._looked_s + _STATUS_S:
-                self._cameras, self._looked_s = self._feed.statuses(), self._clock.now_s()
-            for image in images:
-                self._tell(self._tracking.add(image, self._clock.now_s()))
-            expected = [camera.name for camera in self._cameras if camera.state is CameraState.OK]
-            self._tell(self._tracking.look(self._clock.now_s(), expected))
-            if self._clock.now_s() >= self._published_s + _SILENT_S:
-                self._publish()
+            try:
+                if self._has_failed:
+                    self._tracking.restart()
+                    self._has_failed = False
+                self._take()
+                if self._clock.now_s() >= self._published_s + _SILENT_S:
+                    self._publish()
+            # Images at hand are lost, and who people are; the next ones are not.
+            except Exception as error:
+                self._parts.restarted("tracking", f"{type(error).__name__}: {error}", error)
+                self._has_failed = True
+                self._stopped.wait(_PAUSE_S)
 
     def stop(self) -> None:
         """Let run return; from any thread."""
         self._stopped.set()
 
+    def _take(self) -> None:
+        """What has come, or what comes until a frame is due."""
+        due_s = min(self._tracking.deadline_s, self._published_s + _SILENT_S)
+        images = self._feed.take(max(due_s - self._clock.now_s(), 0.0))
+        if self._clock.now_s() >= self._looked_s + _STATUS_S:
+            self._cameras, self._looked_s = self._feed.statuses(), self._clock.now_s()
+        for image in images:
+            self._tell(self._tracking.add(image, self._clock.now_s()))
+        expected = [camera.name for camera in self._cameras if camera.state is CameraState.OK]
+        self._tell(self._tracking.look(self._clock.now_s(), expected))
+
     def _tell(self, updates: Sequence[Update]) -> None:
         for update in updates:
             for observe in self._observers:
-                observe(update)
+                self._give(observe, update, "an observer")
             if any(image.is_used for image in update.images):
                 self._publish()
                 self._tracking.tidy()
 
     def _publish(self) -> None:
         now_s = self._published_s = self._clock.now_s()
-        frame = self._tracking.frame(now_s, self._cameras)
+        frame = replace(self._tracking.frame(now_s, self._cameras), restarts=self._parts.so_far())
         for output in self._outputs:
-            output.publish(frame)
+            self._give(output.publish, frame, "an output")
         self.report.add(frame)
+
+    def _give(self, take: Callable[[Given], None], given: Given, name: str) -> None:
+        """One that raises, which none should, does not keep the others from it."""
+        try:
+            take(given)
+        except Exception as error:
+            self._parts.restarted(name, f"{type(error).__name__}: {error}", error)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
@@ -18,12 +17,14 @@ from fgpose.live.agreement import CameraAgreement
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.moments import Moments
 from fgpose.live.observed import observed_share
+from fgpose.live.parts import Parts
 from fgpose.live.people import coasting, live_person
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import Tracker
 
-_LOG = logging.getLogger("fgpose.live")
+# Of a process of estimators; usually it takes some milliseconds.
+_ANSWERS_WITHIN_S = 1.0
 # Predicted people say so when no image has come for longer than the slowest usual camera takes.
 _COASTS_AFTER_S = 0.2
 # What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
@@ -49,14 +50,18 @@ class LiveTracking:
     Args:
         rig, skeleton, config: as of fgpose.Tracker.
         volume_m: (N, 3) points of the volume of which frames say how much is observed.
+        parts: told when the tracker or one of its processes has ended.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray) -> None:
+    def __init__(
+        self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray, parts: Parts | None = None
+    ) -> None:
+        self._parts = parts or Parts()
         self.rig, self.skeleton = rig, skeleton
         self.config = config.replace(online={"estimate_time_offsets": True})
         self._time_sigma_s = np.zeros(rig.n_cameras)
         self._volume_m = volume_m
-        self._tracker = Tracker(rig, skeleton, self.config)
+        self._tracker = self._new_tracker()
         self._agreement = CameraAgreement(rig)
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
@@ -89,12 +94,13 @@ class LiveTracking:
     def add(self, image: RecordedImage, now_s: float) -> list[Update]:
         """Take the detections of an image, unless they are not to be used; what it completes is tracked."""
         detections = image.detections
-        is_again = detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        key = detections.camera, detections.time_s
+        is_again = key in self._arrived or detections.time_s <= self._image_s.get(detections.camera, -np.inf)
         if not image.is_used or is_again or self._is_too_old(detections):
             self._n_lost[detections.camera] += 1
             self.on_taken([detections.camera])
             return [Update((replace(image, is_used=False),), (), ())]
-        self._arrived[detections.camera, detections.time_s] = image
+        self._arrived[key] = image
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
     def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
@@ -126,13 +132,20 @@ class LiveTracking:
         """Do what can be done before the next images come. To be called when what is known has been published."""
         try:
             self._tracker.tidy()
-        except Exception:
-            self._begin_anew()
+        except Exception as error:
+            self._begin_anew(error)
         try:
             self._compare_cameras()
-        except Exception:
-            _LOG.exception("comparing the cameras failed and begins anew")
+        except Exception as error:
+            self._parts.restarted("comparing the cameras", f"{type(error).__name__}: {error}", error)
             self._agreement = CameraAgreement(self.rig)
+
+    def restart(self) -> None:
+        """Forget images that wait and who people are, after something has failed."""
+        self._moments, self._arrived = Moments(), {}
+        self._tracker.close()
+        self._tracker, self._people = self._new_tracker(), ()
+        self.on_taken(self.rig.names)
 
     def close(self) -> None:
         """End the processes of the tracker."""
@@ -146,15 +159,18 @@ class LiveTracking:
         if not given:
             return Update(tuple(images), (), ())
         self._know_clocks(images)
+        n_restarts = self._tracker.n_restarts
         try:
             people = self._tracker.update(given)
+            for _ in range(self._tracker.n_restarts - n_restarts):
+                self._parts.restarted("a process of estimators", "it ended or did not answer")
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
             if np.isnan(self._since_s):
                 self._since_s = min(image.time_s for image in given)
-        except Exception:
-            self._begin_anew()
+        except Exception as error:
+            self._begin_anew(error)
             people, events = [], []
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
@@ -180,12 +196,15 @@ class LiveTracking:
         images = [self._arrived.pop((each.camera, each.time_s)) for each in moment]
         return self.track([replace(image, is_used=not self._is_too_old(image.detections)) for image in images])
 
-    def _begin_anew(self) -> None:
-        _LOG.exception("the tracker failed and begins anew; people get new numbers")
+    def _begin_anew(self, error: Exception) -> None:
+        self._parts.restarted("the tracker", f"{type(error).__name__}: {error}", error)
         self.n_failures += 1
         self._tracker.close()
-        self._tracker = Tracker(self.rig, self.skeleton, self.config)
+        self._tracker = self._new_tracker()
         self._people, self._since_s = (), np.nan
+
+    def _new_tracker(self) -> Tracker:
+        return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S)
 
     def _is_too_old(self, detections: Detections) -> bool:
         return detections.time_s < self.newest_s - self.config.online.lag_s

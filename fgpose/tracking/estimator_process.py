@@ -7,6 +7,8 @@ the error.
 
 from __future__ import annotations
 
+import math
+import time
 import warnings
 from collections.abc import Mapping
 from contextlib import suppress
@@ -22,6 +24,8 @@ from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.trajectory import Estimate
 
 _TIDY, _READY = "tidy", "ready"
+# On a computer that is busy starting other things.
+_STARTS_WITHIN_S = 30.0
 
 Clocks = tuple[np.ndarray, OffsetEvidence]
 """Standard deviations of the prior of each camera's offset, seconds, and what the motion of other people tells."""
@@ -30,14 +34,21 @@ Clocks = tuple[np.ndarray, OffsetEvidence]
 class EstimatorProcess:
     """The estimators of some of the people, in a process that ends with this one, or when closed.
 
-    If it ends before, it is started again, which takes a second; its people are then nobody's.
+    If it ends before, or does not answer in time, it is started again, which takes a second; its people are then
+    nobody's.
+
+    Args:
+        rig, skeleton, config: as of Estimators.
+        answers_within_s: it hangs if it does not; a finite time finds out at once where it is stopped.
 
     Raises:
         OSError: it cannot be started.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
-        self._needs = rig, skeleton, config
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, answers_within_s: float = math.inf) -> None:
+        self._needs, self._answers_within_s = (rig, skeleton, config), answers_within_s
+        self.n_restarts = 0
+        self._began_s = time.monotonic()
         self._newest: dict[int, Newest] = {}
         self.told = self._nothing = OffsetEvidence.nothing(rig.n_cameras)
         """What the motion of its people tells of the clocks."""
@@ -61,6 +72,8 @@ class EstimatorProcess:
             except EOFError as error:
                 self.close()
                 raise OSError(f"an estimator process ended twice, with status {self._process.status}") from error
+        elif self._starts_again and self._is_overdue:
+            self._restart("does not start")
         return not self._starts_again
 
     def send(self, newest: Mapping[int, Newest], clocks: Clocks) -> bool:
@@ -80,30 +93,30 @@ class EstimatorProcess:
             # It would not fade as long as nobody is added.
             self.told = self._nothing
             # Started again before somebody comes.
-            if not self._starts_again and self._process.status is not None:
-                self._restart()
+            if not self._starts_again and (self._process.status is not None or self._is_stopped):
+                self._restart("is stopped" if self._is_stopped else "")
         else:
             try:
-                self._process.write((self._newest, clocks))
-            except BrokenPipeError:
-                self._restart()
+                self._process.write((self._newest, clocks), self._answers_within_s)
+            except (BrokenPipeError, TimeoutError) as error:
+                self._restart(_why(error))
                 return False
         return is_asked
 
     def receive(self) -> dict[int, Estimate]:
-        """Their answer; nothing if the process has ended.
+        """Their answer; nothing if the process has ended or hangs.
 
         Raises:
             Exception: what an estimator raised.
 
         Warns:
-            UserWarning: the process ended.
+            UserWarning: the process ended, or did not answer.
         """
         try:
             self._await_ready()
-            answer = self._process.read()
-        except EOFError:
-            self._restart()
+            answer = self._process.read(self._answers_within_s)
+        except (EOFError, TimeoutError) as error:
+            self._restart(_why(error))
             return {}
         if isinstance(answer, Exception):
             raise answer
@@ -114,31 +127,48 @@ class EstimatorProcess:
         """Let the estimators tidy; there is no answer."""
         if self._newest:
             # The next update notices that it has ended.
-            with suppress(BrokenPipeError):
-                self._process.write(_TIDY)
+            with suppress(BrokenPipeError, TimeoutError):
+                self._process.write(_TIDY, self._answers_within_s)
 
     def close(self) -> None:
         """End the process. Closing again does nothing."""
         self._process.close()
 
-    def _restart(self) -> None:
+    @property
+    def _is_stopped(self) -> bool:
+        return math.isfinite(self._answers_within_s) and self._process.is_stopped
+
+    @property
+    def _is_overdue(self) -> bool:
+        return math.isfinite(self._answers_within_s) and time.monotonic() > self._began_s + _STARTS_WITHIN_S
+
+    def _restart(self, why: str = "") -> None:
+        """Because it has ended, or for another reason."""
+        if why:
+            self._process.kill()
         self.close()
         warnings.warn(
-            f"an estimator process ended with status {self._process.status} and is started again: "
+            f"an estimator process {why or f'ended with status {self._process.status}'} and is started again: "
             f"the estimates of {len(self._newest)} people begin anew",
             stacklevel=2,
         )
         self._newest, self._is_ready, self._starts_again, self.told = {}, False, True, self._nothing
+        self.n_restarts += 1
         self._start()
 
     def _start(self) -> None:
-        self._process = ChildProcess(__name__)
+        self._process, self._began_s = ChildProcess(__name__), time.monotonic()
         self._process.write(self._needs)
 
     def _await_ready(self) -> None:
         if not self._is_ready:
-            self._process.read()
+            self._process.read(math.inf if math.isinf(self._answers_within_s) else _STARTS_WITHIN_S)
             self._is_ready, self._starts_again = True, False
+
+
+def _why(error: OSError | EOFError) -> str:
+    """Empty: it has ended."""
+    return "does not answer" if isinstance(error, TimeoutError) else ""
 
 
 def serve() -> None:

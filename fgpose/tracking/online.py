@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -29,12 +30,25 @@ class Tracker:
     people in the room, not with how long it runs. The estimators share tracking.max_processes processes, which end with
     the tracker: when it is closed, or left as a context. With online.estimate_time_offsets the motion of all people
     together tells how late each camera is (offsets).
+
+    Args:
+        rig, skeleton: of the images.
+        config: None: the default.
+        answers_within_s: a process that does not is replaced, as one that has ended is, and one that is stopped at
+            once. Of recordings there is no hurry.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config | None = None) -> None:
+    def __init__(
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config | None = None,
+        *,
+        answers_within_s: float = math.inf,
+    ) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
-        self._estimators = ParallelEstimators(rig, skeleton, self.config)
+        self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)
         self._image_s: dict[str, float] = {}
         self._has_covariance: bool | None = None
         """Whether per-view 3D comes with covariance; None: there was none yet."""
@@ -66,7 +80,7 @@ class Tracker:
             OSError: a process of estimators cannot be started again.
 
         Warns:
-            UserWarning: a process of estimators ended; the estimates of its people begin anew.
+            UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew.
         """
         self._check(images)
         people: list[Tracked] = []
@@ -74,6 +88,11 @@ class Tracker:
             people = self._update(moment)
         del self._follower.events[:-_MOST_EVENTS]
         return people
+
+    @property
+    def n_restarts(self) -> int:
+        """How often a process of estimators was started again."""
+        return self._estimators.n_restarts
 
     @property
     def offsets(self) -> RunningOffsets:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import weakref
 from collections import Counter
 from collections.abc import Collection, Mapping
@@ -20,14 +21,14 @@ class ParallelEstimators:
     """The first person is estimated in this process, who comes next in that with the fewest people.
 
     All processes are started at once: to start one takes a second, which nobody who is followed by then should wait. If
-    one ends, its people are estimated here.
+    one ends, or does not answer within a time, its people are estimated here.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
+    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, answers_within_s: float = math.inf) -> None:
         needs = rig, skeleton, config
         self._here, self._nothing = Estimators(*needs), OffsetEvidence.nothing(rig.n_cameras)
         n_processes = min(config.tracking.max_processes, n_cores())
-        self._others = [EstimatorProcess(*needs) for _ in range(n_processes - 1)]
+        self._others = [EstimatorProcess(*needs, answers_within_s) for _ in range(n_processes - 1)]
         self._process_of: dict[int, int] = {}
         """Of each person; 0 is this one."""
         self.close = weakref.finalize(self, _close, self._others)
@@ -37,6 +38,11 @@ class ParallelEstimators:
     def offsets(self) -> RunningOffsets:
         """What everybody's motion tells of the cameras' clocks, in all processes."""
         return self._here.offsets
+
+    @property
+    def n_restarts(self) -> int:
+        """How often a process was started again."""
+        return sum(process.n_restarts for process in self._others)
 
     def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
         """The pose of each of these; who is not among them any more is forgotten.

@@ -13,6 +13,7 @@ from jaxtyping import Float32
 
 from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.live.outputs.output import BackgroundOutput
+from fgpose.live.parts import Parts
 from fgpose.skeleton import Skeleton
 
 _CHANNELS = (("X", "PositionX", "meters"), ("Y", "PositionY", "meters"), ("Z", "PositionZ", "meters"))
@@ -118,6 +119,7 @@ def open_lsl_output(
     on_network: bool = False,
     now_s: Callable[[], float] = time.time,
     tell: Callable[[str], None] | None = None,
+    parts: Parts | None = None,
 ) -> BackgroundOutput:
     """Frames as MoCap streams ``fgpose 0``, ``fgpose 1``, ...: of each joint the position in metres and, as Confidence,
     the probability that a camera sees it. Samples are stamped with the time when the images were taken. NaN: nobody is
@@ -130,7 +132,7 @@ def open_lsl_output(
         on_network: announce them on the network, as LSL's own settings say; else on this computer only. LSL listens on
             all addresses of the computer in either case: to keep others out is a matter of the firewall.
         now_s: Unix time.
-        tell: see BackgroundOutput.
+        tell, parts: see BackgroundOutput.
 
     Raises:
         ImportError: pylsl is not installed, or its library cannot be loaded.
@@ -142,4 +144,4 @@ def open_lsl_output(
     def open_sink() -> LslSink:
         return LslSink(skeleton, name=name, n_slots=n_slots, on_network=on_network, now_s=now_s)
 
-    return BackgroundOutput(f"Lab Streaming Layer ({name})", open_sink, tell=tell)
+    return BackgroundOutput(f"Lab Streaming Layer ({name})", open_sink, tell=tell, parts=parts)

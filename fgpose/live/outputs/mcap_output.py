@@ -9,6 +9,7 @@ from typing import Any, BinaryIO
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs import ros_messages
 from fgpose.live.outputs.output import BackgroundOutput
+from fgpose.live.parts import Parts
 
 # What a kill may cost.
 _FLUSH_S = 0.5
@@ -83,7 +84,9 @@ def _started_writer(file: BinaryIO) -> Any:
     return writer
 
 
-def open_mcap_output(path: str | Path, *, tell: Callable[[str], None] | None = None) -> BackgroundOutput:
+def open_mcap_output(
+    path: str | Path, *, tell: Callable[[str], None] | None = None, parts: Parts | None = None
+) -> BackgroundOutput:
     """Frames in a file as PoseArray on ``/poses``, MarkerArray on ``/markers`` and fgpose_msgs/People on ``/people``.
 
     Each half hour begins a new file. It is flushed each half second: a kill costs no more. A file whose writer was
@@ -91,7 +94,7 @@ def open_mcap_output(path: str | Path, *, tell: Callable[[str], None] | None = N
 
     Args:
         path: of the first file; the folder must exist.
-        tell: see BackgroundOutput.
+        tell, parts: see BackgroundOutput.
 
     Raises:
         FileExistsError: the file is there already.
@@ -106,7 +109,7 @@ def open_mcap_output(path: str | Path, *, tell: Callable[[str], None] | None = N
         opened.append(True)
         return sink
 
-    return BackgroundOutput(f"MCAP file {path}", open_sink, n_waiting=_MAX_WAITING, tell=tell)
+    return BackgroundOutput(f"MCAP file {path}", open_sink, n_waiting=_MAX_WAITING, tell=tell, parts=parts)
 
 
 def recover_mcap(damaged: str | Path, recovered: str | Path) -> int:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from fgpose.live.frame import LiveFrame
+from fgpose.live.parts import Parts
+from fgpose.live.worker import Worker
 
 # A consumer that has not taken a frame after this time does not work.
 _HUNG_S = 0.8
@@ -71,6 +73,7 @@ class BackgroundOutput:
         first_retry_s: the first pause.
         longest_retry_s: the longest.
         close_s: closing waits so long for a frame on its way and for the sink; then they are left behind.
+        parts: told when the sink, or the thread, has ended.
 
     Raises:
         Exception: whatever open_sink raises.
@@ -86,9 +89,10 @@ class BackgroundOutput:
         first_retry_s: float = 0.5,
         longest_retry_s: float = 30.0,
         close_s: float = _CLOSE_S,
+        parts: Parts | None = None,
     ) -> None:
         self.name = name
-        self._open_sink, self._tell = open_sink, tell
+        self._open_sink, self._tell, self._parts = open_sink, tell, parts or Parts()
         self._retry_s, self._close_s = (first_retry_s, longest_retry_s), close_s
         self._sink: Sink | None = open_sink()
         self._changed = threading.Condition()
@@ -97,8 +101,8 @@ class BackgroundOutput:
         self._n_published = self._n_skipped = 0
         self._is_failing, self._last_error = False, ""
         self._sending_since_s: float | None = None
-        self._thread = threading.Thread(target=self._run, name=f"fgpose output {name}", daemon=True)
-        self._thread.start()
+        self._worker = Worker(name, self._run, self._parts)
+        self._worker.start()
 
     @property
     def state(self) -> OutputState:
@@ -120,7 +124,7 @@ class BackgroundOutput:
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._thread.join(self._close_s)
+        self._worker.close(self._close_s)
 
     def _run(self) -> None:
         retry_s = self._retry_s[0]
@@ -151,6 +155,7 @@ class BackgroundOutput:
             with self._changed:
                 self._n_skipped += 1
             self._last_error = f"{type(error).__name__}: {error}"
+            self._parts.count(self.name, self._last_error)
             self._say(not self._is_failing, f"{self.name} does not work ({self._last_error}); it is tried again")
             self._is_failing = True
             return error

@@ -17,6 +17,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import BackgroundOutput
 from fgpose.live.outputs.viewer_process import Shown, Sighting, ViewerJob, ViewerProcess
+from fgpose.live.parts import Parts
 from fgpose.live.tracking import Update
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
@@ -50,7 +51,7 @@ class ViewerOutput(BackgroundOutput):
         live: let viewers of this computer connect, however late, at ``viewer_url``.
         port: where; 0 takes any free one.
         up: the axis of the world that points up.
-        tell: see BackgroundOutput.
+        tell, parts: see BackgroundOutput.
 
     Raises:
         ImportError: Rerun is not installed.
@@ -67,6 +68,7 @@ class ViewerOutput(BackgroundOutput):
         port: int = 0,
         up: UpAxis = "+z",
         tell: Callable[[str], None] | None = None,
+        parts: Parts | None = None,
     ) -> None:
         self._lock = threading.Lock()
         self._seen, self._sightings = _Seen(), dict[int, Sighting]()
@@ -83,7 +85,7 @@ class ViewerOutput(BackgroundOutput):
             return _ViewerSink(process, self._shown)
 
         name = f"viewer recording {path}" if path is not None else "viewer"
-        super().__init__(name, open_sink, tell=tell, close_s=_CLOSE_S)
+        super().__init__(name, open_sink, tell=tell, parts=parts, close_s=_CLOSE_S)
 
     def observe(self, update: Update) -> None:
         """Take an update of the tracker, before its frame."""

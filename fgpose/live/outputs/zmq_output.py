@@ -7,6 +7,7 @@ from collections.abc import Callable
 from fgpose.live.frame import LiveFrame
 from fgpose.live.frame_messages import encode_frame
 from fgpose.live.outputs.output import BackgroundOutput
+from fgpose.live.parts import Parts
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 
 # Consumers send nothing but their subscription.
@@ -35,17 +36,21 @@ class ZmqSink:
 
 
 def open_zmq_output(
-    port: int = 5556, *, host: str = "127.0.0.1", tell: Callable[[str], None] | None = None
+    port: int = 5556,
+    *,
+    host: str = "127.0.0.1",
+    tell: Callable[[str], None] | None = None,
+    parts: Parts | None = None,
 ) -> BackgroundOutput:
     """Frames for SUB sockets, as docs/live_messages.md describes them.
 
     Args:
         port: where consumers connect.
         host: address to bind to; only this computer reaches the default, "*" or "0.0.0.0" any computer.
-        tell: see BackgroundOutput.
+        tell, parts: see BackgroundOutput.
 
     Raises:
         OSError: the port is taken; the message names it.
         ImportError: pyzmq is not installed.
     """
-    return BackgroundOutput(f"ZeroMQ at {host}:{port}", lambda: ZmqSink(host, port), tell=tell)
+    return BackgroundOutput(f"ZeroMQ at {host}:{port}", lambda: ZmqSink(host, port), tell=tell, parts=parts)

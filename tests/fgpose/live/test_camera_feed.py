@@ -22,6 +22,7 @@ from fgpose.live.camera_feed import CameraFeed
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
 from fgpose.live.image import SourceImage
+from fgpose.live.parts import Parts
 from fgpose.live.rig_file import LiveRig
 from fgpose.live.sources import CameraSource
 from fgpose.people import Detections
@@ -127,8 +128,10 @@ def test_a_camera_goes_on_when_its_image_was_used(three: CameraRig, videos: list
 def test_a_process_that_ends_or_hangs_is_started_again(
     three: CameraRig, videos: list[Path], how: signal.Signals, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(camera_process, "_HANGS_S", 4.0)
-    with CameraFeed(looping(three, videos), Clock(), counting_network.open_counting, n_jobs=2) as feed:
+    # So long it hangs for; one that is stopped is found out at once.
+    monkeypatch.setattr(camera_process, "_HANGS_S", LONG_S)
+    parts, rig = Parts(), looping(three, videos)
+    with CameraFeed(rig, Clock(), counting_network.open_counting, n_jobs=2, parts=parts) as feed:
         a, b = feed.rig.names
         taken_until(feed, lambda _: all(status.state is CameraState.OK for status in feed.statuses()))
         first, second = feed.process_ids
@@ -147,6 +150,8 @@ def test_a_process_that_ends_or_hangs_is_started_again(
         assert feed.process_ids[0] != first
         assert feed.process_ids[1] == second
         assert any(image.detections.camera == b for image in images)  # the other has gone on
+    (restarts,) = parts.so_far()
+    assert (restarts.part, restarts.n, restarts.reason) == (f"the process of {a}", 1, "status -9")
 
 
 def test_states_and_pictures_are_told(three: CameraRig, videos: list[Path]) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import signal
 import socket
 import threading
 import time
@@ -14,6 +15,7 @@ import zmq
 from test_live_tracking import scene
 
 from fgpose.cli import main
+from fgpose.cli.live_command import _on_signals
 from fgpose.io.calibration import save_rig
 from fgpose.live.distance_messages import decode_distances, encode_robot
 from fgpose.live.distances import LinkDistance
@@ -22,6 +24,7 @@ from fgpose.live.frame_messages import decode_frame
 from fgpose.live.keypoint_messages import encode_keypoints
 from fgpose.live.observed import volume_points_m
 from fgpose.live.recording import load_live_recording
+from fgpose.live.system import LiveSystem
 from fgpose.live.tracking import LiveTracking
 
 RUN_S = 4.0
@@ -119,6 +122,47 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
     # Positions are recorded in single precision.
     for positions_m, person in zip(newest, last.people, strict=True):
         np.testing.assert_allclose(positions_m, person.positions_m, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+def test_a_signal_ends_it_with_the_recording_closed(
+    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def raised_while_it_runs(system: LiveSystem) -> None:
+        signal.raise_signal(signal.Signals[name])
+        assert system._stopped.is_set()
+
+    monkeypatch.setattr(LiveSystem, "run", lambda system, until_s: raised_while_it_runs(system))
+    before, record = signal.getsignal(signal.Signals[name]), tmp_path / "session.fgpose"
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--keypoints-port", "0"]
+    assert main([*arguments, "--record", str(record)]) == 0
+    assert signal.getsignal(signal.Signals[name]) is before
+    # It warns of recordings that were not closed.
+    assert list(load_live_recording(record).frames()) == []
+    assert "0 frames" in capsys.readouterr().out
+
+
+def test_a_signal_while_it_opens_closes_what_is_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    def tracking(*_: object) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    monkeypatch.setattr("fgpose.live.tracking.LiveTracking", tracking)
+    record = tmp_path / "session.fgpose"
+    arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--keypoints-port", "0"]
+    assert main([*arguments, "--record", str(record)]) == 130
+    assert list(load_live_recording(record).frames()) == []
+    assert "interrupted" in capsys.readouterr().err
+
+
+def test_it_outlives_its_terminal_under_nohup() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with _on_signals(pytest.fail):  # pyright: ignore[reportArgumentType]
+            signal.raise_signal(signal.SIGHUP)
+    finally:
+        signal.signal(signal.SIGHUP, before)
 
 
 @pytest.mark.parametrize(

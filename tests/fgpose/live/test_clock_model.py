@@ -112,6 +112,18 @@ def test_a_jump_is_noticed_at_once_and_learned_within_a_second(jump_s: float) ->
     assert np.abs(errors_s[30:60]).max() < 10e-3
 
 
+@pytest.mark.parametrize("after_s", [0.1, 0.5, 1.5])
+def test_a_clock_that_is_set_from_1970_before_it_is_settled_has_jumped(after_s: float) -> None:
+    captured_s, stamps_s, arrivals_s, _ = stamps_and_arrivals("exponential", 20, seed=3)
+    before = captured_s < captured_s[0] + after_s
+    stamps_s = np.where(before, captured_s - captured_s[0], captured_s)
+    model = ClockModel(LATENCY_S)
+    times_s = learned(model, stamps_s, arrivals_s)
+    assert model.n_jumps == 1
+    assert np.abs((times_s - captured_s)[~before][60:]).max() < 10e-3  # as after any jump
+    assert (times_s <= arrivals_s).all()
+
+
 def test_what_arrives_late_is_no_jump() -> None:
     captured_s, stamps_s, arrivals_s, _ = stamps_and_arrivals("exponential", 60, seed=4)
     # For two seconds nothing comes, then all at once.

@@ -15,6 +15,7 @@ from fgpose.live.cameras import LiveCameras
 from fgpose.live.detectors import Detectors
 from fgpose.live.image import ArrayPicture, Image, SourceImage
 from fgpose.live.mailbox import Mailbox
+from fgpose.live.parts import Parts
 from fgpose.monocular.network import People, Tracker
 from fgpose.synthetic import ring_rig
 
@@ -61,7 +62,8 @@ class Looking:
     def __init__(self, cameras: Cameras) -> None:
         self.network, self._delivered = Slow(), list[RecordedImage]()
         self._came = threading.Condition()
-        self.detectors = Detectors(cameras, self.network, self._deliver, n_threads=1)
+        self.parts, self.fails = Parts(), False
+        self.detectors = Detectors(cameras, self.network, self._deliver, n_threads=1, parts=self.parts)
 
     def times_s(self, n: int) -> list[float]:
         """When the next n images were taken at which the network is let look."""
@@ -73,6 +75,9 @@ class Looking:
         return [image.detections.time_s for image in taken]
 
     def _deliver(self, image: RecordedImage) -> None:
+        if self.fails:
+            self.fails = False
+            raise KeyError("delivered nowhere")
         with self._came:
             self._delivered.append(image)
             self._came.notify_all()
@@ -110,3 +115,13 @@ def test_a_camera_without_a_new_image_is_looked_at_when_it_has_one(cameras: Came
     looking.detectors.go_on(cameras.rig.names)
     cameras.take_images(2)
     assert looking.times_s(3) == [2, 2, 2]
+
+
+def test_a_thread_that_ends_is_begun_again_and_its_camera_goes_on(cameras: Cameras, looking: Looking) -> None:
+    looking.fails = True
+    cameras.take_images(1)
+    looking.network.may_look.release()
+    assert looking.times_s(2) == [1, 1]
+    cameras.take_images(2)
+    assert looking.times_s(1) == [2]
+    assert [(each.part, each.n) for each in looking.parts.so_far()] == [("detector 0", 1)]

@@ -182,3 +182,20 @@ def test_whoever_is_told_may_fail() -> None:
     camera.receive(SourceImage())
     camera.look()
     assert camera.status(simulation.clock.now_s()).state is CameraState.OK
+
+
+def test_no_two_images_have_one_time_whatever_the_stamps_are() -> None:
+    clock, rng = SimulatedClock(1.7e9), np.random.default_rng(0)
+    camera = LiveCamera("cam01", CameraSource(source="rtsp://x"), clock, LATE_S)
+    camera.connected()
+    times_s, offset_s = [], 0.0
+    for _ in range(2000):
+        clock.advance(float(rng.choice([0.0, 1e-9, 0.01, 0.1])))
+        offset_s = float(rng.choice([0.0, -1.7e9, 10.0, 0.4])) if rng.uniform() < 0.05 else offset_s
+        stamp_s = clock.now_s() + offset_s + float(rng.choice([0.0, -0.05]))
+        wall_s = stamp_s if rng.uniform() < 0.5 else None
+        image = camera.receive(SourceImage(stamp=Stamp(stamp_s, wall_s=wall_s)))
+        times_s += [] if image is None else [image.captured_s]
+    assert (np.diff(times_s) > 0).all()
+    status = camera.status(clock.now_s())
+    assert (len(times_s) + status.n_lost, status.n_images) == (2000, 2000)

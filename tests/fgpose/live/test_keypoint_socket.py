@@ -6,6 +6,7 @@ import mmap
 import resource
 from collections.abc import Iterator
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import zmq
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.packing import packed, unpacked
+from fgpose.live import keypoint_socket
 from fgpose.live.keypoint_messages import MAX_BODY_BYTES, MAX_PEOPLE, decode_keypoints, encode_keypoints
 from fgpose.live.keypoint_socket import KeypointSocket
 from fgpose.live.rejections import MessageError
@@ -122,24 +124,24 @@ def test_an_image_of_nobody_arrives() -> None:
 
 WRONG = {
     "garbage": (b"\xc1\x00hello", "content", "MessagePack"),
-    "empty": (b"", "content", "MessagePack"),
-    "truncated": (message()[:-9], "content", "MessagePack"),
-    "nested": (b"\x91" * 5000, "content", "MessagePack"),
+    "empty": (b"", "content", "truncated"),
+    "truncated": (message()[:-9], "content", "truncated"),
+    "nested": (b"\x91" * 5000, "content", "got `array`"),
     "a number": (packed(3), "content", "fgpose/keypoints"),
     "format": (message(format="fgpose/people"), "content", "fgpose/keypoints"),
     "version": (message(version=2), "content", "version 1"),
     "missing key": (message(confidence=None), "content", "confidence"),
     "unknown key": (message(points3d_m=np.zeros(3)), "content", "points3d_m"),
     "unknown camera": (message(camera="cam_9"), "camera", "cam_9"),
-    "camera of another type": (message(camera=[1]), "camera", "no camera"),
+    "camera of another type": (message(camera=[1]), "content", "`str`.*camera"),
     "skeleton": (message(skeleton="coco_17"), "skeleton", "coco_17"),
     "image size": (message(size_px=[640, 480]), "image size", "640"),
-    "image size of another type": (message(size_px="large"), "image size", "large"),
+    "image size of another type": (message(size_px="large"), "content", "`array`.*size_px"),
     "time": (message(time_s=float("nan")), "time", "nan"),
     "infinite time": (message(time_s=float("inf")), "time", "inf"),
-    "time of another type": (message(time_s="now"), "time", "now"),
+    "time of another type": (message(time_s="now"), "content", "`float`.*time_s"),
     "joints": (message(points2d_px=np.zeros((1, 5, 2))), "shape", r"\(people, 4, 2\), got \(1, 5, 2\)"),
-    "a list": (message(points2d_px=[[1.0, 2.0]]), "shape", "points2d_px"),
+    "a list": (message(points2d_px=[[1.0, 2.0]]), "content", "points2d_px"),
     "confidences": (message(confidence=np.zeros((2, 3))), "shape", r"confidence must be \(2, 4\), got \(2, 3\)"),
     "crowd": (
         message(points2d_px=np.zeros((MAX_PEOPLE + 1, 4, 2)), confidence=np.zeros((MAX_PEOPLE + 1, 4))),
@@ -148,6 +150,14 @@ WRONG = {
     ),
     "bytes": (message(points2d_px={"shape": [2, 4, 2], "dtype": "<f4", "data": b"123"}), "content", "bytes"),
     "dtype": (message(points2d_px={"shape": [1], "dtype": "|O8", "data": bytes(8)}), "content", "type"),
+    "many lengths": (
+        message(points2d_px={"shape": [1 << 63] * 10_000, "dtype": "<f4", "data": b""}),
+        "content",
+        "shape",
+    ),
+    "an array as the format": (message(format=np.zeros(2)), "content", "`str`.*format"),
+    "bytes as a key": (b"\x8b\xc4\x06camera" + message()[1:], "content", "`str`"),
+    "text that is none": (message().replace(b"version", b"versio\xff"), "content", "utf-8"),
     "negative": (message(points2d_px={"shape": [-1], "dtype": "<f4", "data": b""}), "content", "shape"),
     "confidence": (message(confidence=np.full((2, 4), 1.5)), "values", r"outside \[0, 1\]"),
     "infinite pixel": (message(points2d_px=np.full((2, 4, 2), np.inf)), "values", "infinite"),
@@ -199,6 +209,19 @@ def test_wrong_messages_are_counted_and_told_once_per_kind(
     assert kinds(receiver) == {"content": 4, "camera": 3}
     assert len(told) == 2
     assert all(receiver.address in line for line in told)
+
+
+def test_an_error_that_nobody_has_thought_of_refuses_one_message(
+    receiver: KeypointSocket, detector: zmq.Socket[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(keypoint_socket, "decode_keypoints", Mock(side_effect=TypeError("of the library")))
+        detector.send(message())
+        while not receiver.rejected:
+            assert receiver.receive(0.01) is None
+    assert [(each.kind, each.first) for each in receiver.rejected] == [("unexpected", "TypeError: of the library")]
+    detector.send(message())
+    assert receiver.receive(20.0) is not None
 
 
 def test_a_flood_of_garbage_does_not_keep_the_reader(receiver: KeypointSocket, detector: zmq.Socket[bytes]) -> None:

@@ -10,6 +10,7 @@ from live_frames import live_frame, live_person, standing_m
 from rich.console import Console
 
 from fgpose.cli.live_status import ConsoleLog, StatusLine, in_words
+from fgpose.cli.plain_console import PlainConsole
 from fgpose.live.frame import LiveFrame
 from fgpose.skeleton import Skeleton
 
@@ -29,7 +30,7 @@ def test_people_cameras_and_frames(frame: LiveFrame, skeleton: Skeleton) -> None
 
 def test_the_line_is_there_while_it_runs_and_the_log_above_it(frame: LiveFrame) -> None:
     text = io.StringIO()
-    console = Console(file=text, force_terminal=True, width=200, highlight=False, markup=False)
+    console = PlainConsole(file=text, force_terminal=True, width=200)
     logger = logging.getLogger("fgpose.test_of_the_line")
     logger.addHandler(ConsoleLog(console))
     with StatusLine(console) as line:
@@ -37,6 +38,26 @@ def test_the_line_is_there_while_it_runs_and_the_log_above_it(frame: LiveFrame) 
         logger.warning("camera [b]: lost")
     assert "2 of 3 cameras ok (b lost)" in text.getvalue()
     assert "camera [b]: lost\n" in text.getvalue()
+
+
+@pytest.mark.parametrize("name", ["cam [/dev/video0]", "cam[left]", "[bold]cam", "[/]"])
+def test_names_in_brackets_are_no_markup(skeleton: Skeleton, name: str) -> None:
+    text = io.StringIO()
+    with StatusLine(PlainConsole(file=text, force_terminal=True, width=200)) as line:
+        line.publish(live_frame(skeleton, [], 1000.0, cameras=(name,), lost=(name,)))
+    assert f"0 of 1 cameras ok ({name} lost)" in text.getvalue()
+
+
+@pytest.mark.parametrize("name", ["[/dev/video0].mp4", "a[bold]b"])
+def test_names_in_any_line_with_a_spinner_are_no_markup(name: str) -> None:
+    text = io.StringIO()
+    console = PlainConsole(file=text, force_terminal=True, width=200)
+    with console.status(f"checking {name}"):
+        pass
+    with console.status("checking") as status:
+        status.update(f"{name}: 3 s")
+    assert f"checking {name}" in text.getvalue()
+    assert f"{name}: 3 s" in text.getvalue()
 
 
 def test_nothing_is_shown_in_a_file(frame: LiveFrame) -> None:

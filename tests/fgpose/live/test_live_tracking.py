@@ -172,6 +172,15 @@ def test_an_image_that_was_there_before_is_not_used_again():
     assert [image.is_used for image in update.images] == [False]
 
 
+def test_an_image_with_the_time_of_one_that_waits_is_not_used():
+    live, image = tracking(), scene().observations.images[0]
+    assert live.add(RecordedImage(image, image.time_s), image.time_s) == []
+    (update,) = live.add(RecordedImage(image, image.time_s), image.time_s)
+    assert [image.is_used for image in update.images] == [False]
+    (update,) = live.look(image.time_s + 1.0, ())
+    assert [image.is_used for image in update.images] == [True]
+
+
 def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture):
     live, images = tracking(), list(scene().observations.images)
     _, now_s = feed(live, images[:60])
@@ -182,7 +191,7 @@ def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplo
     monkeypatch.setattr(live._tracker, "update", fail)
     (update,) = [update for image in images[60:64] for update in feed(live, [image])[0]]
     assert (update.people, live.n_failures) == ((), 1)
-    assert "the tracker failed and begins anew" in caplog.text
+    assert "the tracker ended (RuntimeError: indeterminate) and is begun again" in caplog.text
     # Nobody is not nobody there: a system that has just begun knows nothing, and says so from the first frame on.
     begun_s, failed = images[0].time_s, live.frame(now_s, statuses())
     assert failed.people == ()

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import http.client
 import json
+import signal
 import socket
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import replace
 from typing import Any
+from unittest.mock import Mock
 from urllib.parse import quote, urlsplit
 
 import cv2
@@ -22,6 +24,7 @@ from fgpose.live.distances import Fault, LinkDistance
 from fgpose.live.frame import CameraState
 from fgpose.live.page import StatusPage
 from fgpose.live.page_state import LATENCY_EDGES_MS, PageState
+from fgpose.live.parts import Parts
 from fgpose.skeleton import Skeleton
 
 NOW_S = 1000.0
@@ -175,7 +178,8 @@ def test_a_flood_asks_the_live_process_for_no_more_than_a_viewer(
 
 @pytest.mark.slow
 def test_a_server_that_is_killed_comes_back(odd_rig: CameraRig, skeleton: Skeleton) -> None:
-    with StatusPage(odd_rig, skeleton, port=0) as page:
+    parts = Parts()
+    with StatusPage(odd_rig, skeleton, port=0, parts=parts) as page:
         wait_for(page, "/state.json")
         page._process.kill()
         page._process.wait()
@@ -183,7 +187,37 @@ def test_a_server_that_is_killed_comes_back(odd_rig: CameraRig, skeleton: Skelet
         page.publish(live_frame(skeleton, cameras=odd_rig.names))
         state = json.loads(wait_for(page, "/state.json"))
         assert state["frame"]["sequence"] == 0
-        assert "started again" in state["events"][-1]["text"]
+        assert [(each.part, each.n) for each in parts.so_far()] == [("the status page", 1)]
+
+
+def test_a_server_that_is_stopped_is_replaced(odd_rig: CameraRig, skeleton: Skeleton) -> None:
+    parts = Parts()
+    with StatusPage(odd_rig, skeleton, port=0, parts=parts) as page:
+        wait_for(page, "/state.json")
+        server = page._process
+        server.send_signal(signal.SIGSTOP)
+        server.wait(60)
+        wait_for(page, "/state.json")
+        page._process.send_signal(signal.SIGSTOP)
+    assert page._process.returncode is not None
+    assert [each.reason for each in parts.so_far()] == ["its server ended with status -9"]
+
+
+def test_what_cannot_be_shown_does_not_end_the_page(
+    odd_rig: CameraRig, skeleton: Skeleton, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    parts = Parts()
+    with StatusPage(odd_rig, skeleton, port=0, parts=parts) as page:
+        with monkeypatch.context() as patched:
+            patched.setattr(page._state, "to_json", Mock(side_effect=ZeroDivisionError("of nothing")))
+            server = page._process
+            # It asks when what it has is no longer new.
+            while server.poll() is None:
+                with suppress(OSError, http.client.HTTPException):
+                    ask(page, "/state.json")
+        page.publish(live_frame(skeleton, cameras=odd_rig.names))
+        assert json.loads(wait_for(page, "/state.json"))["frame"]["sequence"] == 0
+    assert [each.reason for each in parts.so_far()] == ["ZeroDivisionError: of nothing"]
 
 
 def test_it_listens_only_where_it_should_and_says_which_port_is_taken(

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from itertools import chain, count
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
 from fgpose.live.image import ArrayPicture, Image, SourceImage
 from fgpose.live.mailbox import Mailbox
+from fgpose.live.parts import Parts
 from fgpose.live.reader import CameraReader
 from fgpose.live.sources import CameraSource, Source, SourceError, open_source
 from fgpose.live.sources.playback import Playback
@@ -241,3 +243,17 @@ def test_a_network_camera_with_every_fault() -> None:
         watched.until(lambda: watched.has_said(CameraState.RECONNECTING, "320 x 240 px instead of 160 x 120 px"))
         watched.reader.stop()
     assert "hunter2" not in str(watched.events)
+
+
+def test_a_thread_that_has_ended_is_begun_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts, begun = Parts(), []
+    camera = LiveCamera("cam01", CameraSource(source="rtsp://a"), Clock(), 60.0)
+    reader = CameraReader(camera, Mailbox[Image](), Mock(), SIZE_PX, parts=parts)
+    monkeypatch.setattr(reader, "_run", lambda: begun.append(1))
+    reader.start()
+    assert reader._thread is not None
+    reader._thread.join(LONG_S)
+    reader.watch()
+    reader.stop()
+    assert len(begun) == 2
+    assert [(each.part, each.n) for each in parts.so_far()] == [("reading cam01", 1)]

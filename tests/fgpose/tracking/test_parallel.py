@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import time
@@ -99,6 +100,20 @@ def test_a_process_that_ends_is_started_again(scene: CrowdScene, estimators: Par
     assert [estimate.frame for estimate in after.values()] == [2, 0]
     assert process_ids(estimators) != [process_id]
     assert [each.frame for each in estimators.update(newest(scene, 3, (0, 1))).values()] == [3, 1]
+
+
+def test_a_process_that_is_stopped_is_replaced_where_there_is_hurry(scene: CrowdScene):
+    # Longer than the test may take: it is found out otherwise.
+    with contextlib.closing(ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG, 1e3)) as estimators:
+        estimators.update(newest(scene, 0, (0, 1)))
+        (before,) = process_ids(estimators)
+        os.kill(before, signal.SIGSTOP)
+        with pytest.warns(UserWarning, match="does not answer and is started again: the estimates of 1 people begin"):
+            after = estimators.update(newest(scene, 1, (0, 1)))
+        assert [estimate.frame for estimate in after.values()] == [1, 0]
+        assert (estimators.n_restarts, process_ids(estimators) == [before]) == (1, False)
+        with pytest.raises(ProcessLookupError):
+            os.kill(before, 0)
 
 
 @pytest.mark.slow

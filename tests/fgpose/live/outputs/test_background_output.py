@@ -134,5 +134,5 @@ def test_closing_does_not_wait_for_a_sink_that_hangs(monkeypatch: pytest.MonkeyP
     output.close()
     output.publish(frame(1))
     sink.free.set()
-    output._thread.join(20)
+    output._worker.close(20)
     assert sink.sent == [0]

@@ -1,0 +1,191 @@
+"""Whatever ends is noticed, said, counted, and begun again."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Collection
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+import zmq
+from live_frames import live_frame
+from test_live_tracking import CONFIG, scene, statuses
+
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.camera import LiveCamera
+from fgpose.live.clock import Clock, SimulatedClock
+from fgpose.live.feed import Feed
+from fgpose.live.frame import CameraStatus, LiveFrame
+from fgpose.live.frame_messages import decode_frame, encode_frame
+from fgpose.live.image import Image, SourceImage
+from fgpose.live.keypoint_messages import encode_keypoints
+from fgpose.live.keypoint_socket import KeypointSocket
+from fgpose.live.observed import volume_points_m
+from fgpose.live.parts import Parts
+from fgpose.live.received import KeypointReceiver
+from fgpose.live.sources import CameraSource
+from fgpose.live.system import LiveSystem
+from fgpose.live.tracking import LiveTracking
+from fgpose.live.worker import Worker
+from fgpose.skeleton import Skeleton
+
+# A long time: nothing here waits for it unless something is wrong.
+LONG_S = 30.0
+
+
+@pytest.mark.parametrize("ends", [ValueError("of a message"), SystemExit(3), MemoryError(), None])
+def test_work_that_ends_is_begun_again_and_counted(
+    ends: BaseException | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    notes: list[str] = []
+    parts, times, works = Parts(lambda: 5.0, notes.append), [], threading.Event()
+
+    def work() -> None:
+        times.append(1)
+        if len(times) == 3:
+            works.set()
+            worker.stopped.wait()
+        elif ends is not None:
+            raise ends
+
+    worker = Worker("reading", work, parts)
+    worker.start()
+    assert works.wait(LONG_S)
+    (restarts,) = parts.so_far()
+    assert (restarts.part, restarts.n, restarts.last_s) == ("reading", 2, 5.0)
+    assert restarts.reason == ("its work returned" if ends is None else f"{type(ends).__name__}: {ends}")
+    # The same again is said once, but counted.
+    assert notes == [f"reading ended ({restarts.reason}) and is begun again; 1 times so far"]
+    assert notes[0] in caplog.text
+    worker.close(LONG_S)
+    assert not worker.is_alive
+
+
+def test_who_is_told_may_fail_too() -> None:
+    works, times = threading.Event(), []
+
+    def work() -> None:
+        times.append(1)
+        if len(times) > 1:
+            works.set()
+            worker.stopped.wait()
+        raise RuntimeError("once")
+
+    worker = Worker("reading", work, Parts(note=Mock(side_effect=OSError("stderr is closed"))))
+    worker.start()
+    assert works.wait(LONG_S)
+    worker.close(LONG_S)
+
+
+def test_keypoints_are_received_after_what_nobody_has_thought_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, skeleton = scene().rig, scene().motion.skeleton
+    image, parts = scene().observations.images[0], Parts()
+    camera = LiveCamera(image.camera, CameraSource(source="zmq"), Clock(), 0.5)
+    came, receive, failing = threading.Event(), camera.receive, iter([KeyError("nobody")])
+
+    def fails_once(source: SourceImage) -> Image | None:
+        for error in failing:
+            raise error
+        return receive(source)
+
+    monkeypatch.setattr(camera, "receive", fails_once)
+    socket = KeypointSocket(rig, skeleton, port=0)
+    receiver = KeypointReceiver(socket, {image.camera: camera}, lambda recorded: came.set(), parts)
+    size_px = rig.cameras[rig.names.index(image.camera)].size_px
+    with zmq.Context() as context, context.socket(zmq.PUSH) as detector:
+        detector.setsockopt(zmq.LINGER, 0)
+        detector.connect(socket.address)
+        for n in range(200):
+            detector.send(
+                encode_keypoints(image.camera, n * 0.01, size_px, skeleton.name, image.points2d_px, image.confidence)
+            )
+            if came.wait(0.05):
+                break
+    receiver.close()
+    assert came.is_set()
+    assert [(each.part, each.n) for each in parts.so_far()] == [("the reception of keypoints", 1)]
+
+
+class Images(Feed):
+    """The images of the scene on a simulated clock."""
+
+    def __init__(self, clock: SimulatedClock) -> None:
+        self._clock, self._coming = clock, list(scene().observations.images)
+
+    def take(self, timeout_s: float) -> list[RecordedImage]:
+        self._clock.advance(max(timeout_s, 0.01))
+        taken = [image for image in self._coming if image.time_s <= self._clock.now_s()]
+        self._coming = self._coming[len(taken) :]
+        return [RecordedImage(image, self._clock.now_s()) for image in taken]
+
+    def go_on(self, camera_names: Collection[str]) -> None:
+        pass
+
+    def statuses(self) -> tuple[CameraStatus, ...]:
+        return statuses()
+
+
+class Run:
+    """A live system for a second, in which something fails."""
+
+    def __init__(self, step: str = "", output: Mock | None = None, observer: Mock | None = None) -> None:
+        self.frames: list[LiveFrame] = []
+        self.updates: list[object] = []
+        clock, rig, skeleton = SimulatedClock(), scene().rig, scene().motion.skeleton
+        feed, parts = Images(clock), Parts(clock.now_s)
+        tracking = LiveTracking(rig, skeleton, CONFIG, volume_points_m(rig), parts)
+        if step:
+            where = tracking if hasattr(tracking, step) else feed
+            vars(where)[step] = failing_once(getattr(where, step))
+        outputs = [*([] if output is None else [Mock(publish=output)]), self]
+        observers = [*([] if observer is None else [observer]), self.updates.append]
+        LiveSystem(feed, tracking, outputs, observers, clock, parts).run(1.0)
+        tracking.close()
+
+    def publish(self, frame: LiveFrame) -> None:
+        self.frames.append(frame)
+
+    @property
+    def restarts(self) -> dict[str, int]:
+        """As the last frame says."""
+        return {each.part: each.n for each in self.frames[-1].restarts}
+
+
+def failing_once(method: Callable[..., Any]) -> Callable[..., Any]:
+    """The third time that it is called."""
+    n_calls = itertools.count(1)
+
+    def call(*arguments: object) -> object:
+        if next(n_calls) == 3:
+            raise KeyError("of a camera")
+        return method(*arguments)
+
+    return call
+
+
+@pytest.mark.parametrize("step", ["add", "look", "frame", "tidy", "take", "statuses"])
+def test_the_system_goes_on_when_a_step_fails(step: str, caplog: pytest.LogCaptureFixture) -> None:
+    run = Run(step)
+    assert run.restarts == {"tracking": 1}
+    # No consumer takes it for gone: frames come at least each 0.1 s, one is due when the step has failed.
+    assert np.diff([frame.published_s for frame in run.frames]).max() < 0.25
+    assert len(run.frames[-1].people) == 2
+    assert "tracking ended (KeyError: 'of a camera') and is begun again" in caplog.text
+
+
+def test_outputs_and_observers_that_fail_keep_nobody_from_what_is_said() -> None:
+    run = Run(output=Mock(side_effect=OSError("disk")), observer=Mock(side_effect=ValueError("strange")))
+    assert run.restarts.keys() == {"an output", "an observer"}
+    assert len(run.frames) > 9
+    assert len(run.updates) > 9
+
+
+def test_restarts_are_sent_with_frames(skeleton: Skeleton) -> None:
+    parts = Parts(lambda: 1.7e9)
+    parts.count("the tracker", "RuntimeError: indeterminate")
+    frame = live_frame(skeleton)
+    vars(frame)["restarts"] = parts.so_far()
+    assert decode_frame(encode_frame(frame), skeleton).restarts == parts.so_far()
