@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from fgpose.live.cell import Limits
 
@@ -38,7 +38,9 @@ class Facts:
     """The other cameras, with what they are."""
     unproven: tuple[str, ...] = ()
     """Cameras of which nothing tells how old their images are."""
-    incomplete: tuple[str, ...] = field(default=())
+    doubt_s: float = 0.0
+    """How much of the age there is only if no clock is behind."""
+    incomplete: tuple[str, ...] = ()
     """People near the link, or anywhere, whose pose lacks what is needed for their distance."""
 
 
@@ -74,7 +76,10 @@ RULES = (
     Rule(
         "images, none older than max_age_s by the worse of what its stamp and its arrival say, none ahead of the clock",
         lambda facts, limits, now_s: is_new(facts.taken_s, limits, now_s),
-        lambda facts, limits, now_s: _age("the data are", "no frame has come yet", now_s - facts.taken_s),
+        lambda facts, limits, now_s: (
+            _age("the data are", "no frame has come yet", now_s - facts.taken_s)
+            + (f", or a camera's clock is {facts.doubt_s:.2f} s behind" if facts.doubt_s > 0 else "")
+        ),
     ),
     Rule(
         "of every camera in use, something that tells how old its images are",

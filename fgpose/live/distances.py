@@ -194,6 +194,7 @@ class DistanceMonitor:
                 if state.get(name) is not CameraState.OK
             ),
             unproven=tuple(camera.name for camera in in_use(frame) if camera.unproven_s is None),
+            doubt_s=frame.time_s - taken_s(frame),
             incomplete=incomplete,
         )
 

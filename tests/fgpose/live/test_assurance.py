@@ -27,6 +27,7 @@ def test_what_is_known_may_be_said() -> None:
         ({"taken_s": NOW_S - 0.51}, "the data are 0.51 s old"),
         ({"taken_s": NOW_S + FUTURE_S + 0.01}, "the data are 0.11 s ahead of the clock"),
         ({"taken_s": math.nan}, "no frame has come yet"),
+        ({"taken_s": NOW_S - 0.7, "doubt_s": 0.6}, "the data are 0.70 s old, or a camera's clock is 0.60 s behind"),
         ({"unproven": ("cam_1", "cam_3")}, "nothing tells how old the images are: cam_1; cam_3"),
         ({"tracking_since_s": NOW_S - 0.35}, "the tracker began 0.30 s ago: people may not be found yet"),
         ({"tracking_since_s": math.nan}, "the tracker has not begun"),
@@ -47,7 +48,8 @@ def test_whatever_is_missing_is_a_fault(change: dict[str, object], reason: str) 
 
 def test_every_fact_that_is_not_a_number_is_a_fault() -> None:
     numbers = [each.name for each in fields(Facts) if each.type == "float"]
-    assert len(numbers) == 5
+    assert len(numbers) == 6
+    numbers.remove("doubt_s")  # of words only
     for name in numbers:
         assert faults_of(replace(KNOWN, **{name: math.nan}), LIMITS, NOW_S), name
     assert faults_of(KNOWN, LIMITS, math.nan)
