@@ -129,7 +129,16 @@ class Live(LiveOutputs, LiveInputs):
 
         if feed.received:
             rig = feed.rig.subset(feed.received)
-            socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=consumers.tell)
+            settings = {name: camera.settings for name, camera in feed.received.items()}
+            socket = KeypointSocket(
+                rig,
+                skeleton,
+                port=self.keypoints_port,
+                host=self.host,
+                keys={name: each.key for name, each in settings.items() if each.key},
+                synchronised=[name for name, each in settings.items() if each.clock == "synchronised"],
+                tell=consumers.tell,
+            )
             consumers.sockets.append(socket)
             stack.callback(KeypointReceiver(socket, feed.received, feed.deliver, consumers.parts).close)
             new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")

@@ -90,6 +90,11 @@ class LiveCamera:
             self._health.ended(reason)
         self.look()
 
+    def contested(self) -> None:
+        """A second sender has sent under its name: which of both is right nobody can tell."""
+        with self._lock:
+            self._health.saw("contested", "two senders send under its name", self.clock.now_s())
+
     def receive(self, image: SourceImage) -> Image | None:
         """Take an image that has just arrived; it is given back with its time, which is after that of the one before.
         None: it is damaged, or its clock says that it was taken no later than the one before."""

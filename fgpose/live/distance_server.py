@@ -23,6 +23,7 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import OutputState
 from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
+from fgpose.live.senders import Senders, connection_of
 from fgpose.live.worker import Worker
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
@@ -33,6 +34,8 @@ _MAX_WAITING, _MAX_LOOKED_AT = 1000, 20
 # Clients cannot take more of the processor than this leaves.
 _REST_S = 0.002
 _POLL_MS = 100
+# Where two senders say where a link is, it has no pose for so long.
+_CONTESTED_S = 1.0
 # Of a consumer who subscribes.
 _MAX_SUBSCRIPTION_BYTES = 1024
 _HUNG_S = 1.0
@@ -92,6 +95,8 @@ class DistanceServer:
         self._pose_of: dict[str, tuple[np.ndarray, float]] = {}
         """The newest pose of each link, and of when it is."""
         self._is_reset = False
+        self._senders, self._contested_s = Senders("link", self._contest), dict[str, float]()
+        """Links of which two senders say where they are, and when they did last."""
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
         self._workers = [
             Worker("measuring distances", self._run, parts),
@@ -142,7 +147,8 @@ class DistanceServer:
         if is_reset:
             self._monitor.reset()
         now_s = self._now_s()
-        poses = {name: pose for name, (pose, _) in pose_of.items()}
+        contested = {name for name, at_s in self._contested_s.items() if now_s - at_s <= _CONTESTED_S}
+        poses = {name: pose for name, (pose, _) in pose_of.items() if name not in contested}
         poses_s = {name: at_s for name, (_, at_s) in pose_of.items()}
         distances = self._monitor.measure(poses, now_s, poses_s)
         self._publisher.send(encode_distances(distances, self._n_published, now_s, self._monitor.frame_s))
@@ -176,13 +182,20 @@ class DistanceServer:
                 self._rejections.add(error)
         self._workers[1].stopped.wait(_REST_S)
 
+    def _contest(self, name: str) -> None:
+        self._contested_s = self._contested_s | {name: self._now_s()}
+
     def _take(self, parts: list[Any], came_s: float) -> None:
+        connection = connection_of(parts[0])
+        self._senders.check_heard(connection, came_s)
         if len(parts) != 1:
             raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
         message = decode_robot(parts[0].buffer, self._link_names)
         if message.time_s is not None and message.time_s > came_s + FUTURE_S:
             raise MessageError("time", f"poses {message.time_s - came_s:.2f} s ahead of this computer's clock")
         at_s = came_s if message.time_s is None else min(message.time_s, came_s)
+        for name in message.world_T_link:
+            self._senders.take(name, connection, came_s)
         with self._lock:
             self._pose_of |= {name: (pose, at_s) for name, pose in message.world_T_link.items()}
             self._is_reset |= message.reset

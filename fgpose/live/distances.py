@@ -146,7 +146,7 @@ class DistanceMonitor:
         """
         frame, links = self._frame, self._links.links
         world_T_link, is_rigid = world_poses(links, poses)
-        known_s = dict.fromkeys(poses, now_s) if poses_s is None else poses_s
+        known_s = {name: now_s if poses_s is None else poses_s.get(name, math.nan) for name in poses}
         pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]
         if frame is None:
             measured, incomplete = None, _nobody(len(links))

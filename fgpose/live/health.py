@@ -37,6 +37,7 @@ _STATES = {
     "garbled": CameraState.DOUBTFUL,
     "moved": CameraState.DOUBTFUL,
     "clock": CameraState.DOUBTFUL,
+    "contested": CameraState.DOUBTFUL,
     "slow": CameraState.LATE,
     "late": CameraState.LATE,
 }
@@ -95,6 +96,10 @@ class Health:
         self._count(arrived_s)
         for name, reason in faults.items():
             self._seen[name] = arrived_s, reason
+
+    def saw(self, fault: str, reason: str, now_s: float) -> None:
+        """A fault that no image shows."""
+        self._seen[fault] = now_s, reason
 
     def rate_hz(self, now_s: float) -> float:
         """Of images over the last second, or longer if they are rare."""

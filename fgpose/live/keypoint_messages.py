@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hmac
+from collections.abc import Mapping
 from typing import Literal
 
 import msgspec
@@ -37,6 +39,7 @@ class _Keypoints(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     points3d_camera_m: PackedArray | msgspec.UnsetType = msgspec.UNSET
     covariance3d_camera_m2: PackedArray | msgspec.UnsetType = msgspec.UNSET
     appearance: PackedArray | msgspec.UnsetType = msgspec.UNSET
+    key: str = ""
 
 
 _SCHEMA = Schema(_Keypoints, f"{FORMAT}, version {VERSION}", MAX_BODY_BYTES)
@@ -49,6 +52,8 @@ def encode_keypoints(
     skeleton: str,
     points2d_px: Float[np.ndarray, "person joint 2"],
     confidence: Float[np.ndarray, "person joint"],
+    *,
+    key: str = "",
     **optional: np.ndarray,
 ) -> bytes:
     """A message of everybody in one image.
@@ -60,6 +65,7 @@ def encode_keypoints(
         skeleton: name.
         points2d_px: pixels of the original image; NaN: not detected.
         confidence: in [0, 1].
+        key: of the camera in the rig file, where it has one.
         optional: points3d_camera_m (P, J, 3) and covariance3d_camera_m2 (P, J, 3, 3) in the camera frame (x right, y
             down, z forward), appearance (P, D).
     """
@@ -74,12 +80,21 @@ def encode_keypoints(
             "points2d_px": np.asarray(points2d_px, dtype=np.float32),
             "confidence": np.asarray(confidence, dtype=np.float32),
             **{name: np.asarray(array, dtype=np.float32) for name, array in optional.items()},
+            **({"key": key} if key else {}),
         }
     )
 
 
-def decode_keypoints(body: bytes | memoryview, rig: CameraRig, skeleton: Skeleton) -> Detections:
+def decode_keypoints(
+    body: bytes | memoryview, rig: CameraRig, skeleton: Skeleton, keys: Mapping[str, str] | None = None
+) -> Detections:
     """The detections in a message, at the time that it says; 3D joints in the world frame.
+
+    Args:
+        body: the message.
+        rig: the cameras that may send.
+        skeleton: of the joints.
+        keys: of cameras whose messages must have one.
 
     Raises:
         MessageError: the message is refused; kind says why in a word or two, the text in full. Nothing else is raised,
@@ -87,6 +102,9 @@ def decode_keypoints(body: bytes | memoryview, rig: CameraRig, skeleton: Skeleto
     """
     document = _SCHEMA.document(body)
     camera = _checked_camera(document, rig, skeleton)
+    wanted = (keys or {}).get(camera.name, "")
+    if wanted and not hmac.compare_digest(document.key.encode(), wanted.encode()):
+        raise MessageError("key", f"camera {camera.name}: a message without the key of the rig file")
     points2d_px = document.points2d_px.array()
     shape = _people_shape(points2d_px, camera, skeleton)
     arrays = {"confidence": _array(document.confidence, "confidence", camera, shape)}

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.live.assurance import FUTURE_S
 from fgpose.live.keypoint_messages import decode_keypoints
 from fgpose.live.rejections import MessageError, Rejected, Rejections
+from fgpose.live.senders import Senders, connection_of
 from fgpose.live.zmq_sockets import bound_socket, connected_socket, load_zmq
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
@@ -39,6 +41,8 @@ class KeypointSocket:
         skeleton: of the joints.
         port: where detectors connect with a PUSH socket; 0 takes any free one.
         host: address to bind to; only this computer reaches the default.
+        keys: of cameras whose messages must have one.
+        synchronised: cameras whose clock is that of this computer; what is ahead of it is refused.
         publisher: in place of port and host: the address of a PUB socket, to which this side connects.
         now_s: Unix time.
         tell: called with one line for the first message of each kind that is refused.
@@ -56,6 +60,8 @@ class KeypointSocket:
         *,
         port: int = 5557,
         host: str = "127.0.0.1",
+        keys: Mapping[str, str] | None = None,
+        synchronised: Collection[str] = (),
         publisher: str | None = None,
         now_s: Callable[[], float] = time.time,
         tell: Callable[[str], None] | None = None,
@@ -68,6 +74,8 @@ class KeypointSocket:
         else:
             self._socket, self.address = connected_socket(zmq.SUB, publisher, options), publisher
         self._disconnects = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._keys, self._synchronised = dict(keys or {}), frozenset(synchronised)
+        self.senders = Senders()
         self._stamps: dict[str, _Stamps] = {}
         self._rejections = Rejections(f"keypoints at {self.address}", tell)
         self.n_received = 0
@@ -100,9 +108,15 @@ class KeypointSocket:
         return None
 
     def _taken(self, parts: list[Any], arrived_s: float) -> ArrivedDetections:
+        connection = connection_of(parts[0])
+        self.senders.check_heard(connection, arrived_s)
         if len(parts) != 1:
             raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
-        detections = decode_keypoints(parts[0].buffer, self._rig, self._skeleton)
+        detections = decode_keypoints(parts[0].buffer, self._rig, self._skeleton, self._keys)
+        self.senders.take(detections.camera, connection, arrived_s)
+        if detections.camera in self._synchronised and detections.time_s > arrived_s + FUTURE_S:
+            ahead_s = detections.time_s - arrived_s
+            raise MessageError("time", f"camera {detections.camera}: an image {ahead_s:.2f} s ahead of the clock")
         self._stamps.setdefault(detections.camera, _Stamps()).check(detections, arrived_s)
         self.n_received += 1
         return ArrivedDetections(detections, arrived_s)

@@ -36,6 +36,7 @@ class KeypointReceiver:
     ) -> None:
         self._socket, self._cameras, self._deliver = socket, cameras, deliver
         self._looked_s = -math.inf
+        socket.senders.on_contested = lambda name: cameras[name].contested()
         self._worker = Worker("the reception of keypoints", self._run, parts)
         self._worker.start()
 

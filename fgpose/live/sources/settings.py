@@ -24,6 +24,8 @@ class CameraSource:
     clock: Literal["auto", "own", "synchronised"] = "auto"
     """Of a camera or detector that sends Unix time. own: it is set by hand, say latency_s. synchronised: by NTP or PTP
     to this computer's, so images that come late are late. auto: believed where it agrees with when images come."""
+    key: str = field(default="", repr=False)
+    """``zmq``: a text that the messages of its detector must have; see docs/live_messages.md."""
     timeout_s: float = 5.0
     """Without an answer or an image for so long, a device or URL is opened again."""
     transport: Literal["tcp", "udp"] = "tcp"

@@ -187,6 +187,25 @@ def test_a_pose_is_as_old_as_the_robot_says(rig: CameraRig, skeleton: Skeleton, 
         assert {each.kind: each.n for each in server.rejected} == {"time": 1}
 
 
+def test_where_two_say_where_a_link_is_it_has_no_pose(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
+    now_s = [1000.1]
+    with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
+        server.publish(frame)
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
+        robot.hear_fault("arm", "")
+        other = Robot(server)
+        try:
+            other.poses.send(encode_robot({"arm": np.eye(4)}))
+            robot.hear_fault("arm", "it has no pose")
+        finally:
+            other.close()
+        assert "link arm: a second sender" in server.state.last_error
+        now_s[0] += 1.1  # the other one is gone
+        server.publish(replace(frame, time_s=now_s[0]))
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
+        assert robot.hear_fault("arm", "").expected_m > 0.5
+
+
 def test_of_poses_that_wait_only_the_newest_count(
     rig: CameraRig, skeleton: Skeleton, frame: LiveFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:

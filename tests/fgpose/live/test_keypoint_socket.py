@@ -311,3 +311,49 @@ def test_a_port_that_is_taken_and_a_wrong_address_are_named(receiver: KeypointSo
 def test_one_camera_alone_can_be_received() -> None:
     rig = CameraRig(RIG.cameras[1:2])
     assert decode_keypoints(message(), rig, SKELETON).camera == CAMERA.name
+
+
+def test_a_second_sender_under_the_name_of_a_camera_is_refused(
+    receiver: KeypointSocket, detector: zmq.Socket[bytes], clock: Clock
+) -> None:
+    """With a stamp ahead of those of the first, which were taken for too old after it."""
+    contested: list[str] = []
+    receiver.senders.on_contested = contested.append
+    detector.send(message(time_s=10.0))
+    assert receiver.receive(20.0) is not None
+    with zmq.Context.instance().socket(zmq.PUSH) as other:
+        other.setsockopt(zmq.LINGER, 0)
+        other.connect(receiver.address)
+        other.send(message(time_s=10.4))
+        clock.now_s += 0.1
+        assert receiver.receive(5.0) is None
+        assert (kinds(receiver), contested) == ({"sender": 1}, [CAMERA.name])
+        detector.send(message(time_s=10.1))
+        taken = receiver.receive(20.0)
+    assert taken is not None
+    assert taken.detections.time_s == 10.1
+
+
+def test_a_camera_with_a_key_takes_messages_that_have_it() -> None:
+    for key, is_taken in (("secret", True), ("Secret", False), ("", False)):
+        body = message(key=key)
+        if is_taken:
+            assert decode_keypoints(body, RIG, SKELETON, {CAMERA.name: "secret"}).camera == CAMERA.name
+        else:
+            with pytest.raises(MessageError, match="without the key of the rig file") as raised:
+                decode_keypoints(body, RIG, SKELETON, {CAMERA.name: "secret"})
+            assert raised.value.kind == "key"
+            assert "secret" not in str(raised.value)
+
+
+def test_what_is_ahead_of_a_synchronised_clock_is_refused_and_nothing_after_it(clock: Clock) -> None:
+    with (
+        KeypointSocket(RIG, SKELETON, port=0, now_s=clock, synchronised=[CAMERA.name]) as receiver,
+        zmq.Context.instance().socket(zmq.PUSH) as detector,
+    ):
+        detector.setsockopt(zmq.LINGER, 0)
+        detector.connect(receiver.address)
+        for time_s, is_taken in ((999.9, True), (1000.4, False), (999.95, True)):
+            detector.send(message(time_s=time_s))
+            assert (receiver.receive(20.0 if is_taken else 1.0) is not None) is is_taken
+        assert kinds(receiver) == {"time": 1}
