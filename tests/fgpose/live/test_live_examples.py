@@ -102,9 +102,9 @@ def test_a_robot_hears_distances() -> None:
     arm = Link("forearm", (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05),))
     cell = Cell((arm,), Limits(min_observed_share=0.01), Volume((-1.0, -1.0, 0.2), (1.0, 1.0, 1.8)))
     rig, coco = ring_rig(), load_skeleton("coco_17")
-    statuses = tuple(CameraStatus(name, CameraState.OK) for name in rig.names)
+    statuses = tuple(CameraStatus(name, CameraState.OK, unproven_s=0.0) for name in rig.names)
     server = DistanceServer(cell, rig, coco, port=0, poses_port=0, now_s=lambda: 1000.0)
-    server.publish(LiveFrame(0, 1000.0, 1000.0, coco, (), statuses, 1.0))
+    server.publish(LiveFrame(0, 1000.0, 1000.0, coco, (), statuses, 1.0, 940.0))
     with running("robot.py", server.poses_address, server.address) as process:
         assert process.stdout is not None
         assert "forearm inf None\n" in process.stdout
