@@ -133,8 +133,8 @@ class DistanceMonitor:
             now_s: Unix time.
         """
         frame, every_link = self._frame, range(len(self._links.links))
-        if frame is None:
-            self._latch(every_link, "no frame has come yet", now_s)
+        if frame is None or math.isnan(frame.time_s):
+            self._latch(every_link, "no image has come yet" if frame else "no frame has come yet", now_s)
             return tuple(self._anywhere(link, math.inf, 0.0) for link in every_link)
         world_T_link, wrong = world_poses(self._links.links, poses)
         for link, reason in wrong.items():

@@ -166,6 +166,15 @@ def test_no_frame_is_a_fault_until_reset(monitor: Monitor) -> None:
     assert monitor.links(NOW_S + 1)["post"].fault is None
 
 
+def test_no_image_is_a_fault_too(monitor: Monitor) -> None:
+    monitor.reset()
+    monitor.publish(monitor.frame(time_s=np.nan))
+    distance = monitor.links()["post"]
+    assert distance.distance_m == -math.inf
+    assert distance.fault is not None
+    assert distance.fault.reason == "no image has come yet"
+
+
 def test_silence_is_a_fault_that_stays(monitor: Monitor, skeleton: Skeleton) -> None:
     standing = live_person(standing_m(skeleton, (1.5, 0.0)))
     assert monitor.seen(standing, age_s=0.49)["post"].fault is None
