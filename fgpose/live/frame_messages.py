@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from fgpose.association.track import TrackState
 from fgpose.io.packing import packed, unpacked
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.message_schema import converted
 from fgpose.skeleton import Skeleton
 
 FORMAT, VERSION = "fgpose/people", 1
 _SCALARS = ("sequence", "time_s", "published_s", "observed_share")
 _ARRAYS = ("positions_m", "covariance_m2", "probability")
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """What is compared with a message: what else it has is of a newer version."""
+
+    sequence: int
+    time_s: float
+    published_s: float
+    observed_share: float
+    people: tuple[LivePerson, ...]
+    cameras: tuple[CameraStatus, ...]
+    # Recordings of before have none.
+    restarts: tuple[Restarts, ...] = ()
 
 
 def encode_frame(frame: LiveFrame) -> bytes:
@@ -59,25 +73,20 @@ def frame_of_document(document: Any, skeleton: Skeleton) -> LiveFrame:
     """As decode_frame, of what the message says."""
     if not isinstance(document, dict) or (document.get("format"), document.get("version")) != (FORMAT, VERSION):
         raise ValueError(f"not a message of {FORMAT}, version {VERSION}")
-    if tuple(document.get("joints", ())) != skeleton.joints:
+    if document.get("joints") != list(skeleton.joints):
         raise ValueError(f"the joints of the message are not those of skeleton {skeleton.name}")
     try:
-        scalars = {name: document[name] for name in _SCALARS}
-        people = tuple(_person(person, skeleton.n_joints) for person in document["people"])
-        cameras = tuple(
-            CameraStatus(**{**camera, "state": CameraState(camera["state"])}) for camera in document["cameras"]
-        )
-        # Recordings of before have none.
-        restarts = tuple(Restarts(**each) for each in document.get("restarts", ()))
-        return LiveFrame(**scalars, skeleton=skeleton, people=people, cameras=cameras, restarts=restarts)
-    except (TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"a damaged message of {FORMAT}: {type(error).__name__}: {error}") from None
+        said = converted(document, _Frame)
+        for person in said.people:
+            _check_shapes(person, skeleton.n_joints)
+    except ValueError as error:
+        raise ValueError(f"a damaged message of {FORMAT}: {error}") from None
+    return LiveFrame(skeleton=skeleton, **{field.name: getattr(said, field.name) for field in fields(said)})
 
 
-def _person(document: dict[str, Any], n_joints: int) -> LivePerson:
+def _check_shapes(person: LivePerson, n_joints: int) -> None:
     shapes = {"positions_m": (3,), "covariance_m2": (3, 3), "status": (), "probability": ()}
-    arrays = {name: np.asarray(document[name]) for name in shapes}
     for name, shape in shapes.items():
-        if arrays[name].shape != (n_joints, *shape):
-            raise ValueError(f"{name} must be {(n_joints, *shape)}, got {arrays[name].shape}")
-    return LivePerson(document["person"], TrackState(document["state"]), **arrays)
+        actual = getattr(person, name).shape
+        if actual != (n_joints, *shape):
+            raise ValueError(f"{name} must be {(n_joints, *shape)}, got {actual}")
