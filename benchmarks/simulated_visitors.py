@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -151,8 +152,9 @@ class Visitors:
 
     def score(self, frame: LiveFrame) -> tuple[Visit, int, Scores] | None:
         """A frame against the truth, and the number of its image in the clip; None: nobody is there."""
+        # It has no time before the first image.
         number = self.number(frame.time_s)
-        visit = self.of(int(number))
+        visit = None if math.isnan(number) else self.of(int(number))
         if visit is None:
             return None
         at = number - visit.first

@@ -110,6 +110,8 @@ class Truth:
         self._scene, self._begin_s, self.errors_m = scene, begin_s, list[float]()
 
     def publish(self, frame: LiveFrame) -> None:
+        if not frame.people:  # before the first image it has no time either
+            return
         truth = self._scene.truth(np.array([frame.time_s - self._begin_s]))
         for person in frame.people:
             apart_m = [

@@ -17,6 +17,7 @@ from fgpose.cli.live_consumers import Consumers
 from fgpose.cli.live_options import LiveInputs, LiveOutputs
 from fgpose.cli.live_replay import run_replay
 from fgpose.cli.options import new_console
+from fgpose.cli.standard_streams import forgiving_streams
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -52,6 +53,10 @@ class Live(LiveOutputs, LiveInputs):
     """Stop after this time."""
 
     def run(self) -> None:
+        with forgiving_streams():
+            self._run()
+
+    def _run(self) -> None:
         from fgpose.cli.live_status import ConsoleLog, StatusLine
         from fgpose.config import Config, load_config
         from fgpose.io.made_by import refuse_others

@@ -46,8 +46,20 @@ class Consumers:
 
         self.parts = Parts(self.clock.now_s, self._note)
 
-    def open(self, stack: ExitStack, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton, config: Config) -> None:
-        """Open all that the options want, before any work; the stack closes it."""
+    def open(
+        self,
+        stack: ExitStack,
+        options: LiveOutputs,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        config: Config,
+        began_s: float | None = None,
+    ) -> None:
+        """Open all that the options want, before any work; the stack closes it.
+
+        Args:
+            began_s: when the frames begin, Unix time; None: now.
+        """
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
         from fgpose.live.page import StatusPage
         from fgpose.live.recorder import Recorder
@@ -68,7 +80,8 @@ class Consumers:
         if options.mcap is not None:
             self._add(stack, open_mcap_output(options.mcap, tell=tell, parts=parts))
         if options.record is not None:
-            recorder = Recorder(options.record, rig, skeleton, config, tell=tell)
+            start_s = self.clock.now_s() if began_s is None else began_s
+            recorder = Recorder(options.record, rig, skeleton, config, now_s=lambda: start_s, tell=tell)
             self._add(stack, recorder)
             self.observers.append(lambda update: recorder.record(update.images))
         if options.rrd is not None or options.view:

@@ -34,7 +34,9 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
     config = None if config_path is None else load_config(config_path)
     with ExitStack() as stack:
         consumers = Consumers(clock)
-        consumers.open(stack, outputs, recording.rig, recording.skeleton, config or recording.config)
+        consumers.open(
+            stack, outputs, recording.rig, recording.skeleton, config or recording.config, recording.started_s
+        )
 
         def publish(frame: LiveFrame) -> None:
             for consumer in consumers.frames:

@@ -14,6 +14,7 @@ A file of records (record_files), each a MessagePack document (packing) with a k
 
 from __future__ import annotations
 
+import reprlib
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -33,6 +34,10 @@ from fgpose.skeleton import Skeleton
 _VERSION = 1
 _ARRAYS = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2", "appearance")
 _PAIRS = ("bones", "left_right", "limbs", "lines")
+# Between what follows each other in a recording, and between an image and its arrival. A disk may be full for days.
+_LONGEST_S = 30 * 86400.0
+# Unix time of the year 5138.
+_LAST_S = 1e11
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +109,8 @@ class LiveRecordingFile:
             if first is None:
                 raise ValueError("it ends before anything was recorded")
             self.start = _start(unpacked(first))
+            self._last_s = self.start.started_s
+            """When the newest frame was published of those that were read."""
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
 
@@ -117,7 +124,7 @@ class LiveRecordingFile:
         Warns:
             UserWarning: the recording was not closed, was cut off in the middle of a record, or lacks records.
         """
-        n_lost, is_closed = 0, False
+        n_lost, is_closed, self._last_s = 0, False, self.start.started_s
         try:
             records = iter(self._records)
             next(records, None)
@@ -125,11 +132,12 @@ class LiveRecordingFile:
                 document = unpacked(body)
                 kind = document.get("kind") if isinstance(document, dict) else None
                 if kind == "lost":
-                    n_lost += int(document.get("n", 1))
+                    n_lost += int(_number(document, "n"))
                 elif kind == "end":
                     is_closed = True
-                else:
-                    yield document if kind else {}
+                elif kind in ("images", "frame"):
+                    self._last_s = self._published_s(document) if kind == "frame" else self._last_s
+                    yield document
         except ValueError as error:
             raise ValueError(f"{self.path}: {error}") from None
         self._warn(n_lost, is_closed)
@@ -158,9 +166,26 @@ class LiveRecordingFile:
     def images(self, document: dict[str, Any]) -> list[RecordedImage]:
         """Those of a document of images. Raises ValueError where they are damaged; the message names the file."""
         try:
-            return [_recorded_image(image) for image in document["images"]]
-        except (ValueError, TypeError, KeyError, AttributeError, IndexError) as error:
+            return [self._image(image) for image in document["images"]]
+        except (ValueError, TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
             raise ValueError(f"{self.path}: damaged images: {error}") from None
+
+    def _image(self, table: dict[str, Any]) -> RecordedImage:
+        image = _recorded_image(table)
+        seen, n_joints = image.detections, self.start.skeleton.n_joints
+        if seen.camera not in self.start.camera_names:
+            raise ValueError(f"{seen}: the recording has no such camera")
+        if seen.points2d_px.shape[1] != n_joints:
+            raise ValueError(f"{seen}: {seen.points2d_px.shape[1]} joints, its skeleton has {n_joints}")
+        _check_follows(image.arrived_s, self._last_s, f"{seen}: it arrived")
+        _check_follows(seen.time_s, image.arrived_s, f"{seen}: it was taken")
+        _check_follows(image.arrived_s, seen.time_s, f"{seen}: it arrived")
+        return image
+
+    def _published_s(self, document: dict[str, Any]) -> float:
+        published_s = _number(document, "published_s")
+        _check_follows(published_s, self._last_s, "a frame was published")
+        return published_s
 
 
 def _start(document: Any) -> RecordingStart:
@@ -171,8 +196,11 @@ def _start(document: Any) -> RecordingStart:
     try:
         skeleton, cameras = _skeleton(document["skeleton"]), document["rig"]["camera_names"]
         config = config_from_dict(parse_toml(document["config"]))
-        return RecordingStart(float(document["started_s"]), skeleton, tuple(map(str, cameras)), config)
-    except (TypeError, KeyError, AttributeError) as error:
+        started_s = _number(document, "started_s")
+        if not 0 <= started_s < _LAST_S:
+            raise ValueError(f"it began at {started_s:g} s, which is no Unix time")
+        return RecordingStart(started_s, skeleton, tuple(map(str, cameras)), config)
+    except (TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
         raise ValueError(f"a damaged first record: {type(error).__name__}: {error}") from None
 
 
@@ -184,10 +212,22 @@ def _skeleton(table: dict[str, Any]) -> Skeleton:
 
 def _recorded_image(image: dict[str, Any]) -> RecordedImage:
     arrays = {name: np.asarray(image[name], dtype=float) for name in _ARRAYS if name in image}
-    detections = Detections(str(image["camera"]), float(image["time_s"]), **arrays)
-    stamp_s = image["stamp_s"]
-    stamp_s = None if stamp_s is None else float(stamp_s)
-    time_sigma_s = float(image.get("time_sigma_s", 0.0))
-    if not 0 <= time_sigma_s < np.inf:
+    detections = Detections(str(image["camera"]), _number(image, "time_s"), **arrays)
+    stamp_s = None if image["stamp_s"] is None else _number(image, "stamp_s")
+    time_sigma_s = _number(image, "time_sigma_s") if "time_sigma_s" in image else 0.0
+    if time_sigma_s < 0:
         raise ValueError(f"camera {detections.camera}: the standard deviation of its times is {time_sigma_s:g} s")
-    return RecordedImage(detections, float(image["arrived_s"]), stamp_s, bool(image["is_used"]), time_sigma_s)
+    return RecordedImage(detections, _number(image, "arrived_s"), stamp_s, image["is_used"] is True, time_sigma_s)
+
+
+def _number(table: dict[str, Any], name: str) -> float:
+    """A finite one."""
+    value = table.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise ValueError(f"{name} is {reprlib.repr(value)}, not a finite number")
+    return float(value)
+
+
+def _check_follows(time_s: float, before_s: float, what: str) -> None:
+    if time_s - before_s > _LONGEST_S:
+        raise ValueError(f"{what} {(time_s - before_s) / 86400:.3g} days after what is before it")

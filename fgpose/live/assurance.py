@@ -77,7 +77,7 @@ RULES = (
         "images, none older than max_age_s by the worse of what its stamp and its arrival say, none ahead of the clock",
         lambda facts, limits, now_s: is_new(facts.taken_s, limits, now_s),
         lambda facts, limits, now_s: (
-            _age("the data are", "no frame has come yet", now_s - facts.taken_s)
+            _age("the data are", "no image has come yet", now_s - facts.taken_s)
             + (f", or a camera's clock is {facts.doubt_s:.2f} s behind" if facts.doubt_s > 0 else "")
         ),
     ),

@@ -145,6 +145,8 @@ class DistanceMonitor:
             poses_s: of when each pose is, Unix time; by default, of now.
         """
         frame, links = self._frame, self._links.links
+        if frame is not None and math.isnan(frame.time_s):  # before the first image
+            frame = None
         world_T_link, is_rigid = world_poses(links, poses)
         known_s = {name: now_s if poses_s is None else poses_s.get(name, math.nan) for name in poses}
         pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]

@@ -95,7 +95,7 @@ class LiveFrame:
     """Counts the frames of a run, from 0."""
     time_s: float
     """At which the people are where this frame says, Unix time: the mean of when the newest images of all cameras were
-    taken."""
+    taken. NaN before the first image."""
     published_s: float
     """Unix time."""
     skeleton: Skeleton
@@ -113,5 +113,5 @@ class LiveFrame:
 
     @property
     def age_s(self) -> float:
-        """Of the newest image when the frame was published."""
+        """Of the newest image when the frame was published; NaN before the first."""
         return self.published_s - self.time_s

@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
 
-from fgpose.association.track import TrackState
 from fgpose.io.packing import packed, unpacked
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
+from fgpose.live.message_schema import converted
 from fgpose.skeleton import Skeleton
 
 FORMAT, VERSION = "fgpose/people", 1
-_SCALARS = ("sequence", "time_s", "published_s", "observed_share")
+_SCALARS = ("sequence", "time_s", "published_s", "observed_share", "tracking_since_s")
 _ARRAYS = ("positions_m", "covariance_m2", "probability")
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """What is compared with a message: what else it has is of a newer version."""
+
+    sequence: int
+    time_s: float
+    published_s: float
+    observed_share: float
+    people: tuple[LivePerson, ...]
+    cameras: tuple[CameraStatus, ...]
+    # Recordings of before have neither.
+    tracking_since_s: float = math.nan
+    restarts: tuple[Restarts, ...] = ()
 
 
 def encode_frame(frame: LiveFrame) -> bytes:
@@ -41,7 +56,7 @@ def frame_document(frame: LiveFrame) -> dict[str, Any]:
     return {
         "format": FORMAT,
         "version": VERSION,
-        **{name: getattr(frame, name) for name in (*_SCALARS, "tracking_since_s")},
+        **{name: getattr(frame, name) for name in _SCALARS},
         "skeleton": frame.skeleton.name,
         "joints": frame.skeleton.joints,
         "people": [_person_document(person) for person in frame.people],
@@ -60,27 +75,20 @@ def frame_of_document(document: Any, skeleton: Skeleton) -> LiveFrame:
     """As decode_frame, of what the message says."""
     if not isinstance(document, dict) or (document.get("format"), document.get("version")) != (FORMAT, VERSION):
         raise ValueError(f"not a message of {FORMAT}, version {VERSION}")
-    if tuple(document.get("joints", ())) != skeleton.joints:
+    if document.get("joints") != list(skeleton.joints):
         raise ValueError(f"the joints of the message are not those of skeleton {skeleton.name}")
     try:
-        scalars = {name: document[name] for name in _SCALARS}
-        people = tuple(_person(person, skeleton.n_joints) for person in document["people"])
-        cameras = tuple(
-            CameraStatus(**{**camera, "state": CameraState(camera["state"])}) for camera in document["cameras"]
-        )
-        # Recordings of before have neither.
-        since_s = document.get("tracking_since_s", math.nan)
-        restarts = tuple(Restarts(**each) for each in document.get("restarts", ()))
-        later = {"tracking_since_s": since_s, "restarts": restarts}
-        return LiveFrame(**scalars, skeleton=skeleton, people=people, cameras=cameras, **later)
-    except (TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"a damaged message of {FORMAT}: {type(error).__name__}: {error}") from None
+        said = converted(document, _Frame)
+        for person in said.people:
+            _check_shapes(person, skeleton.n_joints)
+    except ValueError as error:
+        raise ValueError(f"a damaged message of {FORMAT}: {error}") from None
+    return LiveFrame(skeleton=skeleton, **{field.name: getattr(said, field.name) for field in fields(said)})
 
 
-def _person(document: dict[str, Any], n_joints: int) -> LivePerson:
+def _check_shapes(person: LivePerson, n_joints: int) -> None:
     shapes = {"positions_m": (3,), "covariance_m2": (3, 3), "status": (), "probability": ()}
-    arrays = {name: np.asarray(document[name]) for name in shapes}
     for name, shape in shapes.items():
-        if arrays[name].shape != (n_joints, *shape):
-            raise ValueError(f"{name} must be {(n_joints, *shape)}, got {arrays[name].shape}")
-    return LivePerson(document["person"], TrackState(document["state"]), **arrays)
+        actual = getattr(person, name).shape
+        if actual != (n_joints, *shape):
+            raise ValueError(f"{name} must be {(n_joints, *shape)}, got {actual}")

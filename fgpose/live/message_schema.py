@@ -16,6 +16,7 @@ except ImportError:
     raise ImportError("messages need msgspec: pip install 'fgpose[live]'") from None
 
 Document = TypeVar("Document", bound=msgspec.Struct)
+Converted = TypeVar("Converted")
 # Of a reason that is shown: it may quote what was sent.
 _MAX_REASON = 200
 
@@ -64,6 +65,21 @@ class Schema(Generic[Document]):
         except Exception as error:
             reason = f"{str(error)[:_MAX_REASON] or type(error).__name__}"
             raise MessageError("content", f"not a message of {self._name}: {reason}") from None
+
+
+def converted(document: Any, kind: type[Converted]) -> Converted:
+    """A document that is unpacked already, arrays and all, as a dataclass.
+
+    Raises:
+        ValueError: it is none; the text says what is wrong.
+    """
+    return msgspec.convert(document, kind, dec_hook=_as_it_is)
+
+
+def _as_it_is(kind: type, value: Any) -> Any:
+    if not isinstance(value, kind):
+        raise ValueError(f"Expected `{kind.__name__}`, got `{type(value).__name__}`")
+    return value
 
 
 def shown(value: Any) -> str:

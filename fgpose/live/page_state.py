@@ -51,7 +51,7 @@ class PageState:
         """The next frame."""
         before, self._frame = self._frame, frame
         self._published_s.append(frame.published_s)
-        if before is None or frame.time_s != before.time_s:
+        if not math.isnan(frame.time_s) and (before is None or frame.time_s != before.time_s):
             self._latency.append((frame.published_s, frame.age_s))
         self._note_cameras(before, frame)
         self._note_people(before, frame)

@@ -14,6 +14,9 @@ from fgpose.live.observed import volume_points_m
 from fgpose.live.recording import LiveRecording
 from fgpose.live.tracking import LiveTracking, Update
 
+# A live system publishes all the time; where its disk was full for hours, nobody waits for hours.
+_LONGEST_PAUSE_S = 10.0
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -57,7 +60,8 @@ def replay(
         publish: takes each frame. Its times are those of the recording, and the states of its cameras too.
         observers: told of every update, as a recorder is.
         config: of the tracker, None: as it was.
-        clock: each frame is published as long after the first as it was; None: as fast as possible.
+        clock: each frame is published as long after the first as it was, but not longer than ten seconds after the
+            one before; None: as fast as possible.
         progress: told of the time since the beginning of the recording, in seconds.
 
     Raises:
@@ -69,11 +73,13 @@ def replay(
     tracking = LiveTracking(
         recording.rig, recording.skeleton, config or recording.config, volume_points_m(recording.rig)
     )
-    agreement, began_s = Agreement(), None if clock is None else clock.now_s()
+    agreement, due_s, before_s = Agreement(), 0.0 if clock is None else clock.now_s(), recording.started_s
     try:
         for again, recorded in _frames(recording, tracking, observers):
-            if clock is not None and began_s is not None:
-                clock.sleep(began_s + recorded.published_s - recording.started_s - clock.now_s())
+            if clock is not None:
+                due_s += min(max(recorded.published_s - before_s, 0.0), _LONGEST_PAUSE_S)
+                clock.sleep(due_s - clock.now_s())
+            before_s = recorded.published_s
             publish(again)
             agreement = agreement.with_frame(again, recorded)
             progress(recorded.published_s - recording.started_s)
@@ -94,8 +100,12 @@ def _frames(
                 observe(update)
             is_tidy = False
             continue
+        unknown = [camera.name for camera in step.cameras if camera.name not in recording.rig.names]
+        if unknown:
+            raise ValueError(f"{recording.path}: a frame has cameras that its rig has not: {', '.join(unknown)}")
         again = tracking.frame(step.published_s, step.cameras)
-        yield replace(again, sequence=step.sequence, cameras=step.cameras, observed_share=step.observed_share), step
+        said = {name: getattr(step, name) for name in ("sequence", "cameras", "observed_share", "restarts")}
+        yield replace(again, **said), step
         if not is_tidy:
             tracking.tidy()
         is_tidy = True

@@ -117,7 +117,7 @@ class LiveTracking:
         told = self._told(cameras)
         frame = LiveFrame(
             sequence=self._sequence,
-            time_s=self._frame_s if self._image_s else now_s,
+            time_s=self._frame_s if self._image_s else np.nan,
             published_s=now_s,
             skeleton=self.skeleton,
             people=people,

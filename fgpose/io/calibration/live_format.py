@@ -26,7 +26,7 @@ def read(path: Path) -> list[CalibratedView]:
     document = None if start is None else unpacked(start)
     if not isinstance(document, dict) or not isinstance(document.get("rig"), dict):
         raise ValueError("the recording does not begin with its cameras")
-    return npz_format.views({name: _array(value) for name, value in document["rig"].items()})
+    return npz_format.views({name: _array(name, value) for name, value in document["rig"].items()})
 
 
 def as_document(rig: CameraRig) -> dict[str, Any]:
@@ -35,5 +35,10 @@ def as_document(rig: CameraRig) -> dict[str, Any]:
     return {name: array.tolist() if array.dtype.kind == "U" else array for name, array in arrays.items()}
 
 
-def _array(value: Any) -> np.ndarray:
-    return value if isinstance(value, np.ndarray) else np.array([str(text) for text in value], dtype=str)
+def _array(name: str, value: Any) -> np.ndarray:
+    """An array, or a list of texts."""
+    if isinstance(value, list) and all(isinstance(text, str) for text in value):
+        return np.array(value, dtype=str)
+    if not isinstance(value, np.ndarray):
+        raise ValueError(f"{name} of the rig is neither an array nor a list of texts")
+    return value

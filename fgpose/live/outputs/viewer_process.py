@@ -5,10 +5,11 @@ So the tracker has the interpreter for itself, and the file is written to its en
 
 from __future__ import annotations
 
+import math
 import pickle
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -153,6 +154,8 @@ class _Moments:
 
     def moment(self, shown: Shown) -> Moment:
         frame = shown.frame
+        # Before the first image nobody is there at any time.
+        frame = replace(frame, time_s=frame.published_s) if math.isnan(frame.time_s) else frame
         is_new = self._before is None or frame.time_s != self._before.time_s
         if is_new:
             self._before = frame

@@ -111,7 +111,7 @@ def test_what_is_published_is_what_a_monitor_measures(rig: CameraRig, skeleton: 
 def test_a_robot_that_falls_silent_is_a_fault_that_stays(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
     now_s = [1000.1]
     with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
-        robot.hear_fault("arm", "no frame has come yet")
+        robot.hear_fault("arm", "no image has come yet")
         server.publish(frame)
         # The latched fault is of the frame that was missing; without a pose the reset shows the next.
         robot.poses.send(encode_robot({}, reset=True))

@@ -280,7 +280,7 @@ def test_events_tell_what_changed(state: PageState, rig: CameraRig, skeleton: Sk
     state.add(live_frame(skeleton, [person], NOW_S + 1, cameras=rig.names, lost=("ring_1",)))
     state.add(live_frame(skeleton, [person], NOW_S + 2, cameras=rig.names, lost=("ring_1",)))
     state.add(live_frame(skeleton, (), NOW_S + 3, cameras=rig.names))
-    fault = Fault("no frame has come yet", NOW_S + 4)
+    fault = Fault("no image has come yet", NOW_S + 4)
     distance = LinkDistance("arm", -np.inf, -np.inf, None, "", "", np.nan, np.inf, np.nan, 0.0, fault)
     state.set_distances([distance])
     state.set_distances([distance])
@@ -290,7 +290,7 @@ def test_events_tell_what_changed(state: PageState, rig: CameraRig, skeleton: Sk
         ("person 4 is there", False),
         ("camera ring_1 ok", False),
         ("person 4 is gone", False),
-        ("arm: no frame has come yet", True),
+        ("arm: no image has come yet", True),
     ]
 
 

@@ -10,18 +10,24 @@ import threading
 import time
 from functools import cache
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from live_frames import live_frame, live_person, standing_m
 from rrd_contents import entities
 from test_cli_live import free_port, rig_file, send
 from test_live_tracking import CONFIG, DELAY_S, scene, statuses
 
 import fgpose
 from fgpose.cli import main
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live_recordings import RecordedImage, images_document, start_document
+from fgpose.io.packing import packed, unpacked
+from fgpose.io.record_files import MAGIC, as_record
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraStatus, LiveFrame
+from fgpose.live.frame_messages import frame_document
 from fgpose.live.observed import volume_points_m
 from fgpose.live.recorder import Recorder
 from fgpose.live.recording import load_live_recording
@@ -113,6 +119,69 @@ def test_the_same_frames_come_again_as_far_apart_as_they_were(session: Path) -> 
     own_s = [frame.published_s - START_S for frame in expected]
     assert progress[-1] == pytest.approx(own_s[-1], abs=1e-6)
     assert [at_s - 5e8 for at_s in published_s] == pytest.approx(own_s, abs=1e-5)
+
+
+def crafted(path: Path, **changes: dict[str, Any]) -> Path:
+    """A recording of a frame and an image, with changes of a record of each kind."""
+    rig, skeleton, image = scene().rig, scene().motion.skeleton, scene().observations.images[0]
+    seen = fgpose.Detections(image.camera, START_S, image.points2d_px, image.confidence)
+    people = [live_person(standing_m(skeleton))]
+    frame = live_frame(skeleton, people, START_S, cameras=rig.names)
+    documents = {
+        "start": start_document(rig, skeleton, CONFIG, START_S),
+        "images": images_document([RecordedImage(seen, START_S)]),
+        "frame": {"kind": "frame", **frame_document(frame)},
+        "lost": {"kind": "lost", "n": 1},
+        "end": {"kind": "end"},
+    }
+    bodies = []
+    for kind, document in documents.items():
+        document = unpacked(packed(document))
+        table = document["images"][0] if kind == "images" else document
+        table |= changes.get(kind, {})
+        bodies.append(as_record(packed(document)))
+    path.write_bytes(MAGIC + b"".join(bodies))
+    return path
+
+
+CRAFTED: list[tuple[str, str, object, str]] = [
+    *(("start", "started_s", value, "started_s is|no Unix time") for value in (1e300, -1.0, np.nan, "now", None)),
+    ("start", "started_s", 0, "a frame was published|it arrived"),
+    ("start", "rig", {"camera_names": ["a"], "K": 3}, "K of the rig"),
+    ("start", "skeleton", np.zeros(2), "a damaged first record"),
+    *(("frame", "published_s", value, "published_s is") for value in (np.nan, "now", None, [], np.zeros(2))),
+    *(("frame", "published_s", value, "a frame was published") for value in (START_S + 1e9, 1e300)),
+    ("frame", "people", [{"person": []}], "damaged message.*people"),
+    ("frame", "cameras", [{"name": "ring_0", "state": "ok", "n_lost": "many"}], "damaged message.*n_lost"),
+    ("frame", "cameras", [{"name": "door", "state": "ok"}], "cameras that its rig has not: door"),
+    ("frame", "joints", 3, "joints of the message"),
+    ("frame", "restarts", [{"part": 3}], "damaged message.*restarts"),
+    *(("images", "time_s", value, "time_s is|it arrived|it was taken") for value in (1e300, np.nan, "now", 0, None)),
+    *(("images", "arrived_s", value, "arrived_s is|it arrived") for value in (1e300, np.nan, "now", START_S + 1e9)),
+    ("images", "stamp_s", "now", "stamp_s is"),
+    ("images", "camera", "door", "no such camera"),
+    ("images", "confidence", "high", "damaged images"),
+    ("lost", "n", [], "n is"),
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*records are missing")
+@pytest.mark.parametrize(("kind", "key", "value", "reason"), CRAFTED)
+def test_a_crafted_recording_is_refused_by_name(
+    tmp_path: Path, kind: str, key: str, value: object, reason: str
+) -> None:
+    path = crafted(tmp_path / "bad.fgpose", **{kind: {key: value}})
+    with pytest.raises(ValueError, match=reason) as error:
+        replay(load_live_recording(path), lambda frame: None, clock=SimulatedClock(START_S))
+    assert str(path) in str(error.value)
+
+
+@pytest.mark.filterwarnings("ignore:.*records are missing")
+def test_nobody_waits_for_hours_that_were_not_recorded(tmp_path: Path) -> None:
+    clock = SimulatedClock(5e8)
+    path = crafted(tmp_path / "a.fgpose", frame={"published_s": START_S + 3600.0})
+    assert replay(load_live_recording(path), lambda frame: None, clock=clock).n_frames == 1
+    assert clock.now_s() == pytest.approx(5e8 + 10.0)
 
 
 @pytest.mark.slow

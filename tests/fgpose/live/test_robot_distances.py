@@ -160,10 +160,19 @@ def test_no_frame_is_a_fault_until_reset(monitor: Monitor) -> None:
     first = monitor.links()["post"]
     assert first.distance_m == -math.inf
     assert first.fault is not None
-    assert first.fault.reason == "no frame has come yet"
+    assert first.fault.reason == "no image has come yet"
     assert monitor.seen(time_s=NOW_S + 1)["post"].fault == first.fault
     monitor.reset()
     assert monitor.links(NOW_S + 1)["post"].fault is None
+
+
+def test_no_image_is_a_fault_too(monitor: Monitor) -> None:
+    monitor.reset()
+    monitor.publish(monitor.frame(time_s=np.nan))
+    distance = monitor.links()["post"]
+    assert distance.distance_m == -math.inf
+    assert distance.fault is not None
+    assert distance.fault.reason == "no image has come yet"
 
 
 def test_silence_is_a_fault_that_stays(monitor: Monitor, skeleton: Skeleton) -> None:
