@@ -31,6 +31,7 @@ from fgpose.cli.study import Study
 from fgpose.cli.synchronise import Synchronise
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
+from fgpose.io.atomic import NotWrittenError
 
 _DESCRIPTION = """3D human pose over time from several cameras, and their calibration from the people in their videos.
 
@@ -42,6 +43,8 @@ FGPOSE_TRACEBACK=1) shows where an error comes from.
 
 FAILED = 2
 """Exit code after an error of the input or the system, which is one line on stderr."""
+NOT_WRITTEN = 1
+"""Exit code where the work is done, but a file could not be written."""
 INTERRUPTED = 130
 # 128 plus the number of the signal (SIGPIPE), as shells report it.
 _BROKEN_PIPE = 141
@@ -92,8 +95,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name (sys.argv by default).
 
     Returns:
-        The exit code: 0, 1 if a calibration has failed, 2 after an error, 3 if a result is probably wrong and --strict
-        was given, 130 after Ctrl-C.
+        The exit code: 0, 1 if a calibration has failed or a result could not be written, 2 after an error, 3 if a
+        result is probably wrong and --strict was given, 130 after Ctrl-C.
 
     Raises:
         SystemExit: the arguments are wrong (2) or ask for help (0).
@@ -120,7 +123,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if with_traceback:
             traceback.print_exc()
         sys.stderr.write(f"fgpose: error: {_one_line(error)}\n")
-        return FAILED
+        return NOT_WRITTEN if isinstance(error, NotWrittenError) else FAILED
 
 
 def _parse(arguments: list[str]) -> Command:

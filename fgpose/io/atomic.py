@@ -28,6 +28,13 @@ def check_writable(folder: str | Path) -> None:
         raise OSError(f"cannot write results into {folder}: {error.strerror or error}") from None
 
 
+class NotWrittenError(OSError):
+    """A file could not be written."""
+
+    def __init__(self, path: object, reason: object) -> None:
+        super().__init__(f"cannot write {path}: {reason}")
+
+
 @contextmanager
 def replacing(path: Path, check: Check) -> Iterator[Path]:
     """A temporary path in the folder of path, with its extension, that replaces path once the block has ended well.
@@ -39,7 +46,8 @@ def replacing(path: Path, check: Check) -> Iterator[Path]:
         check: verifies the file on the disk, since not every library reports that the disk is full.
 
     Raises:
-        OSError: the file cannot be written, or is not whole; the message names it.
+        NotWrittenError: the file cannot be written, or is not whole.
+        OSError: another error of the block.
     """
     check_writable(path.parent)
     temporary = _temporary(path)
@@ -49,9 +57,9 @@ def replacing(path: Path, check: Check) -> Iterator[Path]:
         _checked(path, temporary, check)
         os.replace(temporary, path)
     except OSError as error:
-        if error.filename not in (None, str(temporary)) or str(path) in str(error):
+        if isinstance(error, NotWrittenError) or error.filename not in (None, str(temporary)):
             raise
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from None
+        raise NotWrittenError(path, error.strerror or error) from None
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -71,7 +79,7 @@ def _checked(path: Path, temporary: Path, check: Check) -> None:
         check(temporary)
     except (ValueError, OSError) as error:
         reason = str(error).replace(str(temporary), path.name)
-        raise OSError(f"cannot write {path}: what stands on the disk is not whole ({reason}); is it full?") from None
+        raise NotWrittenError(path, f"what stands on the disk is not whole ({reason}); is it full?") from None
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -20,7 +20,7 @@ from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
-from fgpose.io.atomic import check_writable
+from fgpose.io.atomic import NotWrittenError, check_writable
 from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
@@ -63,18 +63,21 @@ class Result:
         return list(self.trajectories.values())[-1]
 
 
-class OutputError(OSError):
+class OutputError(NotWrittenError):
     """Some of the files could not be written; the others were."""
 
     def __init__(self, failed: Mapping[Path | str, Exception], written: tuple[Path, ...]) -> None:
-        super().__init__("; ".join(f"cannot write {target}: {_reason(error)}" for target, error in failed.items()))
+        OSError.__init__(self, "; ".join(_said(target, error) for target, error in failed.items()))
         self.failed = failed
         """Why, by file; "the viewer" for what was shown live."""
         self.written = written
 
 
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+def _said(target: Path | str, error: Exception) -> str:
+    if isinstance(error, NotWrittenError):
+        return str(error)
+    reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+    return f"cannot write {target}: {reason}"
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import socket
 import uuid
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,11 +18,12 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, UInt8
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import NotWrittenError, replacing
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import paths
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
 from fgpose.viewer.rows import Rows, TimeKind, set_times
+from fgpose.viewer.rrd_file import RrdFile
 from fgpose.viewer.scene import log_picture_style
 from fgpose.viewer.session import Session
 
@@ -77,7 +78,8 @@ class RerunSession(Session):
         self._pictures = {camera.name: CameraPictures(camera, pictures, rig.n_cameras) for camera in rig.cameras}
         self._shown: set[str] = set()
         self._unflushed_bytes = 0
-        self._file = ExitStack()
+        self._replacing = ExitStack()
+        self._file: RrdFile | None = None
         self._stream: rr.RecordingStream | None = rr.RecordingStream(
             "fgpose", recording_id=f"made by fgpose {target.made_by} {uuid.uuid4()}" if target.made_by else None
         )
@@ -86,10 +88,14 @@ class RerunSession(Session):
         self._stream.set_log_time_enabled(False)
         try:
             sinks = self._sinks(self.server_mb + (pictures.image_limit_mb or 0.0))
-            self._stream.set_sinks(*sinks, default_blueprint=layout)
-        except RuntimeError as error:
+            with self._naming():
+                self._stream.set_sinks(*sinks, default_blueprint=layout)
+        except OSError:
             self.discard()
-            raise self._unwritable(error) from None
+            raise
+        finally:
+            if self._file is not None:
+                self._file.is_opened()
         if target.path is not None:
             self._stream.send_recording_name(target.path.stem)
 
@@ -101,8 +107,9 @@ class RerunSession(Session):
             sinks.append(server)
         if target.path is not None:
             check = partial(_check_whole, with_footer=not target.endless)
-            temporary = self._file.enter_context(replacing(target.path, check))
-            sinks.append(rr.FileSink(temporary, write_footer=not target.endless))
+            temporary = self._replacing.enter_context(replacing(target.path, check))
+            self._file = RrdFile(temporary, with_footer=not target.endless)
+            sinks.append(self._file.sink)
         return sinks
 
     def wants_image(self, camera: str, frame: int) -> bool:
@@ -134,11 +141,14 @@ class RerunSession(Session):
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
-        with self._file:
+        with self._replacing:
             try:
                 self._flush(stream)
             finally:
                 stream.disconnect()
+            if self._file is not None:
+                with self._naming():
+                    self._file.close(_FLUSH_TIMEOUT_S)
         self.viewer_url = None
 
     def discard(self) -> None:
@@ -150,7 +160,7 @@ class RerunSession(Session):
         # An exception makes replacing delete its temporary file.
         discarded = RuntimeError("discarded")
         try:
-            self._file.__exit__(RuntimeError, discarded, None)
+            self._replacing.__exit__(RuntimeError, discarded, None)
         except RuntimeError as error:
             if error is not discarded:
                 raise
@@ -168,14 +178,20 @@ class RerunSession(Session):
             self._flush(self._open_stream)
 
     def _flush(self, stream: rr.RecordingStream) -> None:
-        try:
+        with self._naming():
             stream.flush(timeout_sec=_FLUSH_TIMEOUT_S if self._target.port is None else _LIVE_FLUSH_TIMEOUT_S)
-        except RuntimeError as error:
-            raise self._unwritable(error) from None
+            if self._file is not None:
+                self._file.flush(_FLUSH_TIMEOUT_S)
         self._unflushed_bytes = 0
 
-    def _unwritable(self, error: RuntimeError) -> OSError:
-        return OSError(f"cannot write {self._target.path or self.viewer_url}: {error}; is the disk full?")
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        """What goes wrong is a NotWrittenError that names the file, or what viewers connect to."""
+        try:
+            yield
+        except (RuntimeError, OSError) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise NotWrittenError(self._target.path or self.viewer_url, reason) from None
 
     def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0) -> None:
         frame = first_frame + np.arange(len(time_s))
