@@ -20,7 +20,7 @@ from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
-from fgpose.io.atomic import NotWrittenError, check_writable
+from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable
 from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
@@ -129,7 +129,7 @@ class Outputs:
         Raises:
             ValueError: a result would replace an input, or what another command made, or the same from another
                 recording.
-            OSError: the folder cannot be written into, or a folder has the name of a result.
+            OSError: the folder cannot be written into, or what has the name of a result is no plain file.
             ImportError: the package that a format needs is not installed.
         """
         check_writable(self.folder)
@@ -140,8 +140,7 @@ class Outputs:
             check_output(path)
         others = [*([self.rrd] if "rrd" in self.formats else []), *([self.calibration] if calibration else [])]
         for path in (*trajectories, *others):
-            if path.is_dir():
-                raise OSError(f"cannot write {path}: it is a folder")
+            check_replaceable(path)
             if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
                 raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
         if self.step:

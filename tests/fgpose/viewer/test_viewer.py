@@ -441,7 +441,7 @@ def test_pictures_do_not_pile_up_in_memory(
         for frame in range(12):
             recording.log_image("cam_2", frame, frame / 50, noise())
             if frame % 3 == 2:  # 3 pictures are more than 2.5: all of them are in the file
-                (file,) = tmp_path.glob(".out.*.rrd")
+                (file,) = tmp_path.glob(".fgpose-*.rrd")
                 wait_until(lambda file=file, frame=frame: file.stat().st_size > (frame + 1) * noise_bytes)
 
 
