@@ -29,6 +29,8 @@ class OutputState:
     """Frames that were not: a newer one came first, or passing them on failed."""
     last_error: str = ""
     """Why it did not work when it last did not; empty: it always has."""
+    n_lost: int = 0
+    """Of a file: what is missing in it although it should be there, and will stay so."""
 
 
 @runtime_checkable
