@@ -42,10 +42,12 @@ def check_replaceable(path: str | Path) -> None:
 
 
 class NotWrittenError(OSError):
-    """A file could not be written."""
+    """A file could not be written; the message names it."""
 
-    def __init__(self, path: object, reason: object) -> None:
-        super().__init__(f"cannot write {path}: {reason}")
+
+def not_written(path: object, error: object) -> NotWrittenError:
+    """The error of a file, with the reason of another."""
+    return NotWrittenError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
 
 
 @contextmanager
@@ -75,7 +77,7 @@ def replacing(path: Path, check: Check) -> Iterator[Path]:
         except OSError as error:
             if isinstance(error, NotWrittenError) or error.filename not in (None, str(temporary)):
                 raise
-            raise NotWrittenError(path, error.strerror or error) from None
+            raise not_written(path, error) from None
 
 
 def _plain_file(path: Path) -> Path:
@@ -147,7 +149,7 @@ def _checked(path: Path, temporary: Path, check: Check) -> None:
         check(temporary)
     except (ValueError, OSError) as error:
         reason = str(error).replace(str(temporary), path.name)
-        raise NotWrittenError(path, f"what stands on the disk is not whole ({reason}); is it full?") from None
+        raise not_written(path, f"what stands on the disk is not whole ({reason}); is it full?") from None
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -95,7 +95,7 @@ class Recorder:
     def state(self) -> OutputState:
         name = f"recording {self._path}"
         counts = self._n_frames, self._n_skipped
-        return OutputState(name, not self._is_failing, *counts, self._last_error, n_lost=self._n_ever_lost)
+        return OutputState(name, not self._is_failing, *counts, self._last_error, self._n_ever_lost, is_file=True)
 
     def close(self) -> None:
         """Write what waits and end the recording; closing again does nothing."""

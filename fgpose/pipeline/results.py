@@ -20,7 +20,7 @@ from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
-from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable
+from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
 from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
@@ -67,7 +67,7 @@ class OutputError(NotWrittenError):
     """Some of the files could not be written; the others were."""
 
     def __init__(self, failed: Mapping[Path | str, Exception], written: tuple[Path, ...]) -> None:
-        OSError.__init__(self, "; ".join(_said(target, error) for target, error in failed.items()))
+        super().__init__("; ".join(_said(target, error) for target, error in failed.items()))
         self.failed = failed
         """Why, by file; "the viewer" for what was shown live."""
         self.written = written
@@ -76,8 +76,7 @@ class OutputError(NotWrittenError):
 def _said(target: Path | str, error: Exception) -> str:
     if isinstance(error, NotWrittenError):
         return str(error)
-    reason = (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
-    return f"cannot write {target}: {reason}"
+    return str(not_written(target, error if str(error) else type(error).__name__))
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import os
 import socket
 import uuid
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, UInt8
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.atomic import NotWrittenError, replacing
+from fgpose.io.atomic import NotWrittenError, not_written, replacing
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import paths
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
@@ -37,6 +37,8 @@ _LIVE_FLUSH_TIMEOUT_S = 60.0
 # Magic bytes of a file, and of its footer with a checksum behind them (Rerun 0.41).
 _FILE_START, _FILE_END, _FILE_END_BYTES = b"RRF2", b"RRF2FOOT", 12
 _JPEG = "image/jpeg"
+INCOMPLETE = "_incomplete"
+"""End of the name of an endless recording of which the end is missing."""
 
 
 @dataclass(frozen=True)
@@ -137,19 +139,38 @@ class RerunSession(Session):
         # Rerun 0.41 goes on showing a picture after a Clear.
         self._open_stream.log(paths.picture(camera), rr.EncodedImage.from_fields(clear_unset=True))
 
+    def flush(self) -> None:
+        self._flush(self._open_stream)
+
     def close(self) -> None:
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
         with self._replacing:
             try:
-                self._flush(stream)
-            finally:
-                stream.disconnect()
-            if self._file is not None:
-                with self._naming():
-                    self._file.close(_FLUSH_TIMEOUT_S)
+                self._finish(stream)
+            except NotWrittenError:
+                if self._target.endless:
+                    self._keep_incomplete()
+                raise
         self.viewer_url = None
+
+    def _keep_incomplete(self) -> None:
+        """Hours are worth more than their end."""
+        path = self._target.path
+        if path is not None and self._file is not None:
+            with suppress(OSError, ValueError):
+                _check_whole(self._file.path, with_footer=False)
+                os.replace(self._file.path, path.with_stem(f"{path.stem}{INCOMPLETE}"))
+
+    def _finish(self, stream: rr.RecordingStream) -> None:
+        try:
+            self._flush(stream)
+        finally:
+            stream.disconnect()
+        if self._file is not None:
+            with self._naming():
+                self._file.close(_FLUSH_TIMEOUT_S)
 
     def discard(self) -> None:
         if self._stream is None:
@@ -190,8 +211,7 @@ class RerunSession(Session):
         try:
             yield
         except (RuntimeError, OSError) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise NotWrittenError(self._target.path or self.viewer_url, reason) from None
+            raise not_written(self._target.path or self.viewer_url, error) from None
 
     def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0) -> None:
         frame = first_frame + np.arange(len(time_s))

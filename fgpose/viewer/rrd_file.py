@@ -29,6 +29,7 @@ class RrdFile:
     """
 
     def __init__(self, path: Path, *, with_footer: bool) -> None:
+        self.path = path
         file = path.open("wb", buffering=0)
         read_end, self._write_end = os.pipe()
         self.sink = rr.FileSink(f"/dev/fd/{self._write_end}", write_footer=with_footer)
