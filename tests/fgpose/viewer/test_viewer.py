@@ -656,7 +656,7 @@ def test_every_recording_takes_the_same_calls() -> None:
     from fgpose.viewer.rerun_recording import RerunRecording
 
     for shown, kind in ((RerunRecording, Recording), (RerunPeopleRecording, PeopleRecording)):
-        calls = {name for name in dir(kind) if name.startswith("log_")} | {"close", "discard", "wants_image"}
+        calls = {name for name in dir(kind) if name.startswith("log_")} | {"close", "discard", "flush", "wants_image"}
         assert all(getattr(shown, name) is not getattr(kind, name) for name in calls)
         assert {name for name in dir(shown) if not name.startswith("_")} <= calls | {
             "viewer_url",
