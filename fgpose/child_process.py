@@ -6,17 +6,35 @@ The child is started as a command and not by multiprocessing, which would run th
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import pickle
 import select
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
 _ENDS_WITHIN_S = 5.0
+# Runs a program in a group of its own, and ends the group when the standard input does.
+_GUARD = """
+import os, signal, subprocess, sys, threading
+program = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, start_new_session=True)
+def end():
+    while os.read(0, 1):
+        pass
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        try:
+            os.killpg(program.pid, number)
+            program.wait(3)
+        except (ProcessLookupError, subprocess.TimeoutExpired):
+            pass
+threading.Thread(target=end, daemon=True).start()
+code = program.wait()
+os._exit(code if code >= 0 else 128 - code)
+"""
 
 
 class ChildProcess:
@@ -89,6 +107,34 @@ class ChildProcess:
             self._process.kill()
             self._process.wait()
         stdout.close()
+
+
+def run_program(command: Sequence[str]) -> int:
+    """Run a program to its end, which is that of this process at the latest, however that comes. What it starts itself
+    ends too.
+
+    Returns:
+        Its exit code.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+    # Only this process has the other end of its input, so that it ends with it. Ctrl-C is for this process.
+    guarded = [sys.executable, "-I", "-c", _GUARD, *command]
+    with subprocess.Popen(guarded, stdin=subprocess.PIPE, start_new_session=True) as guard:
+        return guard.wait()
+
+
+def end_with_parent() -> None:
+    """In a process of multiprocessing: end when the process that started it has ended, however that was."""
+
+    def watch() -> None:
+        parent_process = multiprocessing.parent_process()
+        if parent_process is not None:
+            parent_process.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, name="fgpose watches its parent", daemon=True).start()
 
 
 @contextmanager

@@ -291,12 +291,12 @@ def test_view_opens_a_trajectory(with_rig: bool, folder: Path, tmp_path: Path, m
     save_trajectory(smooth(observations.frames(slice(0, 3)), rig), tmp_path / "walk.parquet")
     opened: list[str] = []
 
-    def run(command: list[str], check: bool) -> subprocess.CompletedProcess[bytes]:
+    def run(command: list[str]) -> int:
         opened.extend(command)
         assert Path(command[1]).stat().st_size > 1000
-        return subprocess.CompletedProcess(command, 0)
+        return 0
 
-    monkeypatch.setattr(view.subprocess, "run", run)
+    monkeypatch.setattr(view, "run_program", run)
     options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
     assert main(["view", str(tmp_path / "walk.parquet"), "--web", *options]) == 0
     assert Path(opened[1]).name == "walk.rrd"
