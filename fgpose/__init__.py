@@ -5,6 +5,15 @@ observations = fgpose.load_observations("pose/", rig, skeleton="body_25b", fps=6
 trajectory = fgpose.smooth(observations, rig)
 """
 
+import sys as _sys
+
+if "".join(_sys.argv[:1]).endswith("/fgpose") or _sys.orig_argv[1:3] == ["-m", "fgpose"]:
+    # Ctrl-C ends the command while it loads its modules: there, an interrupt would become any error.
+    import signal as _signal
+
+    if _signal.getsignal(_signal.SIGINT) is _signal.default_int_handler:
+        _signal.signal(_signal.SIGINT, _signal.SIG_DFL)
+
 from importlib.metadata import version as _version
 
 from fgpose.assessment.evaluation import Evaluation, evaluate

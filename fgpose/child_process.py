@@ -7,6 +7,7 @@ The child is started as a command and not by multiprocessing, which would run th
 from __future__ import annotations
 
 import math
+import multiprocessing
 import os
 import pickle
 import select
@@ -15,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
@@ -25,6 +26,23 @@ _LENGTH = struct.Struct("<Q")
 # Whether a process is stopped is looked at so often while it is waited for.
 _LOOKS_S = 0.1
 _READ_BYTES = 1 << 20
+# Runs a program in a group of its own, and ends the group when the standard input does.
+_GUARD = """
+import os, signal, subprocess, sys, threading
+program = subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL, start_new_session=True)
+def end():
+    while os.read(0, 1):
+        pass
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        try:
+            os.killpg(program.pid, number)
+            program.wait(3)
+        except (ProcessLookupError, subprocess.TimeoutExpired):
+            pass
+threading.Thread(target=end, daemon=True).start()
+code = program.wait()
+os._exit(code if code >= 0 else 128 - code)
+"""
 
 
 class ChildProcess:
@@ -158,6 +176,34 @@ def _is_ready(pipe: IO[bytes], event: int, timeout_s: float) -> bool:
     poll = select.poll()
     poll.register(pipe, event)
     return bool(poll.poll(1000 * timeout_s))
+
+
+def run_program(command: Sequence[str]) -> int:
+    """Run a program to its end, which is that of this process at the latest, however that comes. What it starts itself
+    ends too.
+
+    Returns:
+        Its exit code.
+
+    Raises:
+        OSError: it cannot be started.
+    """
+    # Only this process has the other end of its input, so that it ends with it. Ctrl-C is for this process.
+    guarded = [sys.executable, "-I", "-c", _GUARD, *command]
+    with subprocess.Popen(guarded, stdin=subprocess.PIPE, start_new_session=True) as guard:
+        return guard.wait()
+
+
+def end_with_parent() -> None:
+    """In a process of multiprocessing: end when the process that started it has ended, however that was."""
+
+    def watch() -> None:
+        parent_process = multiprocessing.parent_process()
+        if parent_process is not None:
+            parent_process.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, name="fgpose watches its parent", daemon=True).start()
 
 
 @contextmanager

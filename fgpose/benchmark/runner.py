@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 import fgpose_factors
 from fgpose.benchmark.recording import Method, ResultT
 from fgpose.benchmark.scores import Scored, load_scores, save_scores
+from fgpose.child_process import end_with_parent
 
 _Value = TypeVar("_Value")
 
@@ -182,6 +183,11 @@ def _executor(n_workers: int) -> Iterator[Executor]:
         yield executor
     except BrokenProcessPool:
         raise OSError("a worker was killed; with enough memory a second run goes on where this one was") from None
+    except BaseException:
+        # Nobody waits for what they do.
+        for worker in multiprocessing.active_children():
+            worker.terminate()
+        raise
     finally:
         executor.shutdown(cancel_futures=True)
 
@@ -198,6 +204,7 @@ class _Here(Executor):
 def _become_worker() -> None:
     # Ctrl-C reaches the workers too: they end at once, without a traceback each.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_with_parent()
     threadpool_limits(limits=1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import itertools
 import os
 import re
@@ -27,10 +28,12 @@ from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
 from fgpose.cli.report import Report
 from fgpose.cli.run import Run
+from fgpose.cli.streams_and_signals import open_streams, say, signals_as_exceptions, silence_stdout
 from fgpose.cli.study import Study
 from fgpose.cli.synchronise import Synchronise
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
+from fgpose.io.atomic import NotWrittenError, not_written
 
 _DESCRIPTION = """3D human pose over time from several cameras, and their calibration from the people in their videos.
 
@@ -42,9 +45,12 @@ FGPOSE_TRACEBACK=1) shows where an error comes from.
 
 FAILED = 2
 """Exit code after an error of the input or the system, which is one line on stderr."""
+NOT_WRITTEN = 1
+"""Exit code where the work is done, but a file could not be written."""
 INTERRUPTED = 130
 # 128 plus the number of the signal (SIGPIPE), as shells report it.
 _BROKEN_PIPE = 141
+_EXPECTED = (ValueError, OSError, ImportError, MemoryError)
 _COMMANDS = {
     "demo": Demo,
     "calibrate": Calibrate,
@@ -92,35 +98,55 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command that the arguments name (sys.argv by default).
 
     Returns:
-        The exit code: 0, 1 if a calibration has failed, 2 after an error, 3 if a result is probably wrong and --strict
-        was given, 130 after Ctrl-C.
+        The exit code: 0, 1 if a calibration has failed or a result could not be written, 2 after an error, 3 if a
+        result is probably wrong and --strict was given, 130 after Ctrl-C, 141 if the reader of a pipe has gone.
 
     Raises:
-        SystemExit: the arguments are wrong (2) or ask for help (0).
+        SystemExit: the arguments are wrong (2), ask for help (0), or SIGTERM came (143).
     """
+    open_streams()
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     with_traceback = "--traceback" in arguments or os.environ.get("FGPOSE_TRACEBACK", "") not in ("", "0")
     arguments = [argument for argument in arguments if argument != "--traceback"]
+    with signals_as_exceptions() as interruption:
+        try:
+            try:
+                return _run(arguments)
+            finally:
+                # Also of --help, which ends by SystemExit.
+                sys.stdout.flush()
+        except BaseException as error:
+            if interruption.has_come or isinstance(error, KeyboardInterrupt):
+                say("fgpose: interrupted\n")
+                return INTERRUPTED
+            if isinstance(error, BrokenPipeError):
+                # The reader of a pipe has gone (fgpose info ... | head).
+                silence_stdout()
+                return _BROKEN_PIPE
+            if not isinstance(error, _EXPECTED):
+                raise
+            if with_traceback:
+                say(traceback.format_exc())
+            if _is_of_stdout(error):
+                silence_stdout()
+                error = not_written("the standard output", error)
+            say(f"fgpose: error: {_one_line(error)}\n")
+            return NOT_WRITTEN if isinstance(error, NotWrittenError) else FAILED
+
+
+def _run(arguments: list[str]) -> int:
     if arguments[:1] == ["--version"]:
         sys.stdout.write(f"fgpose {version('fgpose')}\n")
         return 0
     set_arguments(arguments)
-    try:
-        with _plain_warnings():
-            code: int | None = _parse(arguments).run()
-        return code or 0
-    except KeyboardInterrupt:
-        sys.stderr.write("fgpose: interrupted\n")
-        return INTERRUPTED
-    except BrokenPipeError:
-        # The reader of a pipe has gone (fgpose info ... | head). Python must not complain again when it ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return _BROKEN_PIPE
-    except (ValueError, OSError, ImportError, MemoryError) as error:
-        if with_traceback:
-            traceback.print_exc()
-        sys.stderr.write(f"fgpose: error: {_one_line(error)}\n")
-        return FAILED
+    with _plain_warnings():
+        code: int | None = _parse(arguments).run()
+    return code or 0
+
+
+def _is_of_stdout(error: BaseException) -> bool:
+    """All others name a file."""
+    return isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None
 
 
 def _parse(arguments: list[str]) -> Command:
@@ -191,7 +217,7 @@ def _plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        sys.stderr.write(f"fgpose: warning: {' '.join(str(message).split())}\n")
+        say(f"fgpose: warning: {' '.join(str(message).split())}\n")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

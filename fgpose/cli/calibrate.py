@@ -102,12 +102,13 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
     def _check(self) -> None:
         """Everything that can be checked before any work is done."""
-        from fgpose.io.atomic import check_writable
+        from fgpose.io.atomic import check_replaceable, check_writable
         from fgpose.io.calibration import check_format
         from fgpose.io.made_by import refuse_others
 
         self.check_options()
-        if check_format(self.output, self.format) != "easymocap" and self.output.is_dir():
+        check = check_writable if check_format(self.output, self.format) == "easymocap" else check_replaceable
+        if check is check_replaceable and self.output.is_dir():
             raise ValueError(f"{self.output} is a folder, where a file is to be written")
         inputs = [path for path in (self.recording, self.intrinsics, self.from_rig) if path is not None]
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in inputs):
@@ -123,7 +124,9 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             raise FileNotFoundError(2, "no such file or folder", str(self.recording))
         others = [self._scene] if self._scene is not None else []
         refuse_others([self.output, *others], "calibrate", remedy="choose another with --output, or remove it")
-        check_writable(self.output.parent)
+        check(self.output)
+        for path in others:
+            check_replaceable(path)
 
     def _from_nothing(self) -> int:
         from fgpose.calibration.from_people.calibrated import Grade

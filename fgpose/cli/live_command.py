@@ -52,11 +52,11 @@ class Live(LiveOutputs, LiveInputs):
     duration_s: Annotated[float | None, arg(metavar="S", help_behavior_hint="(default: until Ctrl-C)")] = None
     """Stop after this time."""
 
-    def run(self) -> None:
+    def run(self) -> int:
         with forgiving_streams():
-            self._run()
+            return self._run()
 
-    def _run(self) -> None:
+    def _run(self) -> int:
         from fgpose.cli.live_status import ConsoleLog, StatusLine
         from fgpose.config import Config, load_config
         from fgpose.io.made_by import refuse_others
@@ -74,8 +74,7 @@ class Live(LiveOutputs, LiveInputs):
         if self.replay is not None:
             self._refuse_options_of_cameras()
             with _on_signals(_interrupt):
-                run_replay(self.replay, self, self.config, is_fast=self.fast)
-            return
+                return run_replay(self.replay, self, self.config, is_fast=self.fast)
         if self.rig is None or self.fast:
             raise ValueError(
                 "--fast needs --replay" if self.fast else "give a rig file, RIG.toml, or --replay FILE.fgpose"
@@ -98,7 +97,7 @@ class Live(LiveOutputs, LiveInputs):
             with _on_signals(system.stop):
                 system.run(float("inf") if self.duration_s is None else clock.now_s() + self.duration_s)
         new_console().print(_table(system.report))
-        consumers.say_states()
+        return consumers.say_states()
 
     def _refuse_options_of_cameras(self) -> None:
         """A recording has its own cameras and detections, and distances from a robot are of the present."""

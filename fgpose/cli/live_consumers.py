@@ -104,16 +104,19 @@ class Consumers:
         if self.page is not None:
             self.page.note(line, is_fault=True)
 
-    def say_states(self) -> None:
-        """What became of all that came and was published."""
+    def say_states(self) -> int:
+        """What became of all that came and was published. Returns the exit code: 1 if a file lacks something."""
         console = new_console()
         for socket in self.sockets:
             said = f"{_name(socket)}: {socket.n_received} images"
             refused = socket.rejected_in_words
             console.print(f"{said}; {refused}" if refused else said, soft_wrap=True)
         for state in (output.state for output in self.outputs):
-            said = f"{state.name}: {state.n_published} published, {state.n_skipped} skipped"
-            console.print(f"{said}; {state.last_error}" if state.last_error else said, soft_wrap=True)
+            said = [f"{state.name}: {state.n_published} published, {state.n_skipped} skipped"]
+            said += [f"{state.n_lost} MISSING"] if state.n_lost else []
+            said += [state.last_error] if state.last_error else []
+            console.print("; ".join(said), soft_wrap=True)
+        return int(any(output.state.is_incomplete for output in self.outputs))
 
     def _add(self, stack: ExitStack, output: Output) -> None:
         self.outputs.append(output)
@@ -146,7 +149,7 @@ class Consumers:
         """Of inputs and outputs by name."""
         faults = {_name(socket): socket.rejected_in_words for socket in self.sockets}
         for state in (output.state for output in self.outputs):
-            faults[state.name] = "" if state.is_working else state.last_error or "it does not work"
+            faults[state.name] = state.fault
         return faults
 
     def show_image(self, camera: str, picture_rgb: np.ndarray) -> None:

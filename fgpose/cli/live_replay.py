@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from fgpose.live.replay import Agreement
 
 
-def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is_fast: bool) -> None:
-    """Publish the frames of a recording again, and say how they agree with the recorded ones.
+def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is_fast: bool) -> int:
+    """Publish the frames of a recording again, and say how they agree with the recorded ones. Returns the exit code.
 
     Raises:
         ValueError: the recording is damaged.
@@ -52,7 +52,7 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
                 lambda time_s: status.update(f"{path}: {time_s:.1f} s"),
             )
     new_console().print(_said(agreement), soft_wrap=True)
-    consumers.say_states()
+    return consumers.say_states()
 
 
 def _said(agreement: Agreement) -> str:

@@ -64,25 +64,25 @@ class Report:
             self._recording()
 
     def _study(self) -> None:
-        from fgpose.io.atomic import check_writable
+        from fgpose.io.atomic import check_replaceable
         from fgpose.report import write_study_report
         from fgpose.report.study_results import load_study, study_name
 
         path = self._path(self.results)
-        check_writable(path.parent)
+        check_replaceable(path)
         with progress_bar("reporting", "recordings") as progress:
             recordings = load_study(self.results, reports=self.recordings, page=path, progress=progress)
         write_study_report(recordings, path, study_name(self.results))
         new_console().print(f"wrote {path}", soft_wrap=True)
 
     def _recording(self) -> None:
-        from fgpose.io.atomic import check_writable
+        from fgpose.io.atomic import check_replaceable
         from fgpose.report import write_report
         from fgpose.report.results import find_result, load_finished, told_maker
 
         result = find_result(self.results, self.name)
         path = self._path(result.parent, self.name)
-        check_writable(path.parent)
+        check_replaceable(path)
         with new_console(stderr=True).status("judging the result"):
             recording = load_finished(
                 result,

@@ -35,7 +35,7 @@ class Synchronise(KeypointOptions):
 
     def run(self) -> None:
         from fgpose.calibration.synchronisation import synchronise
-        from fgpose.io.atomic import check_writable
+        from fgpose.io.atomic import check_replaceable
         from fgpose.io.calibration import check_format, load_calibration_origin, load_rig, save_rig
         from fgpose.io.keypoints import load_people
         from fgpose.io.made_by import refuse_others
@@ -45,7 +45,7 @@ class Synchronise(KeypointOptions):
         if any(os.path.realpath(path) == os.path.realpath(self.output) for path in (self.keypoints, self.rig)):
             raise ValueError(f"the result {self.output} would replace an input; choose another with --output")
         refuse_others([self.output], "synchronise", remedy="choose another with --output, or remove it")
-        check_writable(self.output.parent)
+        check_replaceable(self.output)
         console = new_console()
         rig = load_rig(self.rig, self.unit)
         rig = rig.subset(self.cameras) if self.cameras else rig

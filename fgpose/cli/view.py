@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 from tyro.conf import Positional, arg
 
+from fgpose.child_process import run_program
 from fgpose.cli.options import new_console
 from fgpose.geometry.up_axis import UpChoice
 
@@ -80,7 +80,7 @@ class View:
             )
         command = [rerun_program(), str(path), *(["--web-viewer"] if self.web else [])]
         new_console(stderr=True).print(" ".join(command), soft_wrap=True)
-        code = subprocess.run(command, check=False).returncode
+        code = run_program(command)
         if code:
             raise OSError(f"the viewer ended with code {code}")
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import re
 import secrets
+import stat
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+_TEMPORARY = re.compile(r"\.fgpose-[0-9a-f]{8}(\..*)?")
 
 Check = Callable[[Path], None]
 """Reopens a file that has just been written. Raises ValueError or OSError if something of it is missing."""
@@ -19,45 +24,118 @@ def check_writable(folder: str | Path) -> None:
         OSError: it cannot be made or written into; the message names it.
     """
     folder = Path(folder)
-    probe = _temporary(folder / "probe")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
+        with _temporary_file(folder / "probe"):
+            pass
     except OSError as error:
         raise OSError(f"cannot write results into {folder}: {error.strerror or error}") from None
 
 
+def check_replaceable(path: str | Path) -> None:
+    """Make sure, before any work is done, that a file can be written; its folder is made if it is absent.
+
+    Raises:
+        OSError: its folder cannot be written into, or what has its name is no plain file; the message names it.
+    """
+    check_writable(_plain_file(Path(path)).parent)
+
+
+class NotWrittenError(OSError):
+    """A file could not be written; the message names it."""
+
+
+def not_written(path: object, error: object) -> NotWrittenError:
+    """The error of a file, with the reason of another."""
+    return NotWrittenError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
+
+
 @contextmanager
 def replacing(path: Path, check: Check) -> Iterator[Path]:
-    """A temporary path in the folder of path, with its extension, that replaces path once the block has ended well.
+    """A temporary file with the extension of path that replaces path once the block has ended well.
 
-    After an exception neither the temporary file nor a new one is left, and an old file stays as it was.
+    After an exception neither the temporary file nor a new one is left, and an old file stays as it was. What a link
+    leads to is replaced, not the link. The new file has the permissions of the old one.
 
     Args:
         path: the file.
         check: verifies the file on the disk, since not every library reports that the disk is full.
 
     Raises:
-        OSError: the file cannot be written, or is not whole; the message names it.
+        NotWrittenError: the file cannot be written, or is not whole.
+        OSError: there is a folder, a device or a pipe of this name, or another error of the block.
     """
-    check_writable(path.parent)
-    temporary = _temporary(path)
+    check_replaceable(path)
+    target = _plain_file(path)
+    with _temporary_file(target) as temporary:
+        try:
+            yield temporary
+            _flush(temporary)
+            _checked(path, temporary, check)
+            _keep_permissions(target, temporary)
+            os.replace(temporary, target)
+        except OSError as error:
+            if isinstance(error, NotWrittenError) or error.filename not in (None, str(temporary)):
+                raise
+            raise not_written(path, error) from None
+
+
+def _plain_file(path: Path) -> Path:
+    """Where a link leads, else the path. Raises OSError if that is there and no plain file."""
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    if target.is_dir():
+        raise OSError(f"cannot write {path}: it is a folder")
+    if target.is_symlink() or (target.exists() and not target.is_file()):
+        raise OSError(f"cannot write {path}: it is no plain file")
+    return target
+
+
+@contextmanager
+def _temporary_file(path: Path) -> Iterator[Path]:
+    """A new file in the folder of path. It is locked as long as its process lives: one that is not was left by a
+    process that was killed, and the next one removes it."""
+    _remove_leftovers(path.parent)
+    while True:
+        temporary = path.with_name(f".fgpose-{secrets.token_hex(4)}{path.suffix}")
+        # What only some may read is not shown to others meanwhile.
+        file = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600 if path.exists() else 0o666)
+        _lock(file, fcntl.LOCK_EX)
+        if os.fstat(file).st_nlink:
+            break
+        os.close(file)  # another process has taken it for a leftover before it was locked
     try:
         yield temporary
-        _flush(temporary)
-        _checked(path, temporary, check)
-        os.replace(temporary, path)
-    except OSError as error:
-        if error.filename not in (None, str(temporary)) or str(path) in str(error):
-            raise
-        raise OSError(f"cannot write {path}: {error.strerror or error}") from None
     finally:
         temporary.unlink(missing_ok=True)
+        os.close(file)
 
 
-def _temporary(path: Path) -> Path:
-    return path.with_name(f".{path.stem}.{secrets.token_hex(4)}{path.suffix}")
+def _remove_leftovers(folder: Path) -> None:
+    for name in filter(_TEMPORARY.fullmatch, os.listdir(folder)):
+        with suppress(OSError):
+            file = os.open(folder / name, os.O_WRONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                if _lock(file, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                    os.unlink(folder / name)
+            finally:
+                os.close(file)
+
+
+def _lock(file: int, how: int) -> bool:
+    """Whether it could be locked: others may hold it, and not every file system has locks."""
+    try:
+        fcntl.flock(file, how)
+    except OSError:
+        return False
+    return True
+
+
+def _keep_permissions(old: Path, new: Path) -> None:
+    if old.exists():
+        known = old.stat()
+        with suppress(PermissionError):
+            os.chown(new, known.st_uid, known.st_gid)
+        new.chmod(stat.S_IMODE(known.st_mode))
 
 
 def _flush(path: Path) -> None:
@@ -71,7 +149,7 @@ def _checked(path: Path, temporary: Path, check: Check) -> None:
         check(temporary)
     except (ValueError, OSError) as error:
         reason = str(error).replace(str(temporary), path.name)
-        raise OSError(f"cannot write {path}: what stands on the disk is not whole ({reason}); is it full?") from None
+        raise not_written(path, f"what stands on the disk is not whole ({reason}); is it full?") from None
 
 
 def write_bytes(path: Path, content: bytes) -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from fgpose.io.camera_names import natural_key
@@ -17,3 +18,11 @@ def visible(folder: Path) -> list[Path]:
 def shown(paths: Iterable[Path]) -> list[Path]:
     """Those that are not hidden, in natural order."""
     return sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: natural_key(path.name))
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """All files in a folder and its folders, none hidden or in what is hidden, in an order that does not depend on the
+    machine."""
+    for inside, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(inside, name) for name in sorted(files) if not name.startswith("."))

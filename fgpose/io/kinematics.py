@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
-from fgpose.io.atomic import check_writable
+from fgpose.io.atomic import check_replaceable
 from fgpose.io.bvh import write_bvh
 from fgpose.io.c3d import require_ezc3d, write_c3d
 from fgpose.io.mot import write_mot
@@ -40,7 +40,7 @@ def check_kinematics_output(path: str | Path) -> None:
     Raises:
         ValueError: the extension is none of EXTENSIONS.
         ImportError: a C3D file is wanted and ezc3d is not installed.
-        OSError: the folder cannot be written into.
+        OSError: the folder cannot be written into, or what has its name is no plain file.
     """
     path = Path(path)
     extension = path.suffix.lower()
@@ -48,7 +48,7 @@ def check_kinematics_output(path: str | Path) -> None:
         raise ValueError(f"{path}: kinematics are written as {', '.join(EXTENSIONS)}, not as {extension or 'nothing'}")
     if extension == ".c3d":
         require_ezc3d()
-    check_writable(path.parent)
+    check_replaceable(path)
 
 
 def save_kinematics(

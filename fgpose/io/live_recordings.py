@@ -151,7 +151,8 @@ class LiveRecordingFile:
             )
         elif not is_closed:
             warnings.warn(
-                f"{self.path}: the recording was not closed, so what came last may be missing (a second at most)",
+                f"{self.path}: the recording was not closed, so what came last may be missing: a second "
+                "at most, unless the disk was full",
                 stacklevel=3,
             )
         if n_lost:

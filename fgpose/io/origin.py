@@ -17,6 +17,7 @@ from fgpose.io.calibration.calibration_origin import CalibrationOrigin as Calibr
 from fgpose.io.calibration.calibration_origin import MovedCamera as MovedCamera
 from fgpose.io.calibration.calibration_origin import Reason as Reason
 from fgpose.io.calibration.toml_formats import pose2sim_text, read
+from fgpose.io.folders import files_below
 from fgpose.io.typed_table import converted
 
 _VERSION = 1
@@ -87,10 +88,10 @@ def input_file(what: str, path: Path) -> InputFile:
 
 
 def size_bytes(path: Path) -> int:
-    """Of a file, or of all files in a folder. Raises OSError if it cannot be seen."""
+    """Of a file, or of all files in a folder that are not hidden. Raises OSError if it cannot be seen."""
     if not path.is_dir():
         return path.stat().st_size
-    return sum(os.stat(os.path.join(folder, name)).st_size for folder, _, names in os.walk(path) for name in names)
+    return sum(file.stat().st_size for file in files_below(path))
 
 
 def origin_to_json(origin: Origin, folder: Path) -> str:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, z_up_R_world
-from fgpose.io.atomic import check_writable
+from fgpose.io.atomic import check_replaceable
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
 from fgpose.io.content import first_bytes
 from fgpose.io.npz import read_npz, write_npz
@@ -33,11 +33,11 @@ def check_output(path: str | Path) -> None:
     Raises:
         ValueError: the extension is none of EXTENSIONS.
         ImportError: a C3D file is wanted and ezc3d is not installed.
-        OSError: the folder cannot be written into.
+        OSError: the folder cannot be written into, or what has its name is no plain file.
     """
     if _extension(Path(path)) == ".c3d":
         require_ezc3d()
-    check_writable(Path(path).parent)
+    check_replaceable(path)
 
 
 def save_trajectory(

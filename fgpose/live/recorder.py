@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import math
 import os
 import threading
@@ -26,6 +27,9 @@ from fgpose.skeleton import Skeleton
 _MAX_WAITING = 2000
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 30.0
 _CLOSE_S = 5.0
+# Of these, the last may make room for the end of a recording on a disk that is full.
+_MAX_CUT = 8
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # What the operating system holds is brought to the disk so often: a power cut costs no more.
 _SYNCED_EVERY_S = 1.0
 
@@ -35,7 +39,8 @@ class Recorder:
 
     Every record is with the operating system as soon as it is written, so that a kill costs only those that wait: none
     if the disk keeps up. A disk that is full or fails is tried again; what cannot wait any longer is left out and
-    counted, and the recording says how much. It is an Output, and all its methods may be called from any thread.
+    counted, and the recording says how much, also where the disk is still full at its end: then its last records are
+    replaced by that. It is an Output, and all its methods may be called from any thread.
 
     Args:
         path: of the file; the folder must exist.
@@ -71,7 +76,10 @@ class Recorder:
         self._waiting: deque[dict[str, Any]] = deque()
         self._n_lost = 0
         """Records left out that the file does not yet mention."""
+        self._n_ever_lost = 0
         self._n_frames = self._n_skipped = 0
+        self._written: deque[tuple[int, bool]] = deque(maxlen=_MAX_CUT)
+        """Where the last records begin, and whether they are frames."""
         self._is_failing, self._last_error, self._is_closed = False, "", False
         self._thread = threading.Thread(target=self._run, name="fgpose recorder", daemon=True)
         self._thread.start()
@@ -86,7 +94,8 @@ class Recorder:
     @property
     def state(self) -> OutputState:
         name = f"recording {self._path}"
-        return OutputState(name, not self._is_failing, self._n_frames, self._n_skipped, self._last_error)
+        counts = self._n_frames, self._n_skipped
+        return OutputState(name, not self._is_failing, *counts, self._last_error, self._n_ever_lost, is_file=True)
 
     def close(self) -> None:
         """Write what waits and end the recording; closing again does nothing."""
@@ -94,6 +103,10 @@ class Recorder:
             self._is_closed = True
             self._changed.notify()
         self._thread.join(_CLOSE_S)
+        if self._thread.is_alive():
+            self._failed(TimeoutError(f"the disk has not taken the rest within {_CLOSE_S:.0f} s"))
+            with self._changed:
+                self._n_ever_lost += len(self._waiting)
 
     def __enter__(self) -> Recorder:
         return self
@@ -112,8 +125,17 @@ class Recorder:
             self._changed.notify()
 
     def _leave_out(self, document: dict[str, Any]) -> None:
+        self._count_lost(document["kind"] == "frame")
+
+    def _leave_out_all(self) -> None:
+        with self._changed:
+            while self._waiting:
+                self._leave_out(self._waiting.popleft())
+
+    def _count_lost(self, is_frame: bool) -> None:
         self._n_lost += 1
-        self._n_skipped += document["kind"] == "frame"
+        self._n_ever_lost += 1
+        self._n_skipped += is_frame
 
     def _run(self) -> None:
         retry_s = _FIRST_RETRY_S
@@ -128,8 +150,9 @@ class Recorder:
                 retry_s = min(2 * retry_s, _LONGEST_RETRY_S)
             else:
                 retry_s = _FIRST_RETRY_S
-        with contextlib.suppress(OSError):
-            self._append({"kind": "end"})
+        self._leave_out_all()
+        while self._is_too_full_to_end() and self._written:
+            self._cut_last()
         with contextlib.suppress(OSError):
             self._file.close()
 
@@ -143,6 +166,7 @@ class Recorder:
         """Write a record, and how many are missing. It is taken away when it is written."""
         with self._changed:
             document = self._waiting[0]
+        start = self._n_bytes
         try:
             self._append(document)
         except (ValueError, TypeError) as error:
@@ -153,15 +177,33 @@ class Recorder:
             return
         with self._changed:
             self._waiting.popleft()
+            self._written.append((start, document["kind"] == "frame"))
             self._n_frames += document["kind"] == "frame"
             n_lost = self._n_lost if len(self._waiting) < _MAX_WAITING // 2 else 0
         if n_lost:
-            self._append({"kind": "lost", "n": n_lost})
+            self._append(_lost(n_lost))
+            self._written.clear()  # what is said to be lost must not be cut off
             with self._changed:
                 self._n_lost -= n_lost
         if self._is_failing:
             self._is_failing = False
             self._say(f"the recording {self._path} goes on")
+
+    def _is_too_full_to_end(self) -> bool:
+        """Write the end, and what is missing, both or nothing."""
+        try:
+            self._append(*([_lost(self._n_lost)] if self._n_lost else []), {"kind": "end"})
+        except OSError as error:
+            self._failed(error)
+            return error.errno in _FULL
+        return False
+
+    def _cut_last(self) -> None:
+        """Of what is written, so that the end can be."""
+        self._n_bytes, is_frame = self._written.pop()
+        with self._changed:
+            self._n_frames -= is_frame
+            self._count_lost(is_frame)
 
     def _sync(self) -> None:
         """Bring what is written to the disk, where that was long ago."""
@@ -169,17 +211,17 @@ class Recorder:
             self._synced_s = time.monotonic()
             os.fsync(self._file.fileno())
 
-    def _append(self, document: dict[str, Any]) -> None:
-        """Write a record. What a full disk has taken of one before is cut off first."""
-        record = as_record(packed(document))
+    def _append(self, *documents: dict[str, Any]) -> None:
+        """Write records, all or none. What a full disk has taken of others before is cut off first."""
+        records = b"".join(as_record(packed(document)) for document in documents)
         if self._is_torn:
             os.ftruncate(self._file.fileno(), self._n_bytes)
             self._file.seek(self._n_bytes)
         self._is_torn = True
-        left = memoryview(record)
+        left = memoryview(records)
         while left:
             left = left[self._file.write(left) :]
-        self._n_bytes += len(record)
+        self._n_bytes += len(records)
         self._is_torn = False
 
     def _failed(self, error: Exception) -> None:
@@ -196,3 +238,7 @@ class Recorder:
         """Whether the recording is ended meanwhile."""
         with self._changed:
             return self._changed.wait_for(lambda: self._is_closed, duration_s)
+
+
+def _lost(n_records: int) -> dict[str, Any]:
+    return {"kind": "lost", "n": n_records}

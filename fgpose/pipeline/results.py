@@ -20,7 +20,7 @@ from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
-from fgpose.io.atomic import check_writable
+from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
 from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, save_trajectory
@@ -63,18 +63,20 @@ class Result:
         return list(self.trajectories.values())[-1]
 
 
-class OutputError(OSError):
+class OutputError(NotWrittenError):
     """Some of the files could not be written; the others were."""
 
     def __init__(self, failed: Mapping[Path | str, Exception], written: tuple[Path, ...]) -> None:
-        super().__init__("; ".join(f"cannot write {target}: {_reason(error)}" for target, error in failed.items()))
+        super().__init__("; ".join(_said(target, error) for target, error in failed.items()))
         self.failed = failed
         """Why, by file; "the viewer" for what was shown live."""
         self.written = written
 
 
-def _reason(error: Exception) -> str:
-    return (isinstance(error, OSError) and error.strerror) or str(error) or type(error).__name__
+def _said(target: Path | str, error: Exception) -> str:
+    if isinstance(error, NotWrittenError):
+        return str(error)
+    return str(not_written(target, error if str(error) else type(error).__name__))
 
 
 @dataclass(frozen=True)
@@ -126,7 +128,7 @@ class Outputs:
         Raises:
             ValueError: a result would replace an input, or what another command made, or the same from another
                 recording.
-            OSError: the folder cannot be written into, or a folder has the name of a result.
+            OSError: the folder cannot be written into, or what has the name of a result is no plain file.
             ImportError: the package that a format needs is not installed.
         """
         check_writable(self.folder)
@@ -137,8 +139,7 @@ class Outputs:
             check_output(path)
         others = [*([self.rrd] if "rrd" in self.formats else []), *([self.calibration] if calibration else [])]
         for path in (*trajectories, *others):
-            if path.is_dir():
-                raise OSError(f"cannot write {path}: it is a folder")
+            check_replaceable(path)
             if any(os.path.realpath(path) == os.path.realpath(other) for other in inputs):
                 raise ValueError(f"the result {path} would replace an input; choose another output folder or name")
         if self.step:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, cast
 
 from fgpose.cores import n_cores
@@ -34,7 +35,7 @@ def workers(resources: Resources) -> Iterator[Client]:
 
     Raises:
         ImportError: Dask is not installed.
-        OSError: the scheduler does not answer, or has no workers.
+        OSError: the scheduler does not answer, or has no workers; or this machine does not start any.
         ValueError: its workers have no fgpose, or another version of it.
     """
     try:
@@ -44,12 +45,25 @@ def workers(resources: Resources) -> Iterator[Client]:
     with ExitStack() as stack:
         stack.enter_context(_silent())
         if not resources.scheduler:
+            _check_processes()
             cluster = stack.enter_context(_local(resources))
             yield stack.enter_context(distributed.Client(cluster))
             return
         client = stack.enter_context(_connected(resources.scheduler))
         _check_workers(client, resources.scheduler)
         yield client
+
+
+def _check_processes() -> None:
+    """What Dask needs to start processes, and says at length that it has not got. Raises OSError."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise OSError("no worker can be started: the current folder was deleted; change into another one") from None
+    try:
+        get_context("spawn").Lock()
+    except OSError as error:
+        raise OSError(f"no worker can be started: {error.strerror or error}; /dev/shm must be writable") from None
 
 
 @contextmanager

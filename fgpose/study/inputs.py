@@ -4,10 +4,10 @@ they hold where that does not tell, as on another machine."""
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+from fgpose.io.folders import files_below
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study, skeleton_of
 
@@ -57,12 +57,9 @@ def _content(path: Path) -> str:
 
 
 def _files(path: Path) -> Iterator[tuple[str, Path]]:
-    """All files of a folder, or the file, in an order that does not depend on the machine."""
+    """All files of a folder that are not hidden, or the file."""
     if not path.is_dir():
         yield "", path
         return
-    for folder, folders, files in os.walk(path):
-        folders.sort()
-        for name in sorted(files):
-            file = Path(folder, name)
-            yield file.relative_to(path).as_posix(), file
+    for file in files_below(path):
+        yield file.relative_to(path).as_posix(), file

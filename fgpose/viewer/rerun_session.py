@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import socket
 import uuid
-from collections.abc import Iterable
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,11 +18,12 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, UInt8
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.atomic import replacing
+from fgpose.io.atomic import NotWrittenError, not_written, replacing
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import paths
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
 from fgpose.viewer.rows import Rows, TimeKind, set_times
+from fgpose.viewer.rrd_file import RrdFile
 from fgpose.viewer.scene import log_picture_style
 from fgpose.viewer.session import Session
 
@@ -36,6 +37,8 @@ _LIVE_FLUSH_TIMEOUT_S = 60.0
 # Magic bytes of a file, and of its footer with a checksum behind them (Rerun 0.41).
 _FILE_START, _FILE_END, _FILE_END_BYTES = b"RRF2", b"RRF2FOOT", 12
 _JPEG = "image/jpeg"
+INCOMPLETE = "_incomplete"
+"""End of the name of an endless recording of which the end is missing."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,8 @@ class RerunSession(Session):
         self._pictures = {camera.name: CameraPictures(camera, pictures, rig.n_cameras) for camera in rig.cameras}
         self._shown: set[str] = set()
         self._unflushed_bytes = 0
-        self._file = ExitStack()
+        self._replacing = ExitStack()
+        self._file: RrdFile | None = None
         self._stream: rr.RecordingStream | None = rr.RecordingStream(
             "fgpose", recording_id=f"made by fgpose {target.made_by} {uuid.uuid4()}" if target.made_by else None
         )
@@ -86,10 +90,14 @@ class RerunSession(Session):
         self._stream.set_log_time_enabled(False)
         try:
             sinks = self._sinks(self.server_mb + (pictures.image_limit_mb or 0.0))
-            self._stream.set_sinks(*sinks, default_blueprint=layout)
-        except RuntimeError as error:
+            with self._naming():
+                self._stream.set_sinks(*sinks, default_blueprint=layout)
+        except OSError:
             self.discard()
-            raise self._unwritable(error) from None
+            raise
+        finally:
+            if self._file is not None:
+                self._file.is_opened()
         if target.path is not None:
             self._stream.send_recording_name(target.path.stem)
 
@@ -101,8 +109,9 @@ class RerunSession(Session):
             sinks.append(server)
         if target.path is not None:
             check = partial(_check_whole, with_footer=not target.endless)
-            temporary = self._file.enter_context(replacing(target.path, check))
-            sinks.append(rr.FileSink(temporary, write_footer=not target.endless))
+            temporary = self._replacing.enter_context(replacing(target.path, check))
+            self._file = RrdFile(temporary, with_footer=not target.endless)
+            sinks.append(self._file.sink)
         return sinks
 
     def wants_image(self, camera: str, frame: int) -> bool:
@@ -130,16 +139,38 @@ class RerunSession(Session):
         # Rerun 0.41 goes on showing a picture after a Clear.
         self._open_stream.log(paths.picture(camera), rr.EncodedImage.from_fields(clear_unset=True))
 
+    def flush(self) -> None:
+        self._flush(self._open_stream)
+
     def close(self) -> None:
         if self._stream is None:
             return
         stream, self._stream = self._stream, None
-        with self._file:
+        with self._replacing:
             try:
-                self._flush(stream)
-            finally:
-                stream.disconnect()
+                self._finish(stream)
+            except NotWrittenError:
+                if self._target.endless:
+                    self._keep_incomplete()
+                raise
         self.viewer_url = None
+
+    def _keep_incomplete(self) -> None:
+        """Hours are worth more than their end."""
+        path = self._target.path
+        if path is not None and self._file is not None:
+            with suppress(OSError, ValueError):
+                _check_whole(self._file.path, with_footer=False)
+                os.replace(self._file.path, path.with_stem(f"{path.stem}{INCOMPLETE}"))
+
+    def _finish(self, stream: rr.RecordingStream) -> None:
+        try:
+            self._flush(stream)
+        finally:
+            stream.disconnect()
+        if self._file is not None:
+            with self._naming():
+                self._file.close(_FLUSH_TIMEOUT_S)
 
     def discard(self) -> None:
         if self._stream is None:
@@ -150,7 +181,7 @@ class RerunSession(Session):
         # An exception makes replacing delete its temporary file.
         discarded = RuntimeError("discarded")
         try:
-            self._file.__exit__(RuntimeError, discarded, None)
+            self._replacing.__exit__(RuntimeError, discarded, None)
         except RuntimeError as error:
             if error is not discarded:
                 raise
@@ -168,14 +199,19 @@ class RerunSession(Session):
             self._flush(self._open_stream)
 
     def _flush(self, stream: rr.RecordingStream) -> None:
-        try:
+        with self._naming():
             stream.flush(timeout_sec=_FLUSH_TIMEOUT_S if self._target.port is None else _LIVE_FLUSH_TIMEOUT_S)
-        except RuntimeError as error:
-            raise self._unwritable(error) from None
+            if self._file is not None:
+                self._file.flush(_FLUSH_TIMEOUT_S)
         self._unflushed_bytes = 0
 
-    def _unwritable(self, error: RuntimeError) -> OSError:
-        return OSError(f"cannot write {self._target.path or self.viewer_url}: {error}; is the disk full?")
+    @contextmanager
+    def _naming(self) -> Iterator[None]:
+        """What goes wrong is a NotWrittenError that names the file, or what viewers connect to."""
+        try:
+            yield
+        except (RuntimeError, OSError) as error:
+            raise not_written(self._target.path or self.viewer_url, error) from None
 
     def _send(self, rows: Iterable[Rows], time_s: Float[np.ndarray, " frame"], first_frame: int = 0) -> None:
         frame = first_frame + np.arange(len(time_s))

@@ -85,6 +85,8 @@ def _system_rows(moment: Moment, changed: Mapping[str, CameraSaid], before: Mapp
     levels = [said.state for said in news.values()]
     colours = [palette.CAMERA_STATES.get(level, palette.PLAIN) for level in levels]
     yield log_rows(paths.CAMERA_EVENTS, texts, levels, colours, np.zeros(len(texts), dtype=int))
+    if moment.note:
+        yield log_rows(paths.RECORDING_EVENTS, [moment.note], ["WARN"], [palette.PLAIN], np.zeros(1, dtype=int))
     if moment.delay_s is not None:
         yield scalar_rows(paths.DELAY_MS, np.array([1e3 * moment.delay_s]))
     if moment.observed_share is not None:

@@ -43,11 +43,15 @@ class Session:
             OSError: the disk is full, or so slow that pictures would pile up in memory.
         """
 
+    def flush(self) -> None:
+        """Bring what was logged into the file. Raises OSError if that is not possible."""
+
     def close(self) -> None:
         """Write the rest and give the file its name. Closing again does nothing.
 
         Raises:
-            OSError: the file could not be written to its end; none is left.
+            OSError: the file could not be written to its end. None is left; of an endless recording, what could be
+                written, as NAME_incomplete.rrd.
         """
 
     def discard(self) -> None:

@@ -43,6 +43,8 @@ class Moment:
     """From the newest image to its frame; None: there was no new image."""
     observed_share: float | None = None
     """Of the volume."""
+    note: str = ""
+    """Of the recording itself; empty: there is none."""
 
 
 class SystemRecording(PeopleRecording):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -243,11 +242,11 @@ def test_view_opens_everybody(
     save_people(scene.truth(scene.observations.frames.frame_time_s), tmp_path / "truth.parquet")
     shown: list[set[str]] = []
 
-    def run(command: list[str], check: bool) -> subprocess.CompletedProcess[str]:
+    def run(command: list[str]) -> int:
         shown.append(entities(Path(command[1])))
-        return subprocess.CompletedProcess(command, 0)
+        return 0
 
-    monkeypatch.setattr(view.subprocess, "run", run)
+    monkeypatch.setattr(view, "run_program", run)
     options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
     assert main(["view", str(tmp_path / "truth.parquet"), "--web", *options]) == 0
     assert {"/world/person_0/joints", "/world/person_1/joints"} <= shown[0]

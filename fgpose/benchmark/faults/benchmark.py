@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 
 from threadpoolctl import threadpool_limits
 
@@ -14,6 +14,7 @@ from fgpose.benchmark.faults.in_time import IN_TIME
 from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome, outcome_of
 from fgpose.benchmark.faults.people import PEOPLE
 from fgpose.benchmark.faults.take import Take
+from fgpose.child_process import end_with_parent
 
 DAMAGES: tuple[Damage, ...] = (*GEOMETRY, *IN_TIME, *PEOPLE)
 
@@ -60,11 +61,13 @@ def run(
         for job in jobs:
             keep(_outcome(*job))
         return list(found.values())
-    with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn")) as pool:
+    with ProcessPoolExecutor(n_workers, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
         try:
             for future in as_completed([pool.submit(_outcome, *job) for job in jobs]):
                 keep(future.result())
         except BaseException:
+            for worker in active_children():
+                worker.terminate()
             pool.shutdown(cancel_futures=True)
             raise
     return list(found.values())

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
-from fgpose.io.camera_names import natural_key
 from fgpose.io.content import read_content
+from fgpose.io.folders import shown
 
 EXTENSION = ".calib"
 _MAX_BYTES = 100_000
@@ -20,7 +20,7 @@ _LAST_ROW = (0.0, 0.0, 0.0, 1.0)
 
 
 def files_in(folder: Path) -> list[Path]:
-    return sorted(folder.glob(f"*{EXTENSION}"), key=lambda file: natural_key(file.name))
+    return shown(folder.glob(f"*{EXTENSION}"))
 
 
 def read(path: Path) -> list[CalibratedView]:

@@ -29,8 +29,9 @@ def is_pickle(content: bytes) -> bool:
 def files_in(folder: Path) -> list[Path]:
     """The files of the cameras below a folder: of a session, its Videos, or of one camera."""
     for pattern in (FILE_NAME, f"*/{FILE_NAME}", f"Videos/*/{FILE_NAME}"):
-        if found := sorted(folder.glob(pattern), key=lambda file: natural_key(file.parent.name)):
-            return found
+        found = (file for file in folder.glob(pattern) if not file.parent.name.startswith("."))
+        if files := sorted(found, key=lambda file: natural_key(file.parent.name)):
+            return files
     return []
 
 

@@ -5,10 +5,10 @@ pandas, polars, DuckDB, Spark and R's arrow open such a folder as one table, wit
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
+from fgpose.io.folders import shown
 from fgpose.io.tables import read_table, write_table
 
 # Columns of a camera have its name: they differ between the rigs of a study, and stay with the recording.
@@ -59,6 +59,6 @@ def part_fingerprint(part: Path) -> str | None:
     return found.get(_FINGERPRINT, b"").decode("utf-8", "replace") or None
 
 
-def parts_of(data_set: Path) -> Iterator[Path]:
+def parts_of(data_set: Path) -> list[Path]:
     """All files of a data set."""
-    yield from data_set.glob("subject=*/session=*/*.parquet")
+    return shown(data_set.glob("subject=*/session=*/*.parquet"))

@@ -11,6 +11,8 @@ from fgpose.live.outputs import ros_messages
 from fgpose.live.outputs.output import BackgroundOutput
 from fgpose.live.parts import Parts
 
+LOST = "fgpose lost"
+"""Name of the metadata with ``n_frames``: so many are missing, in this file and those before."""
 # What a kill may cost.
 _FLUSH_S = 0.5
 # A disk may hold the file up for two seconds at 30 Hz.
@@ -32,6 +34,7 @@ class McapSink:
         _mcap_writer()
         self._path, self._may_exist = path, may_exist
         self._file: BinaryIO | None = None
+        self._n_held = 0
         self._open(path)
 
     def send(self, frame: LiveFrame) -> None:
@@ -46,13 +49,30 @@ class McapSink:
             self._writer.add_message(self._channels[topic], time_ns, body, time_ns, frame.sequence % (1 << 32))
         if abs(published_s - self._flushed_s) >= _FLUSH_S:
             self._writer.flush()
-            self._flushed_s = published_s
+            self._flushed_s, self._n_held, self._is_empty = published_s, 0, False
+        else:
+            self._n_held += 1
+
+    @property
+    def n_held(self) -> int:
+        return self._n_held
+
+    def note_lost(self, n_frames: int) -> None:
+        self._writer.add_metadata(LOST, {"n_frames": str(n_frames)})
 
     def close(self) -> None:
         file, self._file = self._file, None
-        if file is not None:
+        if file is None:
+            return
+        try:
             with file:
                 self._writer.finish()
+        except BaseException:
+            if self._is_empty:
+                # On a disk that stays full there would be one after the other.
+                Path(file.name).unlink(missing_ok=True)
+            raise
+        self._n_held = 0
 
     def _open(self, path: Path) -> None:
         """Open the file, or the next of its name that is not there yet."""
@@ -61,7 +81,7 @@ class McapSink:
             number += 1
             path = self._path.with_name(f"{self._path.stem}_{number}{self._path.suffix}")
         self._file = path.open("xb")
-        self._started_s, self._flushed_s = float("inf"), float("-inf")
+        self._started_s, self._flushed_s, self._is_empty = float("inf"), float("-inf"), True
         self._writer = _started_writer(self._file)
         self._channels = {}
         for topic, kind in ros_messages.TOPICS.items():
@@ -90,7 +110,8 @@ def open_mcap_output(
     """Frames in a file as PoseArray on ``/poses``, MarkerArray on ``/markers`` and fgpose_msgs/People on ``/people``.
 
     Each half hour begins a new file. It is flushed each half second: a kill costs no more. A file whose writer was
-    killed lacks its end: see recover_mcap.
+    killed, or whose disk was full, lacks its end: see recover_mcap. When there is space again another file is begun,
+    with the metadata LOST.
 
     Args:
         path: of the first file; the folder must exist.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 import time
 from collections import deque
@@ -31,6 +30,21 @@ class OutputState:
     """Frames that were not: a newer one came first, or passing them on failed."""
     last_error: str = ""
     """Why it did not work when it last did not; empty: it always has."""
+    n_lost: int = 0
+    """Of a file: what is missing in it although it should be there, and will stay so."""
+    is_file: bool = False
+
+    @property
+    def is_incomplete(self) -> bool:
+        """It is a file that lacks something, if only its end."""
+        return self.is_file and (self.n_lost > 0 or not self.is_working)
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with it; empty: nothing."""
+        missing = f"{self.n_lost} frames or records are missing in it" if self.n_lost else ""
+        why = "" if self.is_working else self.last_error or "it does not work"
+        return "; ".join(part for part in (why, missing) if part)
 
 
 @runtime_checkable
@@ -58,11 +72,26 @@ class Sink(Protocol):
     def close(self) -> None: ...
 
 
+@runtime_checkable
+class FileSink(Sink, Protocol):
+    """Writes frames to a file, one after the other if it is closed and opened again."""
+
+    @property
+    def n_held(self) -> int:
+        """Frames that were taken and are not written: lost if writing fails now, or if closing failed."""
+        ...
+
+    def note_lost(self, n_frames: int) -> None:
+        """Write that so many frames of all that came until now are missing, in this file or between files."""
+        ...
+
+
 class BackgroundOutput:
     """Any sink as an output: it works in a thread of its own, which takes the newest frame whenever it is ready or, for
     files, the oldest of a few that wait.
 
-    A sink that raises is closed and opened again, after a pause that doubles each time.
+    A sink that raises is closed and opened again, after a pause that doubles each time. What a file lacks is counted
+    and written into it; a file of which only the newest frame waits is a view, in which what is skipped is not missing.
 
     Args:
         name: for people.
@@ -98,7 +127,10 @@ class BackgroundOutput:
         self._changed = threading.Condition()
         self._waiting: deque[LiveFrame] = deque(maxlen=n_waiting)
         self._is_closed = False
-        self._n_published = self._n_skipped = 0
+        self._is_file = isinstance(self._sink, FileSink)
+        self._n_published = self._n_skipped = self._n_lost = 0
+        self._n_noted = 0
+        """What the file says of the lost ones."""
         self._is_failing, self._last_error = False, ""
         self._sending_since_s: float | None = None
         self._worker = Worker(name, self._run, self._parts)
@@ -107,16 +139,19 @@ class BackgroundOutput:
     @property
     def state(self) -> OutputState:
         since_s = self._sending_since_s
+        is_working, error = not self._is_failing, self._last_error
         if since_s is not None and time.monotonic() - since_s > _HUNG_S:
-            hung = f"it has not taken a frame for {time.monotonic() - since_s:.0f} s"
-            return OutputState(self.name, False, self._n_published, self._n_skipped, hung)
-        return OutputState(self.name, not self._is_failing, self._n_published, self._n_skipped, self._last_error)
+            is_working, error = False, f"it has not taken a frame for {time.monotonic() - since_s:.0f} s"
+        counts = self._n_published, self._n_skipped
+        return OutputState(self.name, is_working, *counts, error, self._n_lost, self._is_file)
 
     def publish(self, frame: LiveFrame) -> None:
         with self._changed:
             if self._is_closed:
                 return
-            self._n_skipped += len(self._waiting) == self._waiting.maxlen
+            is_full = len(self._waiting) == self._waiting.maxlen
+            self._n_skipped += is_full
+            self._n_lost += is_full and self._is_file and self._waiting.maxlen != 1
             self._waiting.append(frame)
             self._changed.notify()
 
@@ -125,6 +160,8 @@ class BackgroundOutput:
             self._is_closed = True
             self._changed.notify()
         self._worker.close(self._close_s)
+        if self._worker.is_alive and self._is_file:
+            self._fail(TimeoutError(f"it has not taken the rest within {self._close_s:.0f} s"), len(self._waiting) + 1)
 
     def _run(self) -> None:
         retry_s = self._retry_s[0]
@@ -136,6 +173,9 @@ class BackgroundOutput:
             if self._pause(retry_s):
                 break
             retry_s = min(2 * retry_s, self._retry_s[1])
+        with self._changed:
+            self._count_failed(len(self._waiting))
+            self._waiting.clear()
         self._close_sink()
 
     def _next(self) -> LiveFrame | None:
@@ -147,17 +187,13 @@ class BackgroundOutput:
     def _send(self, frame: LiveFrame) -> Exception | None:
         self._sending_since_s = time.monotonic()
         try:
-            self._sink = self._sink or self._open_sink()
-            self._sink.send(frame)
+            self._note_lost()
+            self._opened().send(frame)
         # A consumer may fail in any way; none may end the thread.
         except Exception as error:
+            self._fail(error, 1)
             self._close_sink()
-            with self._changed:
-                self._n_skipped += 1
-            self._last_error = f"{type(error).__name__}: {error}"
-            self._parts.count(self.name, self._last_error)
-            self._say(not self._is_failing, f"{self.name} does not work ({self._last_error}); it is tried again")
-            self._is_failing = True
+            self._parts.count(self.name, f"{type(error).__name__}: {error}")
             return error
         finally:
             self._sending_since_s = None
@@ -165,6 +201,28 @@ class BackgroundOutput:
         self._say(self._is_failing, f"{self.name} works again")
         self._is_failing = False
         return None
+
+    def _opened(self) -> Sink:
+        if self._sink is None:
+            self._sink, self._n_noted = self._open_sink(), 0
+        return self._sink
+
+    def _note_lost(self) -> None:
+        n_lost = self._n_lost
+        if n_lost > 0 and isinstance(sink := self._opened(), FileSink) and n_lost > self._n_noted:
+            sink.note_lost(n_lost)
+            self._n_noted = n_lost
+
+    def _fail(self, error: Exception, n_frames: int) -> None:
+        with self._changed:
+            self._count_failed(n_frames)
+        self._last_error = f"{type(error).__name__}: {error}"
+        self._say(not self._is_failing, f"{self.name} does not work ({self._last_error}); it is tried again")
+        self._is_failing = True
+
+    def _count_failed(self, n_frames: int) -> None:
+        self._n_skipped += n_frames
+        self._n_lost += n_frames * self._is_file
 
     def _say(self, is_news: bool, line: str) -> None:
         if is_news and self._tell is not None:
@@ -176,7 +234,18 @@ class BackgroundOutput:
             return self._changed.wait_for(lambda: self._is_closed, duration_s)
 
     def _close_sink(self) -> None:
-        sink, self._sink = self._sink, None
-        if sink is not None:
-            with contextlib.suppress(Exception):
-                sink.close()
+        sink = self._sink
+        if sink is None:
+            return
+        try:
+            if not self._is_failing:
+                self._note_lost()
+            sink.close()
+        except Exception as error:
+            if self._is_file and not self._is_failing:
+                self._fail(error, 0)
+        self._sink = None
+        if isinstance(sink, FileSink) and (n_held := sink.n_held):
+            with self._changed:
+                self._n_published -= n_held
+                self._count_failed(n_held)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -82,7 +82,7 @@ class ViewerOutput(BackgroundOutput):
             process = ViewerProcess(ViewerJob(file, rig, skeleton, live, self._port, up))
             self.viewer_url = process.viewer_url
             self._port = self._port if process.viewer_url is None else _port_of(process.viewer_url)
-            return _ViewerSink(process, self._shown)
+            return _ViewerSink(process, self._shown) if file is None else _ViewerFileSink(process, self._shown)
 
         name = f"viewer recording {path}" if path is not None else "viewer"
         super().__init__(name, open_sink, tell=tell, parts=parts, close_s=_CLOSE_S)
@@ -124,6 +124,26 @@ class _ViewerSink:
 
     def close(self) -> None:
         self._process.close()
+
+
+class _ViewerFileSink(_ViewerSink):
+    """The same, of a file."""
+
+    def __init__(self, process: ViewerProcess, shown: Callable[[LiveFrame], Shown]) -> None:
+        super().__init__(process, shown)
+        self._note = ""
+
+    @property
+    def n_held(self) -> int:
+        return self._process.n_held
+
+    def note_lost(self, n_frames: int) -> None:
+        """With the next frame."""
+        self._note = f"{n_frames} frames before are missing"
+
+    def send(self, frame: LiveFrame) -> None:
+        note, self._note = self._note, ""
+        self._process.send(replace(self._shown(frame), note=note))
 
 
 def _port_of(url: str) -> int:

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import math
 import pickle
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,11 +27,13 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 from fgpose.viewer import open_system_recording
 from fgpose.viewer.session import UpAxis
-from fgpose.viewer.system_recording import CameraSaid, Moment
+from fgpose.viewer.system_recording import CameraSaid, Moment, SystemRecording
 
 _SILENT = (CameraState.LOST, CameraState.RECONNECTING)
 # Of people who may be anywhere, ellipsoids would only hide the room.
 _WIDEST_SIGMA_M = 1.0
+# A full disk is noticed within this time, and costs no more.
+_FLUSH_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,8 @@ class Shown:
     images: Sequence[Detections]
     pictures: Mapping[str, np.ndarray]
     events: Sequence[TrackEvent]
+    note: str = ""
+    """Of the recording."""
 
 
 class ViewerProcess:
@@ -73,6 +79,9 @@ class ViewerProcess:
         ImportError: Rerun is not installed.
         OSError: the file cannot be written, the port is taken, or the process cannot be started.
     """
+
+    n_held: int = 0
+    """Frames that were shown and may not be in the file yet."""
 
     def __init__(self, job: ViewerJob) -> None:
         self._process = ChildProcess(__name__)
@@ -86,17 +95,17 @@ class ViewerProcess:
     def send(self, shown: Shown) -> None:
         """Show it; returns when it is. Raises whatever went wrong."""
         self._process.write(shown)
-        self._answer()
+        self.n_held = self._answer()
 
     def close(self) -> None:
         """Let it write the file to its end. Raises OSError if it cannot."""
         try:
             self._process.write(None)
-            self._answer()
+            self.n_held = self._answer()
         finally:
             self._process.close()
 
-    def _answer(self) -> str | None:
+    def _answer(self) -> Any:
         try:
             answer = self._process.read()
         except EOFError:
@@ -116,17 +125,33 @@ def serve() -> None:
             send(error)
             return
         send(recording.viewer_url)
-        moments = _Moments()
-
-        def show(shown: Shown) -> None:
-            recording.log_moment(moments.moment(shown))
-
+        shower = _Shower(recording)
         while (shown := _next(receive)) is not None:
-            send(_error_of(partial(show, shown)))
-        error = _error_of(recording.close)
+            send(_result_of(partial(shower.show, shown)))
         # Of a parent that was killed nobody waits.
         with suppress(BrokenPipeError):
-            send(error)
+            send(_result_of(shower.close))
+
+
+class _Shower:
+    """Shows moments, and knows how many of them are held."""
+
+    def __init__(self, recording: SystemRecording) -> None:
+        self._recording, self._moments = recording, _Moments()
+        self._n_held, self._flushed_s = 0, -math.inf
+
+    def show(self, shown: Shown) -> int:
+        """Returns how many are held then."""
+        self._recording.log_moment(self._moments.moment(shown))
+        self._n_held += 1
+        if time.monotonic() > self._flushed_s + _FLUSH_S:
+            self._recording.flush()
+            self._n_held, self._flushed_s = 0, time.monotonic()
+        return self._n_held
+
+    def close(self) -> int:
+        self._recording.close()
+        return 0
 
 
 def _next(receive: Callable[[], Shown | None]) -> Shown | None:
@@ -137,12 +162,11 @@ def _next(receive: Callable[[], Shown | None]) -> Shown | None:
         return None
 
 
-def _error_of(do: Callable[[], None]) -> Exception | None:
+def _result_of(do: Callable[[], int]) -> int | Exception:
     try:
-        do()
+        return do()
     except Exception as error:
         return error
-    return None
 
 
 class _Moments:
@@ -173,6 +197,7 @@ class _Moments:
             },
             delay_s=frame.age_s if is_new and any(camera.n_used for camera in frame.cameras) else None,
             observed_share=frame.observed_share,
+            note=shown.note,
         )
 
 

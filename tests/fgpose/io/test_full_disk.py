@@ -91,7 +91,7 @@ def test_a_full_disk_leaves_the_old_file_and_no_other(
 ) -> None:
     folder, answers = full_disks
     path = folder / f"{name} {share}" / name
-    assert answers[name, share].startswith("OSError: ")
+    assert answers[name, share].startswith("NotWrittenError: ")
     assert str(path) in answers[name, share]
     assert path.read_bytes() == OLD
     assert list(path.parent.iterdir()) == [path]

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import warnings
 from dataclasses import replace
@@ -224,8 +225,10 @@ def test_damage_that_no_checksum_sees_is_an_error_that_names_the_file(written: P
 class FullDisk:
     """Takes some bytes of a write, then none until there is room."""
 
-    def __init__(self, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        self.is_full, self.n_refused = False, 0
+    def __init__(self, path: Path, monkeypatch: pytest.MonkeyPatch, error: int = errno.ENOSPC) -> None:
+        self.is_full, self.n_refused, self.error = False, 0, error
+        self.room_to_bytes: int | None = None
+        """Up to this size the file can be written."""
         opened = Path.open
 
         def limited(self_path: Path, *args: object, **options: object) -> object:
@@ -246,8 +249,11 @@ class _Limited:
         if not self._disk.is_full:
             return self._file.write(content)  # pyright: ignore[reportAttributeAccessIssue]
         self._disk.n_refused += 1
+        room = self._disk.room_to_bytes
+        if room is not None and self._file.tell() + len(content) <= room:  # pyright: ignore[reportAttributeAccessIssue]
+            return self._file.write(content)  # pyright: ignore[reportAttributeAccessIssue]
         self._file.write(content[:7])  # pyright: ignore[reportAttributeAccessIssue]
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        raise OSError(self._disk.error, os.strerror(self._disk.error))
 
 
 def test_a_full_disk_is_said_once_and_the_recording_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -292,18 +298,60 @@ def test_the_disk_has_all_but_the_last_second(tmp_path: Path, monkeypatch: pytes
     assert synced == sorted(set(synced))
 
 
-def test_closing_ends_a_recording_also_on_a_full_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    disk = FullDisk(tmp_path / "live", monkeypatch)
+def test_closing_ends_a_recording_also_on_a_disk_that_is_broken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = FullDisk(tmp_path / "live", monkeypatch, errno.EIO)
     recorder = Recorder(tmp_path / "live", RIG, SKELETON)
-    disk.is_full = True
     recorder.publish(frame(0))
+    wait_until(lambda: recorder.state.n_published == 1)
+    disk.is_full = True
+    recorder.publish(frame(1))
     wait_until(lambda: not recorder.state.is_working)
     recorder.close()
     recorder.close()
-    recorder.publish(frame(1))
+    recorder.publish(frame(2))
     assert not recorder._thread.is_alive()
+    assert recorder.state.n_lost == 1
     with pytest.warns(UserWarning, match="cut off"):
-        assert list(load_live_recording(tmp_path / "live").frames()) == []
+        assert [published.sequence for published in load_live_recording(tmp_path / "live").frames()] == [0]
+
+
+def test_a_recording_that_ends_on_a_full_disk_says_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk = FullDisk(tmp_path / "live", monkeypatch)
+    recorder = Recorder(tmp_path / "live", RIG, SKELETON)
+    for number in range(10):
+        recorder.publish(frame(number))
+    wait_until(lambda: recorder.state.n_published == 10)
+    disk.is_full = True
+    for number in range(10, 17):
+        recorder.publish(frame(number))
+    wait_until(lambda: not recorder.state.is_working)
+    # To the byte.
+    disk.room_to_bytes = (tmp_path / "live").stat().st_size
+    recorder.close()
+    state = recorder.state
+    assert (state.n_published, state.n_skipped, state.n_lost) == (9, 8, 8)
+    assert not state.is_working
+    assert "No space left" in state.last_error
+    with pytest.warns(UserWarning, match="8 records are missing"):
+        assert [published.sequence for published in load_live_recording(tmp_path / "live").frames()] == [*range(9)]
+
+
+def test_a_disk_that_hangs_is_said_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fgpose.live.recorder._CLOSE_S", 0.1)
+    works_again = threading.Event()
+    recorder = Recorder(tmp_path / "live", RIG, SKELETON)
+    recorder._append = lambda *_: works_again.wait()  # type: ignore[assignment]  # pyright: ignore[reportAttributeAccessIssue]
+    for number in range(3):
+        recorder.publish(frame(number))
+    recorder.close()
+    assert recorder.state.n_lost == 3
+    assert "not taken the rest" in recorder.state.last_error
+    works_again.set()
+    recorder._thread.join()
 
 
 _WRITER = """

@@ -136,3 +136,99 @@ def test_closing_does_not_wait_for_a_sink_that_hangs(monkeypatch: pytest.MonkeyP
     sink.free.set()
     output._worker.close(20)
     assert sink.sent == [0]
+
+
+class File(Sink):
+    """Writes two frames at a time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.n_held, self.noted = 0, list[int]()
+
+    def send(self, frame: LiveFrame) -> None:
+        super().send(frame)
+        self.n_held = (self.n_held + 1) % 2
+
+    def note_lost(self, n_frames: int) -> None:
+        self.noted.append(n_frames)
+
+    def close(self) -> None:
+        super().close()
+        if self.error is not None:
+            raise self.error
+        self.n_held = 0
+
+
+def test_what_a_file_lacks_is_counted_and_written_into_it() -> None:
+    file = File()
+    with opened(file, n_waiting=3, first_retry_s=0.001, longest_retry_s=0.001) as output:
+        for sequence in range(3):
+            output.publish(frame(sequence))
+        wait_until(lambda: output.state.n_published == 3)
+        file.error = OSError("full")
+        output.publish(frame(3))
+        wait_until(lambda: file.n_closed == 1 and output._sink is None)
+        # That one, and the one that was held.
+        assert (output.state.n_published, output.state.n_lost) == (2, 2)
+        assert output.state.is_incomplete
+        assert output.state.fault == "OSError: full; 2 frames or records are missing in it"
+        file.error, file.n_held = None, 0
+        output.publish(frame(4))
+        wait_until(lambda: output.state.n_published == 3)
+        assert file.noted == [2]
+        file.free.clear()
+        output.publish(frame(5))
+        wait_until(lambda: not output._waiting)
+        for sequence in range(6, 10):
+            output.publish(frame(sequence))
+        assert output.state.n_lost == 3
+        file.free.set()
+    # Where it was the last file too, it says so before it is closed.
+    assert file.noted[-1] == 3
+    assert (output.state.n_published, output.state.n_skipped) == (7, 3)
+    assert output.state.is_incomplete
+    assert output.state.fault == "3 frames or records are missing in it"
+
+
+def test_frames_that_wait_at_the_end_of_a_full_disk_are_missing() -> None:
+    file = File()
+    with opened(file, n_waiting=5, first_retry_s=1000.0) as output:
+        file.error = OSError("full")
+        output.publish(frame(0))
+        wait_until(lambda: not output.state.is_working)
+        for sequence in range(1, 4):
+            output.publish(frame(sequence))
+    assert output.state.n_lost == output.state.n_skipped == 4
+
+
+def test_a_file_that_cannot_be_closed_is_incomplete() -> None:
+    file = File()
+    with opened(file, n_waiting=5) as output:
+        output.publish(frame(0))
+        wait_until(lambda: output.state.n_published == 1)
+        file.error = OSError("full")
+    state = output.state
+    assert (state.n_published, state.n_lost, state.is_working, state.last_error) == (0, 1, False, "OSError: full")
+
+
+def test_a_file_that_hangs_at_the_end_is_incomplete() -> None:
+    file = File()
+    with opened(file, n_waiting=5, close_s=0.05) as output:
+        file.free.clear()
+        for sequence in range(3):
+            output.publish(frame(sequence))
+        wait_until(lambda: len(output._waiting) == 2)
+        output.close()
+        assert output.state.n_lost == 3
+        assert "not taken the rest" in output.state.fault
+    output._thread.join()
+
+
+def test_a_consumer_that_skips_lacks_nothing() -> None:
+    sink = Sink()
+    with opened(sink, n_waiting=1) as output:
+        sink.error = OSError("away")
+        output.publish(frame(0))
+        wait_until(lambda: not output.state.is_working)
+        assert not output.state.is_incomplete
+    assert output.state.n_lost == 0

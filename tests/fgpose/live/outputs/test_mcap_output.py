@@ -18,7 +18,8 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from fgpose.live.outputs import open_mcap_output, recover_mcap
-from fgpose.live.outputs.mcap_output import McapSink
+from fgpose.live.outputs.mcap_output import LOST, McapSink
+from tests.fgpose.full_disk import FullDisk
 from tests.fgpose.live.output_frames import SKELETON, frame, person, wait_until
 
 N_FRAMES = 40
@@ -229,3 +230,35 @@ def test_only_what_has_messages_can_be_made_whole(tmp_path: Path) -> None:
     (tmp_path / "other.mcap").write_bytes(b"something else")
     with pytest.raises(ValueError, match=r"other\.mcap: no messages"):
         recover_mcap(tmp_path / "other.mcap", tmp_path / "whole.mcap")
+
+
+def test_a_full_disk_leaves_no_empty_files_and_all_that_is_missing_is_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = open_mcap_output(tmp_path / "people.mcap")
+    output._retry_s = 0.001, 0.001
+    disk = FullDisk(tmp_path, monkeypatch)
+    output.publish(frame(0))
+    wait_until(lambda: output.state.n_published == 1)
+    output._sink.close()  # pyright: ignore[reportOptionalMemberAccess]
+    for sequence in range(1, 20):
+        output.publish(frame(sequence))
+    wait_until(lambda: output.state.n_published == 20)
+    disk.is_full = True
+    for sequence in range(20, 60):
+        output.publish(frame(sequence))
+    wait_until(lambda: output.state.n_published + output.state.n_lost == 60 and output._sink is None)
+    n_published = output.state.n_published
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["people.mcap", "people_1.mcap"]
+    disk.is_full = False
+    output.publish(frame(60))
+    wait_until(lambda: output.state.is_working)
+    output.close()
+    state = output.state
+    assert state.n_published == n_published + 1
+    assert state.n_published + state.n_lost == 61
+    with (tmp_path / "people_2.mcap").open("rb") as file:
+        (lost,) = make_reader(file).iter_metadata()
+    assert (lost.name, lost.metadata) == (LOST, {"n_frames": str(state.n_lost)})
+    n_messages = recover_mcap(tmp_path / "people_1.mcap", tmp_path / "recovered.mcap")
+    assert n_messages == (n_published - 1) * len(_TOPICS)

@@ -16,17 +16,19 @@ from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
 from fgpose.cli import live_viewer
 from fgpose.geometry.camera import CameraRig
+from fgpose.io.atomic import NotWrittenError
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.outputs import ViewerOutput
 from fgpose.live.outputs.viewer_output import _ViewerSink
-from fgpose.live.outputs.viewer_process import Shown, ViewerJob, ViewerProcess
+from fgpose.live.outputs.viewer_process import Shown, ViewerJob, ViewerProcess, _Shower
 from fgpose.live.people import coasting, live_person
 from fgpose.live.tracking import Update
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
-from fgpose.viewer import palette
+from fgpose.viewer import open_system_recording, palette
+from tests.fgpose.full_disk import FullDisk
 from tests.fgpose.live.output_frames import wait_until
 
 pytest.importorskip("rerun")
@@ -312,3 +314,30 @@ def test_the_file_is_whole_when_the_system_is_killed(tmp_path: Path) -> None:
     wait_until(path.exists)
     assert f"/world/person_{PERSON}/joints" in entities(path)
     output.close()
+
+
+def test_what_a_full_disk_has_taken_is_kept_under_another_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk, earlier = FullDisk(tmp_path, monkeypatch), tmp_path / "live.rrd"
+    earlier.write_text("the recording of the day before")
+    recording = open_system_recording(earlier, RIG, SKELETON)
+    shower = _Shower(recording)
+    assert shower.show(Shown(frame(0, ()), {}, [], {}, [])) == 0
+    assert shower.show(Shown(frame(1, ()), {}, [], {}, [])) == 1
+    recording.flush()
+    disk.is_full = True
+    shower.show(Shown(frame(2, ()), {}, [], {}, []))
+    with pytest.raises(NotWrittenError, match=f"cannot write {earlier}: No space left"):
+        recording.flush()
+    with pytest.raises(NotWrittenError, match="No space left"):
+        shower.close()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["live.rrd", "live_incomplete.rrd"]
+    assert earlier.read_text() == "the recording of the day before"
+    assert (tmp_path / "live_incomplete.rrd").read_bytes().startswith(b"RRF2")
+
+
+def test_a_recording_says_what_is_missing_before_it(tmp_path: Path) -> None:
+    shower = _Shower(open_system_recording(tmp_path / "live.rrd", RIG, SKELETON))
+    shower.show(Shown(frame(0, ()), {}, [], {}, [], note="7 frames before are missing"))
+    shower.close()
+    said = rows(tmp_path / "live.rrd", "/events/recording", "TextLog:text")
+    assert [text for _, text in said.values()] == [["7 frames before are missing"]]
