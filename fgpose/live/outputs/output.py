@@ -91,7 +91,8 @@ class BackgroundOutput:
     files, the oldest of a few that wait.
 
     A sink that raises is closed and opened again, after a pause that doubles each time. What a file lacks is counted
-    and written into it; a file of which only the newest frame waits is a view, in which what is skipped is not missing.
+    and written into it; a file of which only the newest frame waits is a view, in which what is skipped while it works
+    is not missing.
 
     Args:
         name: for people.
@@ -151,7 +152,7 @@ class BackgroundOutput:
                 return
             is_full = len(self._waiting) == self._waiting.maxlen
             self._n_skipped += is_full
-            self._n_lost += is_full and self._is_file and self._waiting.maxlen != 1
+            self._n_lost += is_full and self._is_file and (self._waiting.maxlen != 1 or self._is_failing)
             self._waiting.append(frame)
             self._changed.notify()
 

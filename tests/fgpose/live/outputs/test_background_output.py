@@ -232,3 +232,21 @@ def test_a_consumer_that_skips_lacks_nothing() -> None:
         wait_until(lambda: not output.state.is_working)
         assert not output.state.is_incomplete
     assert output.state.n_lost == 0
+
+
+def test_a_view_lacks_what_is_skipped_while_it_does_not_work() -> None:
+    file = File()
+    with opened(file, n_waiting=1, first_retry_s=1000.0) as output:
+        file.free.clear()
+        output.publish(frame(0))
+        wait_until(lambda: not output._waiting)
+        for sequence in range(1, 4):
+            output.publish(frame(sequence))
+        assert (output.state.n_skipped, output.state.n_lost) == (2, 0)
+        file.error = OSError("full")
+        file.free.set()
+        wait_until(lambda: not output.state.is_working)
+        for sequence in range(4, 6):
+            output.publish(frame(sequence))
+        assert output.state.n_lost == 3
+    assert output.state.n_lost == 4
