@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-_N_STREAMS = 3
+from fgpose.cli.streams_and_signals import open_streams
 
 
 @contextmanager
 def forgiving_streams() -> Iterator[None]:
     """Meanwhile what cannot be written to stderr is lost, and nothing else is taken for a stream that is closed."""
-    _fill_gaps()
+    open_streams()
     before = sys.stderr
     with open(os.devnull, "w") as nowhere:
         sys.stderr = _Forgiving(before or nowhere)
@@ -23,16 +23,6 @@ def forgiving_streams() -> Iterator[None]:
         finally:
             sys.stderr = before
             _forget_unwritten(before)
-
-
-def _fill_gaps() -> None:
-    """The next file that is opened, a recording perhaps, would get the number of a stream that is closed, and all that
-    is printed by a library or another process."""
-    for number in range(_N_STREAMS):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)
 
 
 def _forget_unwritten(stream: Any) -> None:

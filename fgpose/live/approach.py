@@ -40,11 +40,16 @@ class Approach:
     def __init__(self, walking_m_s: float) -> None:
         self._walking_m_s = walking_m_s
         self._seen: deque[_Seen] = deque()
+        self._newest: LiveFrame | None = None
 
     def add(self, frame: LiveFrame, expected_m: Float[np.ndarray, "person link"]) -> None:
-        """A frame with the distances of its people from the links; one that is known already adds nothing."""
-        if self._seen and frame.time_s == self._seen[-1].time_s:
+        """A frame with the distances of its people from the links. One that is known already adds nothing; another one of
+        the same time, as after a tracker has failed, takes its place."""
+        if frame is self._newest:
             return
+        self._newest = frame
+        if self._seen and frame.time_s == self._seen[-1].time_s:
+            self._seen.pop()
         if self._seen and frame.time_s < self._seen[-1].time_s:
             self._seen.clear()
         joints_m = np.array([person.positions_m for person in frame.people]).reshape(-1, frame.skeleton.n_joints, 3)

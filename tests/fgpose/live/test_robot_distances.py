@@ -156,6 +156,16 @@ def test_a_link_that_approaches_closes_in(monitor: Monitor, skeleton: Skeleton) 
     assert found[-1].closing_m_s == pytest.approx(0.3, abs=1e-6)
 
 
+def test_another_frame_of_the_same_time_takes_the_place_of_the_first(monitor: Monitor, skeleton: Skeleton) -> None:
+    """A tracker that has failed knows nobody, at the time of its newest image; then it has found two."""
+    one, two = (live_person(standing_m(skeleton, (x_m, 0.0)), number) for number, x_m in ((1, 2.0), (2, 1.0)))
+    monitor.seen(one)
+    assert monitor.seen()["post"].person is None
+    found = monitor.seen(one, two)["post"]
+    assert found.person == 2
+    assert math.isnan(found.closing_m_s)
+
+
 def test_no_frame_is_a_fault_until_reset(monitor: Monitor) -> None:
     first = monitor.links()["post"]
     assert first.distance_m == -math.inf
