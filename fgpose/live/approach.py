@@ -43,8 +43,8 @@ class Approach:
         self._newest: LiveFrame | None = None
 
     def add(self, frame: LiveFrame, expected_m: Float[np.ndarray, "person link"]) -> None:
-        """A frame with the distances of its people from the links. One that is known already adds nothing; another one of
-        the same time, as after a tracker has failed, takes its place."""
+        """A frame with the distances of its people from the links. One that is known already adds nothing; another one
+        of the same time, as after a tracker has failed, takes its place."""
         if frame is self._newest:
             return
         self._newest = frame
