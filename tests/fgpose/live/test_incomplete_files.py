@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from fgpose.cli.live_consumers import Consumers
+from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs import OutputState
 
@@ -36,7 +37,7 @@ CONSUMER_AWAY = OutputState("ZeroMQ", False, 9, 3, "OSError: away")
 def test_a_file_that_lacks_something_is_said_on_the_page_and_at_the_end(
     state: OutputState, code: int, fault: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    consumers = Consumers([Named(state)])
+    consumers = Consumers(SimulatedClock(0.0), [Named(state)])
     assert consumers._faults() == {state.name: fault}
     assert consumers.say_states() == code
     assert ("3 MISSING" in capsys.readouterr().out) == (state is LOST)

@@ -221,7 +221,7 @@ def test_a_file_that_hangs_at_the_end_is_incomplete() -> None:
         output.close()
         assert output.state.n_lost == 3
         assert "not taken the rest" in output.state.fault
-    output._thread.join()
+    output._worker.close()
 
 
 def test_a_consumer_that_skips_lacks_nothing() -> None:
