@@ -84,7 +84,9 @@ RULES = (
     Rule(
         "of every camera in use, something that tells how old its images are",
         lambda facts, limits, now_s: not facts.unproven,
-        lambda facts, limits, now_s: f"nothing tells how old the images are: {'; '.join(facts.unproven)}",
+        lambda facts, limits, now_s: (
+            f"nothing tells how old the images of {', '.join(facts.unproven)} are: say latency_s or clock in the rig file"
+        ),
     ),
     Rule(
         f"a tracker that has run for {FOUND_S:g} s without beginning anew: before that nobody may mean not found yet",

@@ -28,7 +28,10 @@ def test_what_is_known_may_be_said() -> None:
         ({"taken_s": NOW_S + FUTURE_S + 0.01}, "the data are 0.11 s ahead of the clock"),
         ({"taken_s": math.nan}, "no image has come yet"),
         ({"taken_s": NOW_S - 0.7, "doubt_s": 0.6}, "the data are 0.70 s old, or a camera's clock is 0.60 s behind"),
-        ({"unproven": ("cam_1", "cam_3")}, "nothing tells how old the images are: cam_1; cam_3"),
+        (
+            {"unproven": ("cam_1", "cam_3")},
+            "nothing tells how old the images of cam_1, cam_3 are: say latency_s or clock",
+        ),
         ({"tracking_since_s": NOW_S - 0.35}, "the tracker began 0.30 s ago: people may not be found yet"),
         ({"tracking_since_s": math.nan}, "the tracker has not begun"),
         ({"tracked_s": math.nan}, "the tracker has not begun"),
