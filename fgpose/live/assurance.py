@@ -85,7 +85,7 @@ RULES = (
         "of every camera in use, something that tells how old its images are",
         lambda facts, limits, now_s: not facts.unproven,
         lambda facts, limits, now_s: (
-            f"nothing tells how old the images of {', '.join(facts.unproven)} are: say latency_s or clock in the rig file"
+            f"nothing tells how old the images of {', '.join(facts.unproven)} are: say latency_s or clock (rig file)"
         ),
     ),
     Rule(
