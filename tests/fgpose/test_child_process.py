@@ -60,6 +60,7 @@ def test_one_that_has_ended_or_is_closed_says_so(process: ChildProcess) -> None:
     process.kill()
     with pytest.raises(EOFError):
         process.read()
+    process._process.wait()  # a process that ends closes one stream after the other
     with pytest.raises(BrokenPipeError):
         process.write(0)
     process.close()

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -16,6 +17,15 @@ from fgpose.cli.app import main
 from fgpose.cli.streams_and_signals import TERMINATED
 from fgpose.io.atomic import write_text
 from tests.fgpose.live.output_frames import wait_until
+
+
+@pytest.fixture(autouse=True)
+def signals_as_in_a_terminal() -> Iterator[None]:
+    """A job in the background of a shell ignores Ctrl-C, and so would what is tested."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler), signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGINT, before[0])
+    signal.signal(signal.SIGTERM, before[1])
 
 
 def command_that(monkeypatch: pytest.MonkeyPatch, run: object) -> None:
