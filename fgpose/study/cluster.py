@@ -29,8 +29,8 @@ class SchedulerLostError(OSError):
 
 
 @contextmanager
-def workers(resources: Resources) -> Iterator[Client]:
-    """Workers as the study wants them, until the block ends.
+def workers(resources: Resources, scheduler: str = "") -> Iterator[Client]:
+    """Workers as the study wants them, or those of the scheduler at this address, until the block ends.
 
     Raises:
         ImportError: Dask is not installed.
@@ -43,12 +43,12 @@ def workers(resources: Resources) -> Iterator[Client]:
         raise ImportError("a study needs Dask: pip install 'fgpose[study]'") from None
     with ExitStack() as stack:
         stack.enter_context(_silent())
-        if not resources.scheduler:
+        if not scheduler:
             cluster = stack.enter_context(_local(resources))
             yield stack.enter_context(distributed.Client(cluster))
             return
-        client = stack.enter_context(_connected(resources.scheduler))
-        _check_workers(client, resources.scheduler)
+        client = stack.enter_context(_connected(scheduler))
+        _check_workers(client, scheduler)
         yield client
 
 

@@ -55,7 +55,7 @@ def run_study(
 
     Args:
         study: what is wanted.
-        scheduler: address of a Dask scheduler, instead of that of the study.
+        scheduler: address of a Dask scheduler. What it sends is run here: only one that is trusted.
         n_workers: processes on this machine, instead of those of the study.
         only: pattern of subject/session/trial.
         on_begin: told of how many recordings there are.
@@ -70,13 +70,9 @@ def run_study(
     plan, events = Plan(study, only), _events(study)
     n_recordings = plan.counted()
     check_writable(study.output)
-    resources = replace(
-        study.resources,
-        scheduler=scheduler or study.resources.scheduler,
-        workers=n_workers or study.resources.workers,
-    )
+    resources = replace(study.resources, workers=n_workers or study.resources.workers)
     result = StudyResult(study.output)
-    with _alone(study.output), workers(resources) as client:
+    with _alone(study.output), workers(resources, scheduler) as client:
         if on_begin:
             on_begin(n_recordings)
         try:
