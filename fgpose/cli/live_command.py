@@ -127,7 +127,7 @@ class Live(LiveOutputs, LiveInputs):
 
         if feed.received:
             rig = feed.rig.subset(feed.received)
-            socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.host, tell=consumers.tell)
+            socket = KeypointSocket(rig, skeleton, port=self.keypoints_port, host=self.inputs_host, tell=consumers.tell)
             consumers.sockets.append(socket)
             stack.callback(KeypointReceiver(socket, feed.received, feed.deliver).close)
             new_console(stderr=True).print(f"keypoints of {', '.join(rig.names)} come to {socket.address}")
