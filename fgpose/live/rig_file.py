@@ -7,7 +7,7 @@ is in the same file, or in the one that ``calibration`` in the table ``[live]`` 
     calibration = "Calib.toml"
 
     [cameras.cam01]
-    source = "rtsp://viewer:${CAM01_PASSWORD}@192.168.0.11/stream1"
+    source = "rtsp://viewer:${FGPOSE_CAM01_PASSWORD}@192.168.0.11/stream1"
 
     [cameras.cam02]
     source = "/dev/video0"

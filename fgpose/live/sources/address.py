@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 Kind = Literal["device", "url", "folder", "file", "zmq"]
 
+_PREFIX = "FGPOSE_"
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
@@ -41,11 +42,18 @@ def shown(source: str) -> str:
 def with_environment(source: str) -> str:
     """The source with ``${NAME}`` replaced by what the environment variable holds, so that no file has a password.
 
+    The file may be somebody else's, who could have any variable sent to a host of his: names begin with ``FGPOSE_``.
+
     Raises:
-        ValueError: a variable is not set.
+        ValueError: a variable is not set, or has another name.
     """
 
     def value(match: re.Match[str]) -> str:
+        if not match[1].startswith(_PREFIX):
+            raise ValueError(
+                f"${{{match[1]}}}: only environment variables whose names begin with {_PREFIX} are sent to a camera; "
+                f"call it {_PREFIX}{match[1]}"
+            )
         try:
             return os.environ[match[1]]
         except KeyError:

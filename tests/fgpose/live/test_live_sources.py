@@ -290,7 +290,17 @@ def test_sources_are_shown_without_password(source: str, text: str) -> None:
 
 
 def test_passwords_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CAM01_PASSWORD", SECRET)
-    assert with_environment("rtsp://viewer:${CAM01_PASSWORD}@a/b") == f"rtsp://viewer:{SECRET}@a/b"
-    with pytest.raises(ValueError, match="environment variable CAM02_PASSWORD is not set"):
-        with_environment("rtsp://viewer:${CAM02_PASSWORD}@a/b")
+    monkeypatch.setenv("FGPOSE_CAM01_PASSWORD", SECRET)
+    assert with_environment("rtsp://viewer:${FGPOSE_CAM01_PASSWORD}@a/b") == f"rtsp://viewer:{SECRET}@a/b"
+    with pytest.raises(ValueError, match="environment variable FGPOSE_CAM02_PASSWORD is not set"):
+        with_environment("rtsp://viewer:${FGPOSE_CAM02_PASSWORD}@a/b")
+
+
+@pytest.mark.parametrize("name", ["CAM01_PASSWORD", "AWS_SECRET_ACCESS_KEY", "fgpose_x", "HOME"])
+def test_other_secrets_are_not_sent_to_cameras(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(name, SECRET)
+    with pytest.raises(
+        ValueError, match=rf"^\$\{{{name}\}}: only environment variables .* begin with FGPOSE_"
+    ) as error:
+        with_environment(f"http://host/${{{name}}}")
+    assert SECRET not in str(error.value)
