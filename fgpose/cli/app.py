@@ -25,6 +25,7 @@ from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
 from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
+from fgpose.cli.printable import printable
 from fgpose.cli.report import Report
 from fgpose.cli.run import Run
 from fgpose.cli.study import Study
@@ -119,7 +120,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ValueError, OSError, ImportError, MemoryError) as error:
         if with_traceback:
             traceback.print_exc()
-        sys.stderr.write(f"fgpose: error: {_one_line(error)}\n")
+        sys.stderr.write(f"fgpose: error: {printable(_one_line(error))}\n")
         return FAILED
 
 
@@ -191,7 +192,7 @@ def _plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        sys.stderr.write(f"fgpose: warning: {' '.join(str(message).split())}\n")
+        sys.stderr.write(f"fgpose: warning: {printable(' '.join(str(message).split()))}\n")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

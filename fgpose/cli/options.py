@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from tyro.conf import Positional, arg
 
+from fgpose.cli.printable import printable
 from fgpose.config import Config
 from fgpose.geometry.up_axis import UpChoice
 
@@ -191,10 +192,17 @@ def wanted_region(people: str, region: str | None) -> PersonRegion | None:
 
 
 def new_console(*, stderr: bool = False) -> Console:
-    """A console that prints text as it is: file names in brackets are no markup."""
+    """A console that prints text as it is: names in brackets are no markup, and names with escapes no commands."""
     from rich.console import Console
+    from rich.text import Text
 
-    return Console(stderr=stderr, highlight=False, markup=False)
+    class PlainConsole(Console):
+        """Also what cells of tables hold goes through render_str."""
+
+        def render_str(self, text: str, **options: Any) -> Text:
+            return super().render_str(printable(text), **options)
+
+    return PlainConsole(stderr=stderr, highlight=False, markup=False)
 
 
 @contextmanager

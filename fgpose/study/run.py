@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -119,7 +120,12 @@ def _put_together(result: StudyResult, plan: Plan, events: tuple[Event, ...]) ->
 @contextmanager
 def _alone(output: Path) -> Iterator[None]:
     """Raises OSError if another process works on a study in this folder. The lock ends with the process."""
-    with (output / ".lock").open("w") as file:
+    # A link in a study from elsewhere could name any file: it is not followed, and nothing is emptied.
+    try:
+        lock = os.open(output / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise OSError(f"cannot lock {output / '.lock'}: {error.strerror}") from None
+    with open(lock, "r+b", buffering=0) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -19,6 +19,7 @@ from fgpose.cli.live_consumers import Consumers
 from fgpose.cli.live_options import LiveOutputs
 from fgpose.cli.options import new_console
 from fgpose.cli.reachable import warn_if_others_reach
+from fgpose.cli.tables import new_table
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
@@ -379,6 +380,22 @@ def test_wrong_input_is_one_line_that_names_it(
 ) -> None:
     assert culprit in failure(["smooth", *source, "--output", str(tmp_path / "out"), *change], capsys)
     assert not (tmp_path / "out").exists() or list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("code", ["\x1b]52;c;cm0gLXJm\x07", "\x9b2J", "\x08", "\r", "\u202e", "\udcff"])
+def test_names_do_not_command_the_terminal(code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a terminal obeys is printed as an escape, in errors, lines and tables."""
+    named = f"a{code}b"
+    assert main(["view", str(tmp_path / named)]) == 2
+    table = new_table(named)
+    table.add_row(named)
+    for thing in (named, table):
+        new_console().print(thing)
+    said = capsys.readouterr()
+    escaped = f"a{ascii(code)[1:-1]}b"
+    assert said.out.count(escaped) == 3
+    assert escaped in said.err or code == "\r"
+    assert code not in said.out + said.err
 
 
 def test_missing_keypoints_are_named(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -60,7 +60,9 @@ def test_passwords_come_from_the_environment(
     path = tmp_path / "rig.toml"
     sources = tables(rig.names[:2]).replace(f"{rig.names[0]}.mp4", "rtsp://viewer:${FGPOSE_CAMERA_PASSWORD}@10.0.0.2/a")
     path.write_text('[live]\ncalibration = "Calib.toml"\n' + sources)
-    with pytest.raises(ValueError, match=f"camera {rig.names[0]}: the environment variable FGPOSE_CAMERA_PASSWORD is not set"):
+    with pytest.raises(
+        ValueError, match=f"camera {rig.names[0]}: the environment variable FGPOSE_CAMERA_PASSWORD is not set"
+    ):
         load_live_rig(path)
     monkeypatch.setenv("FGPOSE_CAMERA_PASSWORD", "hunter2")
     live_rig = load_live_rig(path)

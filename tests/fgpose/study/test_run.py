@@ -204,6 +204,17 @@ def test_another_user_of_the_machine_does_not_reach_the_workers() -> None:
                     distributed.Client(address_tried, timeout=0.5, security=credentials)
 
 
+def test_a_lock_that_leads_elsewhere_empties_nothing(study_file: Path, tmp_path: Path) -> None:
+    """A study from somebody else can have a link to any file where the lock would be."""
+    study, other = load_study(study_file), tmp_path / "thesis.txt"
+    other.write_text("all my work")
+    study.output.mkdir()
+    (study.output / ".lock").symlink_to(other)
+    with pytest.raises(OSError, match=r"cannot lock .*\.lock"):
+        run_study(study, n_workers=1)
+    assert other.read_text() == "all my work"
+
+
 @pytest.mark.slow
 def test_studies_at_one_time_do_not_need_one_port() -> None:
     one = Resources(workers=1)
