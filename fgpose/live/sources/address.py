@@ -10,6 +10,8 @@ from urllib.parse import urlsplit
 Kind = Literal["device", "url", "folder", "file", "zmq"]
 
 _PREFIX = "FGPOSE_"
+# rtsp:/user:password@host, rtsp//..., rtsp:user..., and a file with an @, for it may be user:password@host.
+_MISTYPED = re.compile(r"(?:rtsps?|rtps?|https?|rtmps?|udp|tcp|srt)\b[:/]+|(?=[^/]*:[^/]*@)", re.IGNORECASE)
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
@@ -25,18 +27,21 @@ def kind_of(source: str) -> Kind:
 
 
 def shown(source: str) -> str:
-    """The source without user, password and query, in which many cameras want the password too."""
+    """The source without user, password, path and query: cameras want passwords in any of them. Of what looks like a
+    mistyped address with one there is nothing but its beginning."""
     if "://" not in source:
-        return source
+        scheme = _MISTYPED.match(source)
+        return f"{scheme[0]}..." if scheme else source
     try:
         parts = urlsplit(source)
         host, port = parts.hostname or "", f":{parts.port}" if parts.port else ""
     except ValueError:
         return f"{source.partition('://')[0]}://..."
-    if "@" in source.partition("://")[2].removeprefix(parts.netloc):
+    rest = source.partition("://")[2].removeprefix(parts.netloc)
+    if "@" in rest:
         # A password with a character that should be escaped: what looks like the host is a part of it.
         return f"{parts.scheme}://..."
-    return f"{parts.scheme}://{host}{port}{parts.path}{'?...' if parts.query else ''}"
+    return f"{parts.scheme}://{host}{port}{'/...' if rest.strip('/') else ''}"
 
 
 def with_environment(source: str) -> str:
