@@ -7,6 +7,8 @@ trajectory = fgpose.smooth(observations, rig)
 
 from importlib.metadata import version as _version
 
+# Before anything loads OpenCV, whose limit it sets.
+import fgpose.plain_files as _plain_files  # noqa: F401
 from fgpose.assessment.evaluation import Evaluation, evaluate
 from fgpose.assessment.people import PeopleEvaluation, evaluate_people
 from fgpose.association.common_clock import on_common_clock

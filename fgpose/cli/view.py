@@ -18,6 +18,7 @@ from tyro.conf import Positional, arg
 from fgpose.cli.options import new_console
 from fgpose.cli.reachable import warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import open_plain
 from fgpose.viewer.analytics import leave_out_analytics
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ class View:
     says, unless people and cameras stand otherwise."""
 
     def run(self) -> None:
-        with self.file.open("rb") as file:
+        with open_plain(self.file) as file:
             is_rrd = file.read(len(_RRD_START)) == _RRD_START
         if is_rrd:
             self._open(self.file)

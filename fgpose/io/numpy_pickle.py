@@ -11,6 +11,8 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
+from fgpose.plain_files import open_plain
+
 # Which of them a damaged pickle raises depends on the byte that is wrong.
 _DAMAGE = (
     ValueError,
@@ -132,7 +134,7 @@ def read_dictionary(path: Path) -> dict[str, Any]:
             and plain values. The message names the file.
         OSError: it cannot be opened.
     """
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         try:
             content = _read(file)
         except pickle.UnpicklingError as error:

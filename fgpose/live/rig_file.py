@@ -26,6 +26,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.live.sources import CameraSource
 from fgpose.live.sources.address import kind_of, shown, with_environment
+from fgpose.plain_files import read_settings
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def load_live_rig(path: str | Path) -> LiveRig:
     """
     path = Path(path)
     try:
-        document = parse_toml(path.read_bytes().decode("utf-8"))
+        document = parse_toml(read_settings(path))
         tables = document.get("cameras")
         if not isinstance(tables, dict):
             raise ValueError("there are no sources; each camera needs a table [cameras.NAME] with source = ...")

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from fgpose.config import Config, checked_fields, parse_toml
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import read_settings
 from fgpose.study.pattern import Pattern
 
 Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
@@ -156,7 +157,7 @@ def load_study(path: str | Path) -> Study:
     """
     path = Path(path)
     try:
-        return study_of(parse_toml(path.read_bytes().decode("utf-8")), path)
+        return study_of(parse_toml(read_settings(path)), path)
     except OSError as error:
         error.filename = error.filename or str(path)
         raise
