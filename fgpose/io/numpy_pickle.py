@@ -111,19 +111,26 @@ class _NumpyUnpickler(pickle.Unpickler):
         )
 
 
-def _resolved(value: Any) -> Any:
-    """Plain values with the arrays in them, which are complete once everything is read."""
-    match value:
-        case _Array():
-            return value.array
-        case dict():
-            return {key: _resolved(each) for key, each in value.items()}
-        case list():
-            return [_resolved(each) for each in value]
-        case tuple():
-            return tuple(_resolved(each) for each in value)
-        case _:
-            return value
+def _resolved(value: Any, known: dict[int, Any] | None = None) -> Any:
+    """Plain values with the arrays in them, which are complete once everything is read.
+
+    What is there many times is resolved once: lists of twice the same list, some dozen deep, would take for ever.
+    """
+    known = {} if known is None else known
+    if id(value) not in known:
+        match value:
+            case _Array():
+                return value.array
+            case dict():
+                found = {key: _resolved(each, known) for key, each in value.items()}
+            case list():
+                found = [_resolved(each, known) for each in value]
+            case tuple():
+                found = tuple(_resolved(each, known) for each in value)
+            case _:
+                return value
+        known[id(value)] = found
+    return known[id(value)]
 
 
 def read_dictionary(path: Path) -> dict[str, Any]:
