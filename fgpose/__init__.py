@@ -16,6 +16,8 @@ if "".join(_sys.argv[:1]).endswith("/fgpose") or _sys.orig_argv[1:3] == ["-m", "
 
 from importlib.metadata import version as _version
 
+# Before anything loads OpenCV, whose limit it sets.
+import fgpose.plain_files as _plain_files  # noqa: F401
 from fgpose.assessment.evaluation import Evaluation, evaluate
 from fgpose.assessment.people import PeopleEvaluation, evaluate_people
 from fgpose.association.common_clock import on_common_clock

@@ -56,6 +56,7 @@ from fgpose.parameters import (
 from fgpose.parameters import (
     VisibilityConfig as VisibilityConfig,
 )
+from fgpose.plain_files import read_settings
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
@@ -133,7 +134,7 @@ def load_config(path: str | Path) -> Config:
         OSError: the file cannot be read.
     """
     try:
-        return config_from_dict(parse_toml(Path(path).read_bytes().decode("utf-8")))
+        return config_from_dict(parse_toml(read_settings(Path(path))))
     except OSError as error:
         error.filename = error.filename or str(path)
         raise

@@ -32,6 +32,7 @@ FLOORS = (
     {"geometry"},
     {
         "child_process",
+        "plain_files",
         "config",
         "cores",
         "finding",

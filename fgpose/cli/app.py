@@ -26,6 +26,7 @@ from fgpose.cli.demo import Demo
 from fgpose.cli.detect import Detect
 from fgpose.cli.live_command import Live
 from fgpose.cli.models import Models
+from fgpose.cli.printable import printable
 from fgpose.cli.report import Report
 from fgpose.cli.run import Run
 from fgpose.cli.streams_and_signals import open_streams, say, signals_as_exceptions, silence_stdout
@@ -130,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if _is_of_stdout(error):
                 silence_stdout()
                 error = not_written("the standard output", error)
-            say(f"fgpose: error: {_one_line(error)}\n")
+            say(f"fgpose: error: {printable(_one_line(error))}\n")
             return NOT_WRITTEN if isinstance(error, NotWrittenError) else FAILED
 
 
@@ -217,7 +218,7 @@ def _plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        say(f"fgpose: warning: {' '.join(str(message).split())}\n")
+        say(f"fgpose: warning: {printable(' '.join(str(message).split()))}\n")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

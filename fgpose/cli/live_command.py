@@ -138,7 +138,7 @@ class Live(LiveOutputs, LiveInputs):
                 rig,
                 skeleton,
                 port=self.keypoints_port,
-                host=self.host,
+                host=self.inputs_host,
                 keys={name: each.key for name, each in settings.items() if each.key},
                 synchronised=[name for name, each in settings.items() if each.clock == "synchronised"],
                 tell=consumers.tell,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from fgpose.cli.live_viewer import open_viewer
 from fgpose.cli.options import new_console
+from fgpose.cli.reachable import warn_if_others_reach
 
 if TYPE_CHECKING:
     import numpy as np
@@ -65,6 +66,8 @@ class Consumers:
         from fgpose.live.recorder import Recorder
 
         console, tell, parts = new_console(stderr=True), self.tell, self.parts
+        warn_if_others_reach(options.host, "--host", "the outputs (page with pictures, people, distances)")
+        warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
         if options.page is not None:
             page = StatusPage(rig, skeleton, options.page, options.host, faults=self._faults, parts=parts)
             self.page = stack.enter_context(page)
@@ -135,6 +138,7 @@ class Consumers:
             port=options.distances_port,
             poses_port=options.poses_port,
             host=options.host,
+            poses_host=options.inputs_host,
             show=None if self.page is None else self.page.show_distances,
             tell=self.tell,
             now_s=self.clock.now_s,

@@ -53,5 +53,8 @@ class LiveOutputs:
     poses_port: Annotated[int, arg(metavar="PORT")] = 5559
     """Where the robot sends the poses of its links."""
     host: str = "127.0.0.1"
-    """Address of this computer that others connect to. The default is for programs of this computer only; nothing here
-    asks for a password."""
+    """Address of this computer at which outputs are served: page, people, distances. The default is for programs of
+    this computer only; nothing here asks for a password."""
+    inputs_host: str = "127.0.0.1"
+    """The same for inputs: keypoints of detectors elsewhere, poses of the robot. Whoever reaches them can make people
+    appear and vanish."""

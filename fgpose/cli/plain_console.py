@@ -1,4 +1,4 @@
-"""A console that prints text as it is: names in brackets are no markup."""
+"""A console that prints text as it is: names in brackets are no markup, and names with escapes no commands."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ from rich.console import Console, RenderableType
 from rich.status import Status
 from rich.text import Text
 
+from fgpose.cli.printable import printable
+
 
 class PlainConsole(Console):
     """Of stdout, of stderr, or of a file as rich.console.Console takes it."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(highlight=False, markup=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Also what cells of tables hold goes through this."""
+        return super().render_str(printable(text), **options)
 
     def status(self, status: RenderableType, **options: Any) -> Status:
         """A line with a spinner. Rich takes its text for markup even where the console has none."""
@@ -29,4 +35,4 @@ class _PlainStatus(Status):
 
 
 def _plain(text: RenderableType) -> RenderableType:
-    return Text(text) if isinstance(text, str) else text
+    return Text(printable(text)) if isinstance(text, str) else text

@@ -16,7 +16,10 @@ from tyro.conf import Positional, arg
 
 from fgpose.child_process import run_program
 from fgpose.cli.options import new_console
+from fgpose.cli.reachable import warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import open_plain
+from fgpose.viewer.analytics import leave_out_analytics
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
@@ -36,6 +39,8 @@ class View:
     """A .rrd file, or a trajectory file in any of the formats that fgpose writes."""
     web: bool = False
     """Show it in a browser instead of a window of its own. Ctrl-C ends."""
+    host: str = "127.0.0.1"
+    """Address of this computer at which --web serves it; 0.0.0.0 lets everybody in the network see it."""
     rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
     """Calibration of the cameras, to be shown with a trajectory file."""
     world_up: UpChoice = "auto"
@@ -43,7 +48,7 @@ class View:
     says, unless people and cameras stand otherwise."""
 
     def run(self) -> None:
-        with self.file.open("rb") as file:
+        with open_plain(self.file) as file:
             is_rrd = file.read(len(_RRD_START)) == _RRD_START
         if is_rrd:
             self._open(self.file)
@@ -78,7 +83,11 @@ class View:
                 f"no display to open a window on. In a browser: fgpose view {self.file} --web. "
                 "Or copy the .rrd file to a computer with a display and open it there with rerun"
             )
-        command = [rerun_program(), str(path), *(["--web-viewer"] if self.web else [])]
+        # Without --bind Rerun listens at all addresses, a window too.
+        command = [rerun_program(), str(path), "--bind", self.host if self.web else "127.0.0.1"]
+        if self.web:
+            command.append("--web-viewer")
+            warn_if_others_reach(self.host, "--host", "the recording, with its pictures")
         new_console(stderr=True).print(" ".join(command), soft_wrap=True)
         code = run_program(command)
         if code:
@@ -113,6 +122,7 @@ def rerun_program() -> str:
     program = beside or shutil.which("rerun")
     if program is None:
         raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'")
+    leave_out_analytics()
     return program
 
 

@@ -13,13 +13,12 @@ import numpy as np
 
 from fgpose.io.atomic import write_bytes
 from fgpose.io.content import read_content
+from fgpose.plain_files import check_expansion, open_plain
 
 Kind = Literal["numbers", "whole numbers", "truth values", "texts"]
 
 _KINDS: dict[Kind, str] = {"numbers": "fiu", "whole numbers": "iu", "truth values": "b", "texts": "U"}
 _PLAIN = "biufcUS"
-# Eight hours of eight cameras at 60 Hz with per-view 3D and its covariance take less.
-_MAX_BYTES = 4 << 30
 # Deflate compresses by at most 1032 to 1; a member that declares more is damaged.
 _MAX_COMPRESSION = 1040
 # Bounds the rows of arrays that are empty in the file: four hours at 60 Hz.
@@ -35,7 +34,7 @@ def read_arrays(path: Path, only: Collection[str] | None = None) -> dict[str, np
         ValueError: the file is damaged or something else; the caller names it.
         OSError: it cannot be opened.
     """
-    with path.open("rb") as stream:
+    with open_plain(path) as stream:
         return unpack_arrays(stream, only)
 
 
@@ -59,7 +58,7 @@ def read_array(path: Path) -> np.ndarray:
 
 def array_names(path: Path) -> set[str]:
     """Names of the arrays of an npz, whose numbers are not read. Raises as read_arrays does."""
-    with path.open("rb") as stream:
+    with open_plain(path) as stream:
         try:
             with zipfile.ZipFile(stream) as archive:
                 return {_array_name(member) for member in archive.infolist() if _is_array(member)}
@@ -69,15 +68,16 @@ def array_names(path: Path) -> set[str]:
 
 def _read_archive(stream: io.BufferedIOBase, only: Collection[str] | None) -> dict[str, np.ndarray]:
     arrays: dict[str, np.ndarray] = {}
-    n_bytes = 0
+    n_bytes, of_bytes = 0, stream.seek(0, io.SEEK_END)
     with zipfile.ZipFile(stream) as archive:
         for member in filter(_is_array, archive.infolist()):
             name = _array_name(member)
             if only is not None and name not in only:
                 continue
             n_bytes += member.file_size
-            if member.file_size > _MAX_COMPRESSION * (member.compress_size + 1) or n_bytes > _MAX_BYTES:
+            if member.file_size > _MAX_COMPRESSION * (member.compress_size + 1):
                 raise ValueError(f"array {name} would take {member.file_size} bytes")
+            check_expansion(n_bytes, of_bytes)
             if name in arrays:
                 raise ValueError(f"array {name} is there twice")
             with archive.open(member) as content:

@@ -17,6 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fgpose.plain_files import open_plain
+
 # Of the C3D format: the unit of all addresses, the second byte of every file, and the codes of the processors.
 BLOCK_BYTES = 512
 _MAGIC = 0x50
@@ -48,7 +50,7 @@ def check_size(path: Path) -> C3dSize:
         OSError: it cannot be read.
     """
     n_bytes = path.stat().st_size
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         header = file.read(BLOCK_BYTES)
         if len(header) < BLOCK_BYTES or header[1] != _MAGIC or header[0] == 0:
             raise ValueError("it has no C3D header")

@@ -6,13 +6,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-# Larger than any recording should be. A file without an end (a device) must not fill the memory.
-_MAX_BYTES = 4 << 30
-_PART_BYTES = 1 << 20  # a file without an end is noticed this much too late at most
+from fgpose.plain_files import MAX_FILE_BYTES, open_plain
+
+_PART_BYTES = 1 << 20  # a file without an end, as some of /proc are, is noticed this much too late at most
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 
 
-def read_content(path: Path, max_bytes: int = _MAX_BYTES) -> bytes:
+def read_content(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
     """Everything in a file, text as UTF-8.
 
     Raises:
@@ -20,7 +20,7 @@ def read_content(path: Path, max_bytes: int = _MAX_BYTES) -> bytes:
         OSError: it cannot be read; the message names it.
     """
     content = bytearray()
-    with _naming(path), path.open("rb") as file:
+    with _naming(path), open_plain(path) as file:
         while part := file.read(_PART_BYTES):
             content += part
             if len(content) > max_bytes:
@@ -32,7 +32,7 @@ def read_content(path: Path, max_bytes: int = _MAX_BYTES) -> bytes:
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:
     """The beginning of a file, all of it if it is shorter. Raises OSError, which names it, if it cannot be read."""
-    with _naming(path), path.open("rb") as file:
+    with _naming(path), open_plain(path) as file:
         return file.read(n_bytes)
 
 

@@ -11,6 +11,8 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
+from fgpose.plain_files import open_plain
+
 # Which of them a damaged pickle raises depends on the byte that is wrong.
 _DAMAGE = (
     ValueError,
@@ -109,19 +111,26 @@ class _NumpyUnpickler(pickle.Unpickler):
         )
 
 
-def _resolved(value: Any) -> Any:
-    """Plain values with the arrays in them, which are complete once everything is read."""
-    match value:
-        case _Array():
-            return value.array
-        case dict():
-            return {key: _resolved(each) for key, each in value.items()}
-        case list():
-            return [_resolved(each) for each in value]
-        case tuple():
-            return tuple(_resolved(each) for each in value)
-        case _:
-            return value
+def _resolved(value: Any, known: dict[int, Any] | None = None) -> Any:
+    """Plain values with the arrays in them, which are complete once everything is read.
+
+    What is there many times is resolved once: lists of twice the same list, some dozen deep, would take for ever.
+    """
+    known = {} if known is None else known
+    if id(value) not in known:
+        match value:
+            case _Array():
+                return value.array
+            case dict():
+                found = {key: _resolved(each, known) for key, each in value.items()}
+            case list():
+                found = [_resolved(each, known) for each in value]
+            case tuple():
+                found = tuple(_resolved(each, known) for each in value)
+            case _:
+                return value
+        known[id(value)] = found
+    return known[id(value)]
 
 
 def read_dictionary(path: Path) -> dict[str, Any]:
@@ -132,7 +141,7 @@ def read_dictionary(path: Path) -> dict[str, Any]:
             and plain values. The message names the file.
         OSError: it cannot be opened.
     """
-    with path.open("rb") as file:
+    with open_plain(path) as file:
         try:
             content = _read(file)
         except pickle.UnpicklingError as error:

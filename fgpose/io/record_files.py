@@ -13,6 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+from fgpose.plain_files import open_plain
+
 MAGIC = b"fgpLIVE1"
 _NUMBERS = struct.Struct("<II")
 _HEAD = struct.Struct("<III")
@@ -47,7 +49,7 @@ class RecordFile:
         """
         self.lost_bytes = 0
         n_bytes = self.path.stat().st_size
-        with self.path.open("rb") as file:
+        with open_plain(self.path) as file:
             if file.read(len(MAGIC)) != MAGIC:
                 raise ValueError("not a live recording of fgpose")
             while (start := file.tell()) < n_bytes:

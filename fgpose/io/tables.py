@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.io.atomic import write_bytes
+from fgpose.plain_files import check_expansion, open_plain
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-# As many as an archive of arrays may have.
-_MAX_CELLS = (4 << 30) // 8
 
 
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
@@ -27,17 +25,24 @@ def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
         ValueError: the file is damaged or something else, or two columns have one name; the caller names it.
         OSError: it cannot be opened.
     """
+    import pyarrow as pa
+
+    n_bytes = path.stat().st_size
     with _opened(path) as file:
-        n_cells = file.metadata.num_rows * file.metadata.num_columns
-        # A few bytes can stand for any number of equal rows.
-        if n_cells > _MAX_CELLS:
-            raise ValueError(f"{n_cells} cells are more than fgpose reads")
+        _check_size(file.metadata, n_bytes)
+        schema = file.schema_arrow
+    names = schema.names
+    if len(set(names)) < len(names):
+        raise ValueError(f"two columns are named {next(name for name in names if names.count(name) > 1)}")
+    texts = [field.name for field in schema if pa.types.is_string(field.type) or pa.types.is_binary(field.type)]
+    with _opened(path, texts) as file:
         table = file.read(columns)
         # Sizes and texts inside the columns, which Arrow does not check when it reads.
         table.validate(full=True)
-    names = table.column_names
-    if len(set(names)) < len(names):
-        raise ValueError(f"two columns are named {next(name for name in names if names.count(name) > 1)}")
+        for n, name in enumerate(table.column_names):
+            if pa.types.is_dictionary(table[n].type):
+                _check_texts(table[n], n_bytes)
+                table = table.set_column(n, name, table[n].cast(schema.field(name).type))
     return table
 
 
@@ -53,14 +58,33 @@ def file_metadata(path: Path) -> dict[str, str]:
         return _texts(file.schema_arrow.metadata)
 
 
+def _check_size(found: pq.FileMetaData, n_bytes: int) -> None:
+    """A few bytes can stand for any number of equal rows, or for pages of any length. Raises ValueError."""
+    groups = [found.row_group(n) for n in range(found.num_row_groups)]
+    n_cells = max(found.num_rows * found.num_columns, sum(group.num_rows * group.num_columns for group in groups))
+    check_expansion(max(8 * n_cells, sum(group.total_byte_size for group in groups)), n_bytes)
+
+
+def _check_texts(column: pa.ChunkedArray, n_bytes: int) -> None:
+    """A few bytes can stand for any number of equal texts, which are long. Raises ValueError."""
+    import pyarrow as pa
+    import pyarrow.compute
+
+    compute: Any = pyarrow.compute
+    for chunk in column.chunks:
+        if pa.types.is_string(chunk.type.value_type) or pa.types.is_binary(chunk.type.value_type):
+            lengths = compute.binary_length(chunk.dictionary).cast(pa.int64()).take(chunk.indices)
+            check_expansion(compute.sum(lengths).as_py() or 0, n_bytes)
+
+
 @contextmanager
-def _opened(path: Path) -> Iterator[pq.ParquetFile]:
+def _opened(path: Path, as_dictionaries: Sequence[str] = ()) -> Iterator[pq.ParquetFile]:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    with path.open("rb") as stream:
+    with open_plain(path) as stream:
         try:
-            yield pq.ParquetFile(stream, page_checksum_verification=True)
+            yield pq.ParquetFile(stream, read_dictionary=as_dictionaries, page_checksum_verification=True)
         # Arrow's own exceptions are those of Python as well: OSError, KeyError, NotImplementedError, MemoryError, ...
         except (pa.ArrowException, ValueError, TypeError, OSError, MemoryError) as error:
             raise ValueError(f"a damaged parquet file: {error}") from None

@@ -49,7 +49,8 @@ class DistanceServer:
         rig, skeleton: of the frames.
         port: where consumers of distances subscribe; 0 takes any free one.
         poses_port: where the robot sends poses of its links with a PUSH socket; 0 takes any free one.
-        host: address to bind to; only this computer reaches the default.
+        host: address for consumers to connect to; only this computer reaches the default.
+        poses_host: the same for the robot.
         rate_hz: of the messages.
         show: takes what was measured, in the thread.
         tell: called with one line for the first message of each kind that is refused, and when measuring fails.
@@ -71,6 +72,7 @@ class DistanceServer:
         port: int = 5558,
         poses_port: int = 5559,
         host: str = "127.0.0.1",
+        poses_host: str = "127.0.0.1",
         rate_hz: float = 30.0,
         show: Callable[[Sequence[LinkDistance]], None] | None = None,
         tell: Callable[[str], None] | None = None,
@@ -86,7 +88,7 @@ class DistanceServer:
         self._publisher, self.address = bound_socket(zmq.PUB, host, port, options)
         try:
             options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_WAITING}
-            self._poses, self.poses_address = bound_socket(zmq.PULL, host, poses_port, options)
+            self._poses, self.poses_address = bound_socket(zmq.PULL, poses_host, poses_port, options)
         except OSError:
             self._publisher.close()
             raise

@@ -7,7 +7,7 @@ is in the same file, or in the one that ``calibration`` in the table ``[live]`` 
     calibration = "Calib.toml"
 
     [cameras.cam01]
-    source = "rtsp://viewer:${CAM01_PASSWORD}@192.168.0.11/stream1"
+    source = "rtsp://viewer:${FGPOSE_CAM01_PASSWORD}@192.168.0.11/stream1"
 
     [cameras.cam02]
     source = "/dev/video0"
@@ -25,7 +25,8 @@ from fgpose.config import checked_fields, parse_toml
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.live.sources import CameraSource
-from fgpose.live.sources.address import kind_of, with_environment
+from fgpose.live.sources.address import kind_of, shown, with_environment
+from fgpose.plain_files import read_settings
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def load_live_rig(path: str | Path) -> LiveRig:
     """
     path = Path(path)
     try:
-        document = parse_toml(path.read_bytes().decode("utf-8"))
+        document = parse_toml(read_settings(path))
         tables = document.get("cameras")
         if not isinstance(tables, dict):
             raise ValueError("there are no sources; each camera needs a table [cameras.NAME] with source = ...")
@@ -92,6 +93,8 @@ def _sources(tables: dict[str, Any], folder: Path) -> dict[str, CameraSource]:
 def _resolved(source: str, folder: Path) -> str:
     """With its environment variables; paths of files are relative to the rig file."""
     source = with_environment(source)
+    if kind_of(source) in ("file", "folder") and shown(source) != source:
+        raise ValueError(f"{shown(source)} is no file, and an address is written rtsp://user:password@host/path")
     return str(folder / source) if kind_of(source) in ("file", "folder") else source
 
 

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from fgpose.io.folders import visible
 from fgpose.io.keypoints.frame_names import frame_numbers
 from fgpose.monocular.network import Image
+from fgpose.plain_files import MAX_IMAGE_PX, check_plain, open_plain
 
 if TYPE_CHECKING:
     import cv2
@@ -267,6 +268,7 @@ def _open_video(path: Path, options: Sequence[int] = ()) -> cv2.VideoCapture:
     """With options of OpenCV: numbers of properties, each with its value."""
     import cv2
 
+    check_plain(path)
     video = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, _DECODER_THREADS, *options])
     if not video.isOpened():
         raise ValueError(f"{path}: not a video, or a damaged or truncated one")
@@ -276,9 +278,12 @@ def _open_video(path: Path, options: Sequence[int] = ()) -> cv2.VideoCapture:
 def _read_image(path: Path) -> Image:
     import cv2
 
-    with path.open("rb") as stream:
+    with open_plain(path) as stream:
         content = np.frombuffer(stream.read(), np.uint8)
-    image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+    try:
+        image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
+    except cv2.error:
+        raise ValueError(f"{path}: not an image, or one of more than {MAX_IMAGE_PX} pixels") from None
     if image is None:
         raise ValueError(f"{path}: not an image, or a damaged one")
     return _rgb(image)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.io.origin import InputFile, Origin
 
@@ -20,6 +23,21 @@ def facts_of(origin: Origin) -> dict[str, str]:
     if origin.fgpose:
         facts["Version of fgpose"] = origin.fgpose
     return facts
+
+
+def without_home(text: str, folder: Path) -> str:
+    """The text with paths relative to this folder, which is absolute, and without the name of whose home they are in: a
+    report is given to others."""
+    home = Path.home()
+    for n_up, above in enumerate((folder, *folder.parents)):
+        if len(above.parts) <= 2 or home.is_relative_to(above):
+            break
+        text = _relative(text, above, n_up * "../")
+    return _relative(text, home, "~/")
+
+
+def _relative(text: str, folder: Path, instead: str) -> str:
+    return re.sub(rf"(?<![\w/.~-]){re.escape(str(folder))}/", instead, text)
 
 
 def _described(file: InputFile) -> str:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from fgpose.config import Config, config_to_toml
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, Text
+from fgpose.report.origin_facts import without_home
 
 
 def origin_section(recording: FinishedRecording) -> Section:
@@ -14,7 +17,7 @@ def origin_section(recording: FinishedRecording) -> Section:
     facts["Skeleton"] = f"{trajectory.skeleton.name}, {trajectory.skeleton.n_joints} joints"
     facts["Cameras"] = ", ".join(recording.camera_names) or "not stored with the result"
     if recording.videos is not None and "Videos" not in facts:
-        facts["Videos"] = str(recording.videos)
+        facts["Videos"] = without_home(str(recording.videos), Path.cwd())
     if trajectory.convergence is not None:
         convergence = trajectory.convergence
         ended = "converged" if convergence.converged else "not converged"

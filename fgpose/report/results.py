@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,7 +21,7 @@ from fgpose.io.made_by import made_by
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import load_origin, load_upright
 from fgpose.observations import Observations
-from fgpose.report.origin_facts import facts_of, findings_of
+from fgpose.report.origin_facts import facts_of, findings_of, without_home
 from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory
 
@@ -143,6 +144,7 @@ def load_finished(
     elif observed and (file := origin.input_file("Keypoints")) is not None and given is not None:
         observations, problem = _still_there(file, given, people, fps or origin.fps)
         made_from["Keypoints"] += f". {problem}" if problem else ""
+    folder = Path(os.path.abspath(result)).parent
     return FinishedRecording(
         name=title or result.stem,
         people=people,
@@ -154,7 +156,7 @@ def load_finished(
         events=origin.events,
         videos=videos or _videos(origin, cameras),
         images_hz=fps or origin.fps,
-        made_from=made_from,
+        made_from={what: without_home(said, folder) for what, said in made_from.items()},
     )
 
 

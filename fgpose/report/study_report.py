@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 from jaxtyping import Float
@@ -50,7 +51,7 @@ class StudyRecording:
     reason: str = ""
     """Why it has failed, or what is suspicious, in words."""
     report: str = ""
-    """Address of its report, from the page."""
+    """Path of its report, from the page."""
     picture: str = ""
     """See thumbnail()."""
 
@@ -150,7 +151,8 @@ def _table(
 
 
 def _linked(recording: StudyRecording) -> Cell:
-    return Cell(recording.name, href=recording.report)
+    # Quoted, a name is no address: javascript:... would run in the page.
+    return Cell(recording.name, href=quote(recording.report))
 
 
 def _shaded(cell: Cell, name: str, score: Outlier) -> Cell:

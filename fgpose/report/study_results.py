@@ -81,6 +81,8 @@ def _recording(folder: Path, row: dict[str, Any], base: Path, marks: Mapping[str
     name = str(row.get("recording") or row.get("source") or "")
     status = str(row.get("status") or "done")
     own = folder / RECORDINGS / name
+    if not own.resolve().is_relative_to((folder / RECORDINGS).resolve()):
+        raise ValueError(f"{folder / TABLE}: the recording {name!r} is outside of {folder / RECORDINGS}")
     motion, report = own / MOTION, own / REPORT
     numbers = {key: float(value) for key, value in row.items() if isinstance(value, bool | int | float)}
     words = [str(row.get(key) or "") for key in ("reason", "suspicions", "warnings")]

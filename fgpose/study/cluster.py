@@ -30,11 +30,11 @@ class SchedulerLostError(OSError):
 
 
 @contextmanager
-def workers(resources: Resources) -> Iterator[Client]:
-    """Workers as the study wants them, until the block ends.
+def workers(resources: Resources, scheduler: str = "") -> Iterator[Client]:
+    """Workers as the study wants them, or those of the scheduler at this address, until the block ends.
 
     Raises:
-        ImportError: Dask is not installed.
+        ImportError: Dask, or what it needs for TLS, is not installed.
         OSError: the scheduler does not answer, or has no workers; or this machine does not start any.
         ValueError: its workers have no fgpose, or another version of it.
     """
@@ -44,13 +44,13 @@ def workers(resources: Resources) -> Iterator[Client]:
         raise ImportError("a study needs Dask: pip install 'fgpose[study]'") from None
     with ExitStack() as stack:
         stack.enter_context(_silent())
-        if not resources.scheduler:
+        if not scheduler:
             _check_processes()
             cluster = stack.enter_context(_local(resources))
             yield stack.enter_context(distributed.Client(cluster))
             return
-        client = stack.enter_context(_connected(resources.scheduler))
-        _check_workers(client, resources.scheduler)
+        client = stack.enter_context(_connected(scheduler))
+        _check_workers(client, scheduler)
         yield client
 
 
@@ -83,13 +83,22 @@ def _silent() -> Iterator[None]:
 @contextmanager
 def _local(resources: Resources) -> Iterator[Any]:
     from dask import config
-    from distributed import LocalCluster
+    from distributed import LocalCluster, Security
 
     settings = {
         # A recording whose worker dies is tried once more by Stream.
         "distributed.scheduler.allowed-failures": 0,
         "logging.distributed": "critical",
+        # Nobody asks these servers, which have no password.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
     }
+    try:
+        # What reaches a scheduler or a worker is run, and every user of this machine reaches its ports: only who has
+        # the credentials, which are nowhere but in these processes, is listened to.
+        credentials = Security.temporary()
+    except ImportError:
+        raise ImportError("a study needs cryptography: pip install 'fgpose[study]'") from None
     memory = "auto" if resources.memory_gb is None else f"{resources.memory_gb}GB"
     with (
         config.set(settings),
@@ -98,6 +107,7 @@ def _local(resources: Resources) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             memory_limit=memory,
+            security=credentials,
             # Without a dashboard there is a server of HTTP all the same, which would want port 8787 of every study.
             dashboard_address="127.0.0.1:0",
             scheduler_kwargs={"dashboard": False},

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from fgpose.io.folders import files_below
+from fgpose.plain_files import open_plain
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study, skeleton_of
 
@@ -50,7 +51,7 @@ def _content(path: Path) -> str:
     digest = hashlib.blake2b(digest_size=16)
     for file, entry in _files(path):
         digest.update(f"{file}\0{entry.stat().st_size}\0".encode())
-        with entry.open("rb") as stream:
+        with open_plain(entry) as stream:
             while part := stream.read(_PART_BYTES):
                 digest.update(part)
     return digest.hexdigest()

@@ -66,13 +66,17 @@ def in_pose2sim(study: Study) -> Iterator[Recording]:
     """The trials below root, as Pose2Sim has them, and each folder that cannot be read, with its problem."""
     kind: Kind = "videos" if study.data.videos else "keypoints"
     wanted = study.data.videos or study.data.keypoints or _KEYPOINTS
-    yield from _trials(study, study.root, None, kind, wanted)
+    yield from _trials(study, (study.root,), None, kind, wanted)
 
 
 def _trials(
-    study: Study, folder: Path, session: Path | None, kind: Kind, wanted: tuple[str, ...]
+    study: Study, above: tuple[Path, ...], session: Path | None, kind: Kind, wanted: tuple[str, ...]
 ) -> Iterator[Recording]:
+    """In the last of these folders, each of which is in the one before."""
+    folder = above[-1]
     try:
+        if any(os.path.samefile(folder, each) for each in above[:-1]):
+            return  # a link in a circle
         inside = sorted((name for name in os.listdir(folder) if (folder / name).is_dir()), key=natural_key)
     except OSError as error:
         yield _unread(error, kind)
@@ -85,7 +89,7 @@ def _trials(
         return
     for name in inside:
         if not name.startswith(".") and "calib" not in name.lower() and name not in (*_KEYPOINTS, *_VIDEOS):
-            yield from _trials(study, folder / name, session, kind, wanted)
+            yield from _trials(study, (*above, folder / name), session, kind, wanted)
 
 
 def _trial(study: Study, folder: Path, session: Path | None, source: Path, kind: Kind) -> Recording:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -55,7 +56,7 @@ def run_study(
 
     Args:
         study: what is wanted.
-        scheduler: address of a Dask scheduler, instead of that of the study.
+        scheduler: address of a Dask scheduler. What it sends is run here: only one that is trusted.
         n_workers: processes on this machine, instead of those of the study.
         only: pattern of subject/session/trial.
         on_begin: told of how many recordings there are.
@@ -70,13 +71,9 @@ def run_study(
     plan, events = Plan(study, only), _events(study)
     n_recordings = plan.counted()
     check_writable(study.output)
-    resources = replace(
-        study.resources,
-        scheduler=scheduler or study.resources.scheduler,
-        workers=n_workers or study.resources.workers,
-    )
+    resources = replace(study.resources, workers=n_workers or study.resources.workers)
     result = StudyResult(study.output)
-    with _alone(study.output), workers(resources) as client:
+    with _alone(study.output), workers(resources, scheduler) as client:
         if on_begin:
             on_begin(n_recordings)
         try:
@@ -123,7 +120,12 @@ def _put_together(result: StudyResult, plan: Plan, events: tuple[Event, ...]) ->
 @contextmanager
 def _alone(output: Path) -> Iterator[None]:
     """Raises OSError if another process works on a study in this folder. The lock ends with the process."""
-    with (output / ".lock").open("w") as file:
+    # A link in a study from elsewhere could name any file: it is not followed, and nothing is emptied.
+    try:
+        lock = os.open(output / ".lock", os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC | os.O_NONBLOCK, 0o666)
+    except OSError as error:
+        raise OSError(f"cannot lock {output / '.lock'}: {error.strerror}") from None
+    with open(lock, "r+b", buffering=0) as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

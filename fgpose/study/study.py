@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 from fgpose.config import Config, checked_fields, parse_toml
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import read_settings
 from fgpose.study.pattern import Pattern
 
 Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
@@ -102,8 +103,6 @@ class Resources:
     memory_gb: float | None = None
     """Of each worker. One that takes more is stopped and its recording tried once more, then given up. By default the
     machine's memory is divided among its cores."""
-    scheduler: str = ""
-    """Address of a Dask scheduler (tcp://host:8786), whose workers see the same files by the same paths."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ def load_study(path: str | Path) -> Study:
     """
     path = Path(path)
     try:
-        return study_of(parse_toml(path.read_bytes().decode("utf-8")), path)
+        return study_of(parse_toml(read_settings(path)), path)
     except OSError as error:
         error.filename = error.filename or str(path)
         raise
@@ -168,6 +167,12 @@ def load_study(path: str | Path) -> Study:
 
 def study_of(table: dict[str, Any], path: Path) -> Study:
     """A study from the tables of a file at this path. Raises ValueError as load_study does."""
+    if "scheduler" in (table.get("resources") or ()):
+        # What it sends is unpickled, so that whoever wrote the file could run anything here.
+        raise ValueError(
+            "resources.scheduler: a study file cannot name a scheduler, which may run anything on this machine; leave "
+            "it out, and if you trust that host, give it on the command line: --scheduler tls://host:8786"
+        )
     given = _File(**checked_fields(_File, table, ""))
     base = path.absolute().parent
     name = given.name or path.stem

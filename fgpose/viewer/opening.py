@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
+from fgpose.viewer.analytics import leave_out_analytics
 from fgpose.viewer.calibration_recording import CalibrationRecording, NullCalibrationRecording
 from fgpose.viewer.people_recording import PeopleRecording
 from fgpose.viewer.pictures import PictureOptions
@@ -180,6 +181,7 @@ def open_system_recording(
 
 @contextmanager
 def _rerun_needed() -> Iterator[None]:
+    leave_out_analytics()
     try:
         yield
     except ModuleNotFoundError as error:

@@ -6,6 +6,7 @@ import os
 import socket
 import subprocess
 import sys
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +15,11 @@ import pytest
 
 from fgpose.cli import app, commands, live, main, view
 from fgpose.cli.calibration import calibrated
+from fgpose.cli.live_consumers import Consumers
+from fgpose.cli.live_options import LiveOutputs
 from fgpose.cli.options import new_console
+from fgpose.cli.reachable import warn_if_others_reach
+from fgpose.cli.tables import new_table
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
@@ -24,6 +29,7 @@ from fgpose.io.keypoints import save_observations
 from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.live.clock import Clock
 from fgpose.pipeline import Outputs, Source
 from fgpose.synthetic import Scene
 
@@ -300,18 +306,59 @@ def test_view_opens_a_trajectory(with_rig: bool, folder: Path, tmp_path: Path, m
     options = ["--rig", str(folder / "Calib.toml")] if with_rig else []
     assert main(["view", str(tmp_path / "walk.parquet"), "--web", *options]) == 0
     assert Path(opened[1]).name == "walk.rrd"
-    assert opened[2:] == ["--web-viewer"]
+    assert opened[2:] == ["--bind", "127.0.0.1", "--web-viewer"]
     assert not Path(opened[1]).exists()
 
 
-def test_view_without_a_display_says_how_to_look(
+def test_a_recording_is_shown_to_others_only_where_it_is_asked_for(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(view, "has_display", lambda: False)
+    """Rerun serves the pictures at all addresses unless it is told otherwise, from its window too."""
+    bound: list[str] = []
+
+    def run(command: list[str]) -> int:
+        bound.append(command[command.index("--bind") + 1])
+        return 0
+
+    monkeypatch.setattr(view, "run_program", run)
+    monkeypatch.setattr(view, "has_display", lambda: True)
     (tmp_path / "walk.rrd").write_bytes(b"RRF2")
-    line = failure(["view", str(tmp_path / "walk.rrd")], capsys)
-    assert "--web" in line
-    assert "copy" in line
+    assert main(["view", str(tmp_path / "walk.rrd")]) == 0
+    assert main(["view", str(tmp_path / "walk.rrd"), "--web"]) == 0
+    assert "warning" not in capsys.readouterr().err
+    assert main(["view", str(tmp_path / "walk.rrd"), "--web", "--host", "0.0.0.0"]) == 0
+    warning = capsys.readouterr().err
+    assert "every computer in the network reaches the recording, with its pictures, at " in warning
+    assert socket.gethostname() in warning
+    assert bound == ["127.0.0.1", "127.0.0.1", "0.0.0.0"]
+
+
+def test_other_computers_are_let_in_with_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
+    console, options = ExitStack(), LiveOutputs(host="127.0.0.1", inputs_host="::")
+    rig, observations = load_recording("balance_openpose")
+    Consumers(Clock()).open(console, options, rig, observations.skeleton, Config())
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("warning: --inputs-host ::: every computer in the network reaches the inputs (keypoints, ")
+    for host in ("localhost", "127.0.0.1", "::1"):
+        warn_if_others_reach(host, "--host", "it")
+    assert not capsys.readouterr().err
+    warn_if_others_reach("192.168.7.1", "--host", "it")
+    assert "reaches it, at 192.168.7.1; there is no password" in capsys.readouterr().err
+
+
+def test_rerun_sends_nothing_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("CI", "")
+    monkeypatch.delenv("CI")
+    told: list[str | None] = []
+
+    def run(command: list[str]) -> int:
+        told.append(os.environ.get("CI"))
+        return 0
+
+    monkeypatch.setattr(view, "run_program", run)
+    (tmp_path / "walk.rrd").write_bytes(b"RRF2")
+    assert main(["view", str(tmp_path / "walk.rrd"), "--web"]) == 0
+    assert told == ["1"]
 
 
 @pytest.mark.parametrize(
@@ -333,6 +380,22 @@ def test_wrong_input_is_one_line_that_names_it(
 ) -> None:
     assert culprit in failure(["smooth", *source, "--output", str(tmp_path / "out"), *change], capsys)
     assert not (tmp_path / "out").exists() or list((tmp_path / "out").iterdir()) == []
+
+
+@pytest.mark.parametrize("code", ["\x1b]52;c;cm0gLXJm\x07", "\x9b2J", "\x08", "\r", "\u202e", "\udcff"])
+def test_names_do_not_command_the_terminal(code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a terminal obeys is printed as an escape, in errors, lines and tables."""
+    named = f"a{code}b"
+    assert main(["view", str(tmp_path / named)]) == 2
+    table = new_table(named)
+    table.add_row(named)
+    for thing in (named, table):
+        new_console().print(thing)
+    said = capsys.readouterr()
+    escaped = f"a{ascii(code)[1:-1]}b"
+    assert said.out.count(escaped) == 3
+    assert escaped in said.err or code == "\r"
+    assert code not in said.out + said.err
 
 
 def test_missing_keypoints_are_named(source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

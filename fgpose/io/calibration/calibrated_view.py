@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig, LensModel
+from fgpose.plain_files import MAX_CAMERAS
 
 UnitOfFormat = Literal["auto", "m", "mm"]
 """What a format prescribes; auto where it leaves the unit open."""
@@ -106,8 +107,10 @@ def rig_in_metres(views: Sequence[CalibratedView], unit_of_format: UnitOfFormat,
         unit: what the caller says; auto to go by the format, or by the size of the rig where that leaves it open.
 
     Raises:
-        ValueError: the unit cannot be told, or with it the rig is implausibly large or small.
+        ValueError: there are too many, the unit cannot be told, or with it the rig is implausibly large or small.
     """
+    if len(views) > MAX_CAMERAS:
+        raise ValueError(f"{len(views)} cameras are more than the {MAX_CAMERAS} that a rig may have")
     metres = metres_per_unit(unit)
     if metres is None and unit_of_format != "auto":
         unit, metres = unit_of_format, UNITS[unit_of_format]

@@ -10,6 +10,7 @@ from fgpose.live.sources.haste import Haste, Lateness
 from fgpose.live.sources.playback import Playback
 from fgpose.live.sources.source import SourceError
 from fgpose.monocular.clips import image_files
+from fgpose.plain_files import check_plain
 
 
 class FolderSource:
@@ -60,5 +61,10 @@ class FolderSource:
 def _read(path: Path) -> ArrayPicture | None:
     import cv2
 
-    array = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    try:
+        check_plain(path)
+        array = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    except (OSError, cv2.error):
+        # A pipe, or an image of more pixels than plain_files.MAX_IMAGE_PX.
+        return None
     return None if array is None else ArrayPicture(cv2.cvtColor(array, cv2.COLOR_BGR2RGB))

@@ -12,7 +12,7 @@ class CameraSource:
 
     source: str = field(repr=False)
     """URL (rtsp, http), device (/dev/video0), video file, folder of images, or ``zmq``: keypoints of a detector
-    elsewhere. May have a password, so it is not shown; in a rig file ``${NAME}`` is that environment variable."""
+    elsewhere. May have a password, so it is not shown; in a rig file ``${FGPOSE_X}`` is that environment variable."""
     fps: float = 0.0
     """Images a second; 0: as the source has it. Needed for a folder; a device is asked for it; a video is played so."""
     loop: bool = False

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,8 +44,16 @@ def test_a_calibration_as_powershell_redirects_it(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="a device of Linux")
 def test_a_file_without_an_end_is_refused() -> None:
-    with pytest.raises(ValueError, match=r"/dev/zero: it has more than 100000000 bytes"):
+    with pytest.raises(OSError, match=r"no plain file but a pipe or a device: '/dev/zero'"):
         load_rig(Path("/dev/zero"))
+
+
+@pytest.mark.parametrize("what", READERS)
+def test_a_pipe_is_refused(what: str, tmp_path: Path) -> None:
+    """Nobody writes into it: whoever opens it waits for ever."""
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises((OSError, ValueError), match="pipe"):
+        READERS[what](tmp_path / "pipe")
 
 
 @pytest.mark.skipif(not BROKEN.exists(), reason="a file of Linux")

@@ -130,3 +130,16 @@ def test_an_array_and_another_object_are_no_dictionary(tmp_path: Path):
         read_dictionary(tmp_path / "numbers.npy")
     with pytest.raises(ValueError, match=r"a dictionary saved with np\.save is needed, it holds str"):
         read_dictionary(write(tmp_path / "text.npy", "S9"))
+
+
+def test_what_is_there_many_times_is_resolved_once(tmp_path: Path):
+    """In some hundred bytes 2^200 lists, each of which holds one list twice: it would take for ever."""
+    deep: list = [np.arange(3.0)]
+    for _ in range(200):
+        deep = [deep, deep]
+    np.save(tmp_path / "deep.npy", np.array({"a": deep}, dtype=object), allow_pickle=True)
+    found = read_dictionary(tmp_path / "deep.npy")["a"]
+    for _ in range(200):
+        assert found[0] is found[1]
+        found = found[0]
+    np.testing.assert_array_equal(found[0], [0.0, 1.0, 2.0])

@@ -179,9 +179,9 @@ BAD = {
     "no file": ("nothing.mp4", "there is no such thing"),
     "no device": ("/dev/video99", "there is no such thing"),
     "no protocol": ("gopher2://camera", "Protocol not found"),
-    "nobody there": (f"rtsp://viewer:{SECRET}@127.0.0.1:1/stream", "rtsp://127.0.0.1:1/stream: nothing answers there"),
-    "password in the query": (f"http://127.0.0.1:1/a?pwd={SECRET}", "http://127.0.0.1:1/a?...: nothing answers"),
-    "unknown host": (f"rtsp://viewer:{SECRET}@nowhere.invalid/stream", "rtsp://nowhere.invalid/stream: "),
+    "nobody there": (f"rtsp://viewer:{SECRET}@127.0.0.1:1/{SECRET}", "rtsp://127.0.0.1:1/...: nothing answers there"),
+    "password in the query": (f"http://127.0.0.1:1/a?pwd={SECRET}", "http://127.0.0.1:1/...: nothing answers"),
+    "unknown host": (f"rtsp://viewer:{SECRET}@nowhere.invalid/stream", "rtsp://nowhere.invalid/...: "),
 }
 
 
@@ -274,14 +274,23 @@ def test_a_server_that_sends_noise() -> None:
 @pytest.mark.parametrize(
     ("source", "text"),
     [
-        ("rtsp://viewer:pass@10.0.0.2:554/stream1", "rtsp://10.0.0.2:554/stream1"),
-        ("rtsp://viewer@10.0.0.2/stream1", "rtsp://10.0.0.2/stream1"),
-        ("http://10.0.0.2/video.cgi?user=a&pwd=pass", "http://10.0.0.2/video.cgi?..."),
-        ("rtsp://viewer:p@ss@10.0.0.2/a", "rtsp://10.0.0.2/a"),
+        ("rtsp://viewer:pass@10.0.0.2:554/stream1", "rtsp://10.0.0.2:554/..."),
+        ("rtsp://viewer@10.0.0.2/stream1", "rtsp://10.0.0.2/..."),
+        ("rtsp://10.0.0.2/user=admin_password=pass_channel=1.sdp", "rtsp://10.0.0.2/..."),
+        ("rtsp://10.0.0.2/", "rtsp://10.0.0.2"),
+        ("rtsp://10.0.0.2#pass", "rtsp://10.0.0.2/..."),
+        ("http://10.0.0.2/video.cgi?user=a&pwd=pass", "http://10.0.0.2/..."),
+        ("rtsp://viewer:p@ss@10.0.0.2/a", "rtsp://10.0.0.2/..."),
         ("rtsp://viewer:p/ss@10.0.0.2/a", "rtsp://..."),
         ("rtsp://viewer:1/ss@10.0.0.2/a", "rtsp://..."),
         ("rtsp://viewer:1#ss@10.0.0.2/a", "rtsp://..."),
+        ("rtsp:/viewer:pass@10.0.0.2/a", "rtsp:/..."),
+        ("rtsp//viewer:pass@10.0.0.2/a", "rtsp//..."),
+        ("RTSP:viewer:pass@10.0.0.2/a", "RTSP:..."),
+        ("viewer:pass@10.0.0.2/a", "..."),
         ("/dev/video0", "/dev/video0"),
+        ("videos/a@b.mp4", "videos/a@b.mp4"),
+        ("https.mp4", "https.mp4"),
     ],
 )
 def test_sources_are_shown_without_password(source: str, text: str) -> None:
@@ -290,7 +299,17 @@ def test_sources_are_shown_without_password(source: str, text: str) -> None:
 
 
 def test_passwords_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("CAM01_PASSWORD", SECRET)
-    assert with_environment("rtsp://viewer:${CAM01_PASSWORD}@a/b") == f"rtsp://viewer:{SECRET}@a/b"
-    with pytest.raises(ValueError, match="environment variable CAM02_PASSWORD is not set"):
-        with_environment("rtsp://viewer:${CAM02_PASSWORD}@a/b")
+    monkeypatch.setenv("FGPOSE_CAM01_PASSWORD", SECRET)
+    assert with_environment("rtsp://viewer:${FGPOSE_CAM01_PASSWORD}@a/b") == f"rtsp://viewer:{SECRET}@a/b"
+    with pytest.raises(ValueError, match="environment variable FGPOSE_CAM02_PASSWORD is not set"):
+        with_environment("rtsp://viewer:${FGPOSE_CAM02_PASSWORD}@a/b")
+
+
+@pytest.mark.parametrize("name", ["CAM01_PASSWORD", "AWS_SECRET_ACCESS_KEY", "fgpose_x", "HOME"])
+def test_other_secrets_are_not_sent_to_cameras(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(name, SECRET)
+    with pytest.raises(
+        ValueError, match=rf"^\$\{{{name}\}}: only environment variables .* begin with FGPOSE_"
+    ) as error:
+        with_environment(f"http://host/${{{name}}}")
+    assert SECRET not in str(error.value)

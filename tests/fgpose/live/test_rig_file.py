@@ -58,14 +58,29 @@ def test_passwords_come_from_the_environment(
     rig: CameraRig, calibration: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "rig.toml"
-    sources = tables(rig.names[:2]).replace(f"{rig.names[0]}.mp4", "rtsp://viewer:${CAMERA_PASSWORD}@10.0.0.2/a")
+    sources = tables(rig.names[:2]).replace(f"{rig.names[0]}.mp4", "rtsp://viewer:${FGPOSE_CAMERA_PASSWORD}@10.0.0.2/a")
     path.write_text('[live]\ncalibration = "Calib.toml"\n' + sources)
-    with pytest.raises(ValueError, match=f"camera {rig.names[0]}: the environment variable CAMERA_PASSWORD is not set"):
+    with pytest.raises(
+        ValueError, match=f"camera {rig.names[0]}: the environment variable FGPOSE_CAMERA_PASSWORD is not set"
+    ):
         load_live_rig(path)
-    monkeypatch.setenv("CAMERA_PASSWORD", "hunter2")
+    monkeypatch.setenv("FGPOSE_CAMERA_PASSWORD", "hunter2")
     live_rig = load_live_rig(path)
     assert live_rig.sources[rig.names[0]].source == "rtsp://viewer:hunter2@10.0.0.2/a"
     assert "hunter2" not in repr(live_rig)
+
+
+@pytest.mark.parametrize("address", ["rtsp:/viewer:hunter2@10.0.0.2/a", "viewer:hunter2@10.0.0.2/a"])
+def test_a_mistyped_address_is_named_without_its_password(
+    address: str, rig: CameraRig, calibration: Path, tmp_path: Path
+) -> None:
+    """It would be taken for a file, whose name is in every message."""
+    path = tmp_path / "rig.toml"
+    sources = tables(rig.names[:2]).replace(f"{rig.names[0]}.mp4", address)
+    path.write_text('[live]\ncalibration = "Calib.toml"\n' + sources)
+    with pytest.raises(ValueError, match=f"camera {rig.names[0]}: .* an address is written rtsp://") as error:
+        load_live_rig(path)
+    assert "hunter2" not in str(error.value)
 
 
 BAD = {

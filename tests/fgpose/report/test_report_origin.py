@@ -17,6 +17,7 @@ from fgpose.io.origin import CalibrationOrigin, Origin, Reason
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_origin, load_trajectory, save_people
 from fgpose.report import load_finished
+from fgpose.report.origin_facts import without_home
 
 pytest.importorskip("bokeh")
 
@@ -117,3 +118,18 @@ def test_verdict_and_events(smoothed: Path, tmp_path: Path) -> None:
     page = (tmp_path / "report.html").read_text()
     for text in ("the focal length is a guess", "walk towards the camera", "by the lengths of the bones"):
         assert text in page
+
+
+def test_paths_in_a_report_do_not_say_whose_home_they_are_in(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Path, "home", lambda: Path("/home/ada"))
+    study = Path("/home/ada/study/results/walk")
+    for said, shown in {
+        "/home/ada/study/results/walk/motion.parquet": "motion.parquet",
+        "/home/ada/study/raw/walk.npz, 12.0 kB": "../../raw/walk.npz, 12.0 kB",
+        "/home/ada/rigs/a.toml": "~/rigs/a.toml",
+        "no longer read (/home/ada/study/raw/walk.npz: damaged)": "no longer read (../../raw/walk.npz: damaged)",
+        "/data/home/ada/x, walk.npz": "/data/home/ada/x, walk.npz",
+        "fgpose smooth /home/ada/x": "fgpose smooth ~/x",
+    }.items():
+        assert without_home(said, study) == shown
+    assert without_home("/mnt/lab/rigs/a.toml, /home/ada/b", Path("/mnt/lab/study")) == "../rigs/a.toml, ~/b"

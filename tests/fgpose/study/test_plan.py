@@ -135,6 +135,16 @@ def test_a_session_of_pose2sim(tmp_path: Path) -> None:
     assert (videos.kind, videos.trial) == ("videos", "Trial_2")
 
 
+def test_links_in_a_circle_are_followed_once(tmp_path: Path) -> None:
+    """Two of them double the folders of each level, forty levels deep."""
+    (tmp_path / "S01" / "walk" / "pose").mkdir(parents=True)
+    (tmp_path / "S01" / "calibration").mkdir()
+    for name in ("a", "b"):
+        (tmp_path / name).symlink_to(".")
+        (tmp_path / "S01" / name).symlink_to(tmp_path)
+    assert [recording.trial for recording in Plan(pose2sim_study(tmp_path))] == ["walk"]
+
+
 def test_sessions_with_participants_of_pose2sim(tmp_path: Path) -> None:
     make(
         tmp_path, "S00/S00_Calibration/Calib.toml", "S00/S00_P00/T00/pose/cam01_json", "S01/S01_P00/T01/pose/cam01_json"

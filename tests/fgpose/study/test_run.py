@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
+import distributed
 import psutil
 import pyarrow.parquet as pq
 import pytest
@@ -189,6 +190,29 @@ def test_two_studies_do_not_write_into_one_folder(study_file: Path) -> None:
     assert run_study(study, n_workers=1, only="S01/A/run", on_outcome=run_again).counts == {"done": 1}
     rows = pq.read_table(study.output / "quality.parquet")["status"].to_pylist()
     assert rows == ["done", "not done", "not done", "not done"]
+
+
+def test_another_user_of_the_machine_does_not_reach_the_workers() -> None:
+    """Whoever reaches a scheduler or a worker runs code as the one who began the study."""
+    with workers(Resources(workers=1)) as client:
+        served = [cast(Any, client.scheduler).address, *cast(dict[str, int], client.nthreads())]
+        assert all(address.startswith("tls://127.0.0.1:") for address in served)
+        for address in served:
+            plain = address.replace("tls:", "tcp:")
+            for address_tried, credentials in ((plain, None), (address, distributed.Security.temporary())):
+                with pytest.raises((OSError, TimeoutError)):
+                    distributed.Client(address_tried, timeout=0.5, security=credentials)
+
+
+def test_a_lock_that_leads_elsewhere_empties_nothing(study_file: Path, tmp_path: Path) -> None:
+    """A study from somebody else can have a link to any file where the lock would be."""
+    study, other = load_study(study_file), tmp_path / "thesis.txt"
+    other.write_text("all my work")
+    study.output.mkdir()
+    (study.output / ".lock").symlink_to(other)
+    with pytest.raises(OSError, match=r"cannot lock .*\.lock"):
+        run_study(study, n_workers=1)
+    assert other.read_text() == "all my work"
 
 
 @pytest.mark.slow

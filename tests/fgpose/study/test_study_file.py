@@ -70,10 +70,19 @@ def test_the_template_is_a_study(tmp_path: Path, capsys: pytest.CaptureFixture[s
     for section in ("detect", "from_people", "resources"):
         text = text.replace(f"# [{section}]", f"[{section}]")
     file.write_text(text)
-    assert load_study(file).resources.scheduler == "tcp://host:8786"
+    assert load_study(file).resources.workers == 8
     capsys.readouterr()
     assert main(["study", str(file), "--init"]) == 2
     assert "it is not replaced" in capsys.readouterr().err
+
+
+def test_a_study_file_names_no_scheduler(study_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a scheduler sends is unpickled: a file from elsewhere would run code."""
+    study_file.write_text(study_file.read_text() + '\n[resources]\nscheduler = "tcp://127.0.0.1:9"\n')
+    assert main(["study", str(study_file)]) == 2
+    said = capsys.readouterr().err
+    assert "resources.scheduler: a study file cannot name a scheduler" in said
+    assert "--scheduler" in said
 
 
 def matches(pattern: str, root: Path) -> list[tuple[str, dict[str, str]]]:

@@ -1,0 +1,71 @@
+"""Files that somebody else may have made: plain ones only, and how much of what they hold is too much.
+
+A pipe keeps its reader waiting for ever, a device has no end, and some thousand bytes can stand for all of the memory.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+import stat
+from pathlib import Path
+
+MAX_FILE_BYTES = 4 << 30
+"""Of keypoints and results. Eight hours of eight cameras at 60 Hz with per-view 3D and its covariance take less."""
+MAX_SETTINGS_BYTES = 10 << 20
+"""Of a file of settings: a configuration, a study, a live rig."""
+MAX_CAMERAS = 1000
+"""Of a rig."""
+MAX_IMAGE_PX = 1 << 27
+"""Of an image: 134 million pixels, 400 MB."""
+MAX_UNSUSPICIOUS_BYTES = 256 << 20
+"""A file may stand for as much as this, however small it is."""
+MAX_EXPANSION = 200
+"""Beyond that, how many times its size. What nobody sees is compressed a hundred times, what is seen some times."""
+
+# OpenCV reads it when it is loaded. Its own limit lets an image take 3 GB.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PX))
+
+
+def check_plain(path: Path) -> None:
+    """Make sure that opening and reading a file comes to an end.
+
+    Raises:
+        OSError: it does not exist, is a folder, a pipe, a socket or a device; the message names it.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "no plain file but a pipe or a device", str(path))
+
+
+def open_plain(path: Path) -> io.BufferedReader:
+    """A plain file, opened to be read. Raises OSError as check_plain does, or if it cannot be read."""
+    check_plain(path)
+    return path.open("rb")
+
+
+def read_settings(path: Path) -> str:
+    """The text of a file of settings.
+
+    Raises:
+        ValueError: it is larger than MAX_SETTINGS_BYTES, or no UTF-8; the caller names it.
+        OSError: as open_plain.
+    """
+    with open_plain(path) as file:
+        content = file.read(MAX_SETTINGS_BYTES + 1)
+    if len(content) > MAX_SETTINGS_BYTES:
+        raise ValueError(f"it has more than {MAX_SETTINGS_BYTES} bytes, too many for a file of settings")
+    return content.decode("utf-8")
+
+
+def check_expansion(n_bytes: int, of_bytes: int) -> None:
+    """Compare the memory that the contents of a file would take with its size, before they are read.
+
+    Raises:
+        ValueError: they would take too much; the caller names the file.
+    """
+    if n_bytes > MAX_FILE_BYTES or n_bytes > max(MAX_UNSUSPICIOUS_BYTES, MAX_EXPANSION * of_bytes):
+        raise ValueError(f"its {of_bytes} bytes stand for {n_bytes}, more than fgpose reads")
