@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fgpose.io.content import first_bytes
 from fgpose.io.studies.data_set import part_path, parts_of
 from fgpose.io.studies.rows import STUDY_NAME, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
@@ -16,6 +17,7 @@ from fgpose.study.recording import Recording
 from fgpose.study.study import Study
 
 QUALITY, EVENTS = "quality", "events.parquet"
+_MAX_REASON_BYTES = 10_000
 
 
 @dataclass
@@ -71,7 +73,7 @@ class Tables:
             return "failed", self.failures[recording.key]
         file = recording.failure(self.study.output)
         if file.exists():
-            return "failed", file.read_text(encoding="utf-8", errors="replace").partition("\n")[0]
+            return "failed", first_bytes(file, _MAX_REASON_BYTES).decode("utf-8", "replace").partition("\n")[0]
         if state is None:
             return "not done", ""
         wanted = fingerprints(self.study, recording, state.contents)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fgpose.live.sources.address import Kind, shown
@@ -12,6 +13,7 @@ from fgpose.live.sources.decoded import DecodedPicture, sender_s
 from fgpose.live.sources.packets import PacketDecoder
 from fgpose.live.sources.settings import CameraSource
 from fgpose.live.sources.source import SourceError
+from fgpose.plain_files import check_plain
 
 if TYPE_CHECKING:
     import av
@@ -47,6 +49,8 @@ class Decoder:
             raise ImportError('video sources need PyAV: pip install "fgpose[live]"') from None
         began_s = time.monotonic()
         try:
+            if kind == "file":
+                check_plain(Path(self._source))
             return av.open(
                 f"/dev/video{self._source}" if self._source.isdecimal() else self._source,
                 format="video4linux2" if kind == "device" else None,

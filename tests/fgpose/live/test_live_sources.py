@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import threading
 from itertools import islice
@@ -303,6 +304,13 @@ def test_passwords_from_the_environment(monkeypatch: pytest.MonkeyPatch) -> None
     assert with_environment("rtsp://viewer:${FGPOSE_CAM01_PASSWORD}@a/b") == f"rtsp://viewer:{SECRET}@a/b"
     with pytest.raises(ValueError, match="environment variable FGPOSE_CAM02_PASSWORD is not set"):
         with_environment("rtsp://viewer:${FGPOSE_CAM02_PASSWORD}@a/b")
+
+
+def test_a_pipe_is_no_video(tmp_path: Path) -> None:
+    """Nobody writes into it: opening it would take for ever."""
+    os.mkfifo(tmp_path / "cam01.mp4")
+    with pytest.raises(SourceError, match=r"camera cam01: .*cam01\.mp4: "):
+        opened(CameraSource(source=str(tmp_path / "cam01.mp4")))
 
 
 @pytest.mark.parametrize("name", ["CAM01_PASSWORD", "AWS_SECRET_ACCESS_KEY", "fgpose_x", "HOME"])

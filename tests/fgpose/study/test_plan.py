@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from fgpose.study import Plan, Study, load_study
+from fgpose.cli import main
+from fgpose.study import Plan, Study, load_study, process
 from fgpose.study.study import study_of
 
 
@@ -133,6 +134,17 @@ def test_a_session_of_pose2sim(tmp_path: Path) -> None:
     assert all(recording.calibration == tmp_path / "calibration" / "Calib_scene.toml" for recording in recordings)
     (videos,) = Plan(pose2sim_study(tmp_path, videos=["videos"]))
     assert (videos.kind, videos.trial) == ("videos", "Trial_2")
+
+
+def test_pipes_in_a_study_do_not_keep_it_waiting(study_file: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = load_study(study_file)
+    walk = study.root / "S01" / "A" / "walk.npz"
+    walk.unlink()
+    os.mkfifo(walk)
+    main(["study", str(study_file), "--dry-run"])
+    assert "S01/A/walk" in capsys.readouterr().out
+    (recording,) = Plan(study, "S01/A/walk")
+    assert "no plain file but a pipe" in process(study, recording).reason
 
 
 def test_links_in_a_circle_are_followed_once(tmp_path: Path) -> None:
