@@ -134,7 +134,7 @@ def test_what_is_known_of_a_calibration_reaches_the_motion(
     recording = load_finished(folder / "motion.parquet")
     assert [each.reason for each in recording.findings] == ["few people"]
     made_from = recording.made_from
-    assert str(folder / "seen.parquet") in made_from["Keypoints"]
+    assert made_from["Keypoints"].startswith("seen.parquet, ")  # beside the report
     assert str(outcome.recording.source) in made_from["Keypoints as recorded"]
     assert str(calibration) in made_from["Calibration as given"]
     assert made_from["Calibration from people"] == "coarse"
