@@ -134,9 +134,13 @@ def test_what_is_known_of_a_calibration_reaches_the_motion(
     recording = load_finished(folder / "motion.parquet")
     assert [each.reason for each in recording.findings] == ["few people"]
     made_from = recording.made_from
-    assert made_from["Keypoints"].startswith("seen.parquet, ")  # beside the report
-    assert str(outcome.recording.source) in made_from["Keypoints as recorded"]
-    assert str(calibration) in made_from["Calibration as given"]
+    # Paths are those from the result, not from somebody's home.
+    for what, path in (
+        ("Keypoints", folder / "seen.parquet"),
+        ("Keypoints as recorded", outcome.recording.source),
+        ("Calibration as given", calibration),
+    ):
+        assert (folder / made_from[what].split(", ")[0]).resolve() == path.resolve(), what
     assert made_from["Calibration from people"] == "coarse"
     assert all(f"Camera {name} moved by" in made_from for name in recording.camera_names)
     assert made_from["Command"] == "fgpose study study.toml --only S01/A/run"
