@@ -167,6 +167,7 @@ class DistanceServer:
         """Of all messages that wait only the newest count: what is older says where a link was."""
         if not self._poses.poll(_POLL_MS):
             return
+        came_s = self._now_s()  # before they are fetched: none is taken for newer than it is
         waiting: deque[list[Any]] = deque(maxlen=_MAX_LOOKED_AT)
         for n_waiting in range(_MAX_WAITING):
             if not self._poses.poll(0):
@@ -176,7 +177,6 @@ class DistanceServer:
                     MessageError("old", f"more than {_MAX_LOOKED_AT} messages waited; the newest count")
                 )
             waiting.append(self._poses.recv_multipart(copy=False))
-        came_s = self._now_s()
         for parts in waiting:
             try:
                 self._take(parts, came_s)
