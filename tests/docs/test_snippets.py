@@ -41,7 +41,7 @@ def work(sandbox: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path
     monkeypatch.chdir(folder)
     monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setenv("CAM01_PASSWORD", "secret")
+    monkeypatch.setenv("FGPOSE_CAM01_PASSWORD", "secret")
     return folder
 
 
