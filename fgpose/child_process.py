@@ -155,13 +155,23 @@ class ChildProcess:
 
     def _wait(self, pipe: IO[bytes], event: int, end_s: float) -> None:
         """Until a pipe can be read or written. Raises TimeoutError."""
-        was_stopped = False
+        looks = StoppedLooks()
         while not _is_ready(pipe, event, min(max(end_s - time.monotonic(), 0.0), _LOOKS_S)):
             is_stopped = math.isfinite(end_s) and self.is_stopped
-            # Looked at twice: whoever stops a process for a moment goes on at once.
-            if time.monotonic() >= end_s or (is_stopped and was_stopped):
+            if looks.again(is_stopped) or time.monotonic() >= end_s:
                 raise TimeoutError(f"process {self.process_id} {'is stopped' if is_stopped else 'does not answer'}")
-            was_stopped = is_stopped
+
+
+class StoppedLooks:
+    """Looks at whether a process is stopped. One is not enough: whoever stops it for a moment lets it go on at once."""
+
+    def __init__(self) -> None:
+        self._was_stopped = False
+
+    def again(self, is_stopped: bool) -> bool:
+        """Whether it is at this look and was at the one before."""
+        was_stopped, self._was_stopped = self._was_stopped, is_stopped
+        return is_stopped and was_stopped
 
 
 def is_stopped(process_id: int) -> bool:

@@ -1,4 +1,4 @@
-"""A minute of the simulated live system with a fault and a robot: distances against the truth."""
+"""Three minutes of the simulated live system with faults and a robot: distances against the truth."""
 
 from __future__ import annotations
 

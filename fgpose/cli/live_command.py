@@ -17,7 +17,7 @@ from fgpose.cli.live_consumers import Consumers
 from fgpose.cli.live_options import LiveInputs, LiveOutputs
 from fgpose.cli.live_replay import run_replay
 from fgpose.cli.options import new_console
-from fgpose.cli.standard_streams import forgiving_streams
+from fgpose.cli.streams_and_signals import forgiving_streams
 
 if TYPE_CHECKING:
     from rich.table import Table

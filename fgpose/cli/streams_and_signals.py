@@ -9,6 +9,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
+from typing import Any
 
 TERMINATED = 128 + signal.SIGTERM
 """Exit code after SIGTERM."""
@@ -71,5 +72,53 @@ def say(line: str) -> None:
 
 def silence_stdout() -> None:
     """It cannot be written. Python must not complain again when it ends."""
-    with suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    _silence(sys.stdout)
+
+
+def _silence(stream: Any) -> None:
+    """What is written to it from now on is lost."""
+    with suppress(OSError, ValueError), open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), stream.fileno())
+
+
+@contextmanager
+def forgiving_streams() -> Iterator[None]:
+    """Meanwhile what cannot be written to stderr is lost, and nothing else is taken for a stream that is closed."""
+    open_streams()
+    before = sys.stderr
+    with open(os.devnull, "w") as nowhere:
+        sys.stderr = _Forgiving(before or nowhere)
+        try:
+            yield
+        finally:
+            sys.stderr = before
+            _forget_unwritten(before)
+
+
+def _forget_unwritten(stream: Any) -> None:
+    """What a stream still holds would be written when Python ends, which then ends with an error."""
+    if stream is None:
+        return
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        _silence(stream)
+
+
+class _Forgiving:
+    """A text stream that never raises for what is written."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with suppress(OSError, ValueError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with suppress(OSError, ValueError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)

@@ -26,6 +26,7 @@ def check_writable(folder: str | Path) -> None:
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        _remove_leftovers(folder)
         with _temporary_file(folder / "probe"):
             pass
     except OSError as error:
@@ -65,8 +66,8 @@ def replacing(path: Path, check: Check) -> Iterator[Path]:
         NotWrittenError: the file cannot be written, or is not whole.
         OSError: there is a folder, a device or a pipe of this name, or another error of the block.
     """
-    check_replaceable(path)
     target = _plain_file(path)
+    check_writable(target.parent)
     with _temporary_file(target) as temporary:
         try:
             yield temporary
@@ -93,8 +94,7 @@ def _plain_file(path: Path) -> Path:
 @contextmanager
 def _temporary_file(path: Path) -> Iterator[Path]:
     """A new file in the folder of path. It is locked as long as its process lives: one that is not was left by a
-    process that was killed, and the next one removes it."""
-    _remove_leftovers(path.parent)
+    process that was killed, and is removed by whoever writes there next (check_writable)."""
     while True:
         temporary = path.with_name(f".fgpose-{secrets.token_hex(4)}{path.suffix}")
         # What only some may read is not shown to others meanwhile.

@@ -15,7 +15,7 @@ from fgpose.live.cell import Limits
 FUTURE_S = 0.1
 """By which clocks of computers in one room may differ; what is dated farther ahead has a wrong clock."""
 FOUND_S = 1.0
-"""A tracker that begins has found everybody whom three cameras see: see benchmarks/found_again.py."""
+"""A tracker that begins has found everybody whom two cameras have in their images: see benchmarks/found_again.py."""
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,11 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from fgpose.child_process import ChildProcess
+from fgpose.child_process import ChildProcess, StoppedLooks
 from fgpose.live.camera_messages import Begin, CameraJob, Opened
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.parts import Parts
@@ -83,13 +84,12 @@ class CameraProcess:
     def go_on(self, camera_names: Sequence[str]) -> None:
         """See Detectors. One that begins anew goes on by itself."""
         process = self._process
-        try:
-            process.write(camera_names, _TAKES_WITHIN_S)
-        # Many of these fit into a pipe: it has not read any for long.
-        except TimeoutError:
-            process.kill()
-        except BrokenPipeError:
-            pass
+        with suppress(BrokenPipeError):
+            try:
+                process.write(camera_names, _TAKES_WITHIN_S)
+            # Many of these fit into a pipe: it has not read any for long.
+            except TimeoutError:
+                process.kill()
 
     def statuses(self) -> tuple[CameraStatus, ...]:
         """Of its cameras now."""
@@ -156,13 +156,11 @@ class CameraProcess:
 
     def _watch(self) -> None:
         """Kill it if it hangs; that is heard."""
-        was_stopped = False
+        looks = StoppedLooks()
         while not self._watcher.stopped.wait(_LOOKS_S):
-            is_stopped = self._is_running and self._process.is_stopped
             hangs = self._is_running and time.monotonic() - self._heard_s > _HANGS_S
-            if hangs or (is_stopped and was_stopped):
+            if looks.again(self._is_running and self._process.is_stopped) or hangs:
                 self._process.kill()
-            was_stopped = is_stopped
 
 
 def _unknown(live_rig: LiveRig, reason: str, last: tuple[CameraStatus, ...] = ()) -> tuple[CameraStatus, ...]:

@@ -23,7 +23,7 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import OutputState
 from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
-from fgpose.live.senders import Senders, connection_of
+from fgpose.live.senders import Senders
 from fgpose.live.worker import Worker
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
@@ -42,7 +42,8 @@ _HUNG_S = 1.0
 
 
 class DistanceServer:
-    """An output of the live system. A thread of its own measures and publishes, whatever comes or does not come.
+    """An output of the live system. A thread of its own measures and publishes, whatever comes or does not come;
+    another one reads the poses.
 
     Args:
         cell: links, zones and limits.
@@ -55,7 +56,7 @@ class DistanceServer:
         show: takes what was measured, in the thread.
         tell: called with one line for the first message of each kind that is refused, and when measuring fails.
         now_s: Unix time.
-        parts: told when the thread has ended.
+        parts: told when one of the threads has ended.
 
     Raises:
         ValueError: the skeleton lacks a joint that a body needs, or too little around a zone is observed.
@@ -100,12 +101,10 @@ class DistanceServer:
         self._senders, self._contested_s = Senders("link", self._contest), dict[str, float]()
         """Links of which two senders say where they are, and when they did last."""
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
-        self._workers = [
-            Worker("measuring distances", self._run, parts),
-            Worker("reading the poses of the robot", self._read_poses, parts),
-        ]
-        for worker in self._workers:
-            worker.start()
+        self._measuring = Worker("measuring distances", self._run, parts)
+        self._reading = Worker("reading the poses of the robot", self._read_poses, parts)
+        self._measuring.start()
+        self._reading.start()
 
     @property
     def state(self) -> OutputState:
@@ -125,14 +124,14 @@ class DistanceServer:
 
     def close(self) -> None:
         """Stop measuring. Closing again does nothing."""
-        for worker in self._workers:
-            worker.close()
+        self._measuring.close()
+        self._reading.close()
         self._publisher.close()
         self._poses.close(linger=0)
 
     def _run(self) -> None:
         due_s = time.monotonic()
-        while not self._workers[0].stopped.wait(max(due_s - time.monotonic(), 0.0)):
+        while not self._measuring.stopped.wait(max(due_s - time.monotonic(), 0.0)):
             # What was missed is not made up for.
             due_s = max(due_s + self._period_s, time.monotonic())
             try:
@@ -160,7 +159,7 @@ class DistanceServer:
             self._show(distances)
 
     def _read_poses(self) -> None:
-        while not self._workers[1].stopped.is_set():
+        while not self._reading.stopped.is_set():
             self._take_poses()
 
     def _take_poses(self) -> None:
@@ -182,17 +181,14 @@ class DistanceServer:
                 self._take(parts, came_s)
             except MessageError as error:
                 self._rejections.add(error)
-        self._workers[1].stopped.wait(_REST_S)
+        self._reading.stopped.wait(_REST_S)
 
     def _contest(self, name: str) -> None:
         self._contested_s = self._contested_s | {name: self._now_s()}
 
     def _take(self, parts: list[Any], came_s: float) -> None:
-        connection = connection_of(parts[0])
-        self._senders.check_heard(connection, came_s)
-        if len(parts) != 1:
-            raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
-        message = decode_robot(parts[0].buffer, self._link_names)
+        connection, body = self._senders.body(parts, came_s)
+        message = decode_robot(body, self._link_names)
         if message.time_s is not None and message.time_s > came_s + FUTURE_S:
             raise MessageError("time", f"poses {message.time_s - came_s:.2f} s ahead of this computer's clock")
         at_s = came_s if message.time_s is None else min(message.time_s, came_s)

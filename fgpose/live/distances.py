@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -156,48 +156,50 @@ class DistanceMonitor:
             measured = self._measured(frame, world_T_link, max(now_s - taken_s(frame), 0.0))
             incomplete = self._incomplete(frame, measured)
             self._approach.add(frame, measured.expected_m.min(axis=1))
-        said = []
+        of_frame, said = self._facts(frame), []
         for number, link in enumerate(links):
-            share = 0.0 if frame is None else self._observed_share(frame, number, world_T_link[number])
-            facts = self._facts(frame, pose_s[number], share, bool(is_rigid[number]), tuple(incomplete[number]))
+            facts = replace(
+                of_frame,
+                pose_s=pose_s[number],
+                is_rigid=bool(is_rigid[number]),
+                observed_share=0.0 if frame is None else self._observed_share(frame, number, world_T_link[number]),
+                incomplete=tuple(incomplete[number]),
+            )
             faults = faults_of(facts, self._limits, now_s)
             if faults:
                 self._faults.setdefault(number, Fault(faults[0], now_s))
-            is_placed = bool(is_rigid[number]) and is_new(pose_s[number], self._limits, now_s)
+            is_placed = facts.is_rigid and is_new(facts.pose_s, self._limits, now_s)
             nearest = self._nearest(number, frame, measured) if is_placed else _said(-math.inf, -math.inf)
             said.append(
                 LinkDistance(
                     link=link.name,
                     **nearest,
                     age_s=math.inf if frame is None else now_s - facts.taken_s,
-                    pose_age_s=now_s - pose_s[number],
-                    observed_share=share,
+                    pose_age_s=now_s - facts.pose_s,
+                    observed_share=facts.observed_share,
                     fault=self._faults.get(number),
                 )
             )
         return tuple(said)
 
-    def _facts(
-        self, frame: LiveFrame | None, pose_s: float, share: float, is_rigid: bool, incomplete: tuple[str, ...]
-    ) -> Facts:
+    def _facts(self, frame: LiveFrame | None) -> Facts:
+        """What a frame tells of every link; nothing is known of any yet."""
+        nothing = Facts(math.nan, math.nan, math.nan, math.nan, is_rigid=False, observed_share=0.0)
         if frame is None:
-            return Facts(math.nan, math.nan, math.nan, pose_s, is_rigid, share)
-        state = {camera.name: camera.state for camera in frame.cameras}
-        return Facts(
-            taken_s=taken_s(frame),
+            return nothing
+        state, at_s = {camera.name: camera.state for camera in frame.cameras}, taken_s(frame)
+        return replace(
+            nothing,
+            taken_s=at_s,
             tracking_since_s=frame.tracking_since_s,
             tracked_s=frame.time_s,
-            pose_s=pose_s,
-            is_rigid=is_rigid,
-            observed_share=share,
             not_ok=tuple(
                 f"{name} {state[name].value if name in state else 'missing'}"
                 for name in self._camera_names
                 if state.get(name) is not CameraState.OK
             ),
             unproven=tuple(camera.name for camera in in_use(frame) if camera.unproven_s is None),
-            doubt_s=frame.time_s - taken_s(frame),
-            incomplete=incomplete,
+            doubt_s=frame.time_s - at_s,
         )
 
     def _observed_share(self, frame: LiveFrame, link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:

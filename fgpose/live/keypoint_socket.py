@@ -12,7 +12,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.assurance import FUTURE_S
 from fgpose.live.keypoint_messages import decode_keypoints
 from fgpose.live.rejections import MessageError, Rejected, Rejections
-from fgpose.live.senders import Senders, connection_of
+from fgpose.live.senders import Senders
 from fgpose.live.zmq_sockets import bound_socket, connected_socket, load_zmq
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
@@ -108,11 +108,8 @@ class KeypointSocket:
         return None
 
     def _taken(self, parts: list[Any], arrived_s: float) -> ArrivedDetections:
-        connection = connection_of(parts[0])
-        self.senders.check_heard(connection, arrived_s)
-        if len(parts) != 1:
-            raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
-        detections = decode_keypoints(parts[0].buffer, self._rig, self._skeleton, self._keys)
+        connection, body = self.senders.body(parts, arrived_s)
+        detections = decode_keypoints(body, self._rig, self._skeleton, self._keys)
         self.senders.take(detections.camera, connection, arrived_s)
         if detections.camera in self._synchronised and detections.time_s > arrived_s + FUTURE_S:
             ahead_s = detections.time_s - arrived_s

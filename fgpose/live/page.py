@@ -25,7 +25,7 @@ from types import TracebackType
 import numpy as np
 from jaxtyping import UInt8
 
-from fgpose.child_process import is_stopped
+from fgpose.child_process import StoppedLooks, is_stopped
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.distances import LinkDistance
 from fgpose.live.frame import LiveFrame
@@ -176,15 +176,13 @@ class StatusPage:
         _send(connection, STATIC, self._html)
         for path in (_STATE, *map(_picture_path, self._sizes)):
             _send(connection, path, b"")
-        was_stopped = False
+        looks = StoppedLooks()
         while True:
             if connection.poll(_LOOKS_S):
                 path = connection.recv_bytes().decode()
                 _send(connection, path, self._content(path))
-            has_stopped = is_stopped(self._process.pid)
-            if has_stopped and was_stopped:
+            if looks.again(is_stopped(self._process.pid)):
                 self._process.kill()
-            was_stopped = has_stopped
 
     def _content(self, path: str) -> bytes:
         if path == _STATE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from fgpose.live.rejections import MessageError
@@ -45,6 +45,18 @@ class Senders:
         self._sender: dict[str, tuple[Connection, float]] = {}
         self._refused: dict[Connection, tuple[int, float]] = {}
         """How often, and since when."""
+
+    def body(self, parts: Sequence[Any], now_s: float) -> tuple[Connection, memoryview]:
+        """Of a message that has come, and from where.
+
+        Raises:
+            MessageError: it has several parts, or nothing is heard from there at the moment.
+        """
+        connection = connection_of(parts[0])
+        self.check_heard(connection, now_s)
+        if len(parts) != 1:
+            raise MessageError("content", f"a message of {len(parts)} parts; it should have one")
+        return connection, parts[0].buffer
 
     def check_heard(self, connection: Connection, now_s: float) -> None:
         """Before a message is read.

@@ -14,7 +14,7 @@ _PROGRAM = """
 import logging, os, sys, warnings
 from fgpose.cli.live_status import ConsoleLog
 from fgpose.cli.options import new_console
-from fgpose.cli.standard_streams import forgiving_streams
+from fgpose.cli.streams_and_signals import forgiving_streams
 
 with forgiving_streams():
     recording = open(sys.argv[1], "xb", buffering=0)

@@ -53,8 +53,9 @@ def test_who_is_refused_again_and_again_is_not_read_for_a_while(senders: Senders
     senders.check_heard(2, 1.5)
 
 
-def test_a_sender_of_another_camera_is_heard_all_the_same(senders: Senders) -> None:
+def test_a_sender_of_another_camera_is_heard_all_the_same(senders: Senders, contested: list[str]) -> None:
     senders.take("a", 1, 0.0)
     for k in range(100):
         senders.take("b", 2, 0.001 * k)
         contest(senders, "a", 0.001 * k)
+    assert contested == ["a"] * 100  # each was read

@@ -443,6 +443,7 @@ def test_pictures_do_not_pile_up_in_memory(
             if frame % 3 == 2:  # 3 pictures are more than 2.5: all of them are in the file
                 (file,) = tmp_path.glob(".fgpose-*.rrd")
                 wait_until(lambda file=file, frame=frame: file.stat().st_size > (frame + 1) * noise_bytes)
+                assert file.stat().st_size > (frame + 1) * noise_bytes
 
 
 def test_late_viewers_are_served_results_and_pictures(rig: CameraRig, monkeypatch: pytest.MonkeyPatch) -> None:
