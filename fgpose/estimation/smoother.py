@@ -171,12 +171,16 @@ def _first_known(lengths_m: list[np.ndarray]) -> Float[np.ndarray, " length"]:
 
 
 def _with_learned_lengths(recording: Segment) -> Segment:
-    """The recording with the bone lengths of a sample of its frames.
+    """The recording with the bone lengths of a sample of its frames, solved as a window is: hallucinated detections
+    would stretch them.
 
     Delays are not corrected there, because the motion between frames so far apart is not known.
     """
-    sample = _optimum(recording.frames(spread_evenly(recording.n_frames, _SAMPLE_FRAMES)))
-    lengths_m = _first_known([sample.lengths_m, recording.lengths_m])
+    sample = recording.frames(spread_evenly(recording.n_frames, _SAMPLE_FRAMES))
+    at_once = replace(sample.evidence, delay_s=np.zeros_like(sample.evidence.delay_s))
+    without_covariance = sample.config.replace(solver={"covariance": False})
+    solution = _solve(replace(sample, evidence=at_once, config=without_covariance))
+    lengths_m = _first_known([solution.lengths_m, recording.lengths_m])
     return replace(recording, lengths_m=lengths_m, length_sigma_m=_HELD_LENGTH_SIGMA_M)
 
 

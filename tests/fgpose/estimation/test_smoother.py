@@ -150,6 +150,27 @@ def test_estimated_bone_lengths(long_scene: Scene, rig: fgpose.CameraRig, skelet
     assert np.max(np.abs(lengths_m - true_m)) < 0.012
 
 
+def test_a_limb_mirrored_in_one_of_two_views_does_not_stretch_the_bones_of_windows(
+    long_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    """Camera 1 takes the right arm for the left one throughout: the lengths come from frames that know that."""
+    two = list(rig.names[:2])
+    seen = long_scene.observations.frames(slice(0, 150)).subset(two)
+    points2d_px = seen.points2d_px.copy()
+    noise_px = np.random.default_rng(1).normal(0, 2, (150, 2, 2))
+    for k, name in enumerate(("elbow", "wrist")):
+        left, right = skeleton.index(f"left_{name}"), skeleton.index(f"right_{name}")
+        points2d_px[:, 1, left] = points2d_px[:, 1, right] + noise_px[:, k]
+    mirrored = replace(seen, points2d_px=points2d_px, points3d_m=None)
+    config = config_from_dict({"solver": {"window_s": 1.0, "overlap_s": 0.2, "covariance": False}})
+    lengths_m = fgpose.smooth(mirrored, rig.subset(two), config).bone_lengths_m
+    true_m = np.zeros(skeleton.n_lengths)
+    true_m[list(skeleton.length_of_bone)] = skeleton.bone_lengths(long_scene.truth_m)[0]
+    upper_arm = skeleton.length_names.index("left_shoulder-left_elbow")
+    assert lengths_m is not None
+    assert lengths_m[upper_arm] == pytest.approx(true_m[upper_arm], abs=0.012)  # as without it
+
+
 @pytest.mark.slow
 def test_windows_leave_no_seam(long_scene: Scene, long_smoothed: fgpose.Trajectory, rig: fgpose.CameraRig) -> None:
     """Joined from windows of 1.6 s or solved in one piece: the same within 0.5 mm for half of all joints, 3 mm for
@@ -185,8 +206,8 @@ def test_covariance_in_windows_is_that_of_one_piece(long_scene: Scene, rig: fgpo
     # Held lengths instead of estimated ones make a window slightly more certain. And each window finds by itself how
     # its errors are correlated, of which 0.6 s tell little.
     assert np.median(ratio) == pytest.approx(1.0, abs=0.15)
-    # Each window learns the errors of detections from its own frames: sigmas differ by a third at most.
-    np.testing.assert_allclose(np.sqrt(ratio), 1.0, atol=0.4)
+    # Each window learns the errors of detections from its own frames: sigmas differ by a third, of 99 % of the joints.
+    assert np.quantile(np.abs(np.sqrt(ratio) - 1.0), 0.99) < 0.4
 
 
 def test_a_joint_seen_again_later_is_bridged(
