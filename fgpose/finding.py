@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 
@@ -230,8 +230,8 @@ _THE_SAME = (Code.DISAGREEING_CAMERA, Code.HALLUCINATING_CAMERA)
 
 
 def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Without repetitions and without what others explain, a note only notes; the severest first, of equal ones the
-    weightiest, then what may cause the others."""
+    """Without repetitions and without what others explain, a note only notes; a cause is as severe as what it explains.
+    The severest first, of equal ones the weightiest, then what may cause the others."""
     different: dict[tuple[Code, str, str, int | None, float | None], Finding] = {}
     for each in findings:
         different.setdefault((each.code, each.camera, each.joint, each.person, each.from_s), each)
@@ -247,7 +247,16 @@ def most_important(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     ]
     order = list(Severity)
     causes = [each for each in causes if not any(_says_more(other, each, order) for other in causes)]
-    return tuple(sorted(causes, key=lambda each: (order.index(each.severity), -each.weight)))
+    as_severe = [_with_severity_of_explained(each, grave) for each in causes]
+    return tuple(sorted(as_severe, key=lambda each: (order.index(each.severity), -each.weight)))
+
+
+def _with_severity_of_explained(cause: Finding, grave: list[Finding]) -> Finding:
+    """A cause takes the place of what follows from it, so it is as severe."""
+    follows = [each for each in grave if each.code in EXPLAINS.get(cause.code, ())]
+    if cause.severity is Severity.DOUBTFUL and any(each.severity is Severity.WRONG for each in follows):
+        return replace(cause, severity=Severity.WRONG)
+    return cause
 
 
 def _says_more(other: Finding, each: Finding, order: list[Severity]) -> bool:

@@ -158,7 +158,7 @@ class Info(RecordingOptions):
         from fgpose.cli.info_tables import print_info
         from fgpose.cli.people import associated
         from fgpose.cli.people_tables import print_association
-        from fgpose.cli.tables import print_who
+        from fgpose.cli.tables import print_presence
         from fgpose.diagnosis.diagnose import diagnose
         from fgpose.pipeline import PeopleSource
 
@@ -170,7 +170,9 @@ class Info(RecordingOptions):
             source = source.one()
             console.print("Of the person who is seen most; late and moved cameras by everybody:")
         else:
-            print_who(console, source)
+            if source.chosen is not None and source.chosen.n_people > 1:
+                console.print(f"Looked at is {source.chosen}.", soft_wrap=True)
+            print_presence(console, source)
         recording = everybody if everybody and everybody.people else source.observations
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)

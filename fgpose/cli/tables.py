@@ -14,6 +14,7 @@ from fgpose.assessment.evaluation import Evaluation
 from fgpose.assessment.metrics import jitter_mps3
 from fgpose.assessment.people import PeopleEvaluation
 from fgpose.calibration.self_calibration import CameraCalibration
+from fgpose.finding import Code
 from fgpose.pipeline import Result, Source
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
@@ -33,7 +34,8 @@ def print_result(console: Console, result: Result, written: tuple[Path, ...]) ->
     console.print(result_table(result))
     if result.update_ms is not None:
         console.print(latency_table(result.update_ms))
-    for line in presence_lines(result.main):
+    is_said = result.diagnosis is not None and result.diagnosis.tells_of(Code.NOBODY)
+    for line in [*([] if is_said else absence_lines(result.main)), *left_out_lines(result.main)]:
         console.print(line, soft_wrap=True)
     if result.main.convergence is not None and not result.main.convergence.converged:
         console.print("Not converged: raise --solver.max-iterations, or look at the input with fgpose info.")
@@ -49,36 +51,35 @@ def print_source(console: Console, source: Source) -> None:
         f"{observations.n_frames} frames{rate}, {observations.n_cameras} cameras, "
         f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
     )
-    print_who(console, source)
+    print_presence(console, source)
 
 
-def print_who(console: Console, source: Source) -> None:
-    """Who of several people it is, and who comes after whom."""
-    if source.chosen is not None and source.chosen.n_people > 1:
-        console.print(f"Estimated is {source.chosen}.", soft_wrap=True)
+def print_presence(console: Console, source: Source) -> None:
+    """Who comes after whom, or that nobody comes."""
     for change in source.succession.changes if source.succession else ():
         console.print(f"Nobody is there for a while: {change}.", soft_wrap=True)
     if not source.observations.seen.any():
         console.print("Nobody is detected in any image.")
 
 
-def presence_lines(trajectory: Trajectory) -> list[str]:
-    """When nobody is there, and which frames were left out."""
-    time_s, lines = trajectory.time_s, []
-    if trajectory.absent.any():
-        edges = np.flatnonzero(np.diff(trajectory.absent, prepend=False, append=False))
-        spans = [f"{time_s[begin]:.2f} to {time_s[end - 1]:.2f} s" for begin, end in edges.reshape(-1, 2).tolist()]
-        lines.append(
-            f"{100 * trajectory.absent.mean():.0f} % of the frames are empty in the files, as the person is away: "
-            + _first_of(spans)
-        )
-    if trajectory.implausible_frames:
-        frames = [f"frame {frame} at {time_s[frame]:.2f} s" for frame in trajectory.implausible_frames]
-        lines.append(
-            f"Left out, because the detections make no body: {len(frames)} of {len(time_s)} frames: "
-            + _first_of(frames)
-        )
-    return lines
+def absence_lines(trajectory: Trajectory) -> list[str]:
+    """When nobody is there, if that is ever so."""
+    if not trajectory.absent.any():
+        return []
+    edges = np.flatnonzero(np.diff(trajectory.absent, prepend=False, append=False)).reshape(-1, 2)
+    time_s = trajectory.time_s
+    spans = [f"{time_s[begin]:.2f} to {time_s[end - 1]:.2f} s" for begin, end in edges.tolist()]
+    share = 100 * trajectory.absent.mean()
+    return [f"{share:.0f} % of the frames are empty in the files, as the person is away: {_first_of(spans)}"]
+
+
+def left_out_lines(trajectory: Trajectory) -> list[str]:
+    """Which frames were left out, if any."""
+    if not trajectory.implausible_frames:
+        return []
+    frames = [f"frame {frame} at {trajectory.time_s[frame]:.2f} s" for frame in trajectory.implausible_frames]
+    share = f"{len(frames)} of {trajectory.n_frames} frames"
+    return [f"Left out, because the detections make no body: {share}: {_first_of(frames)}"]
 
 
 def _first_of(items: Sequence[str]) -> str:

@@ -25,7 +25,7 @@ from fgpose.diagnosis.seen.repeated import repeated_images
 from fgpose.diagnosis.seen.smoothed import smoothed_keypoints
 from fgpose.diagnosis.seen.succession import somebody_else
 from fgpose.diagnosis.seen.zeros import without_zeros, zero_keypoints
-from fgpose.finding import Finding, Severity, most_important
+from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up
@@ -73,6 +73,10 @@ class Diagnosis:
     def worst(self) -> Severity | None:
         """Of all findings; None: there is none."""
         return self.findings[0].severity if self.findings else None
+
+    def tells_of(self, code: Code) -> bool:
+        """Whether a finding says this, or something that explains it."""
+        return any(code is each.code or code in EXPLAINS.get(each.code, ()) for each in self.findings)
 
 
 def diagnose(

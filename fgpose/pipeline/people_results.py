@@ -39,7 +39,7 @@ def write_people(
     Raises:
         OutputError: a file could not be written, whatever the reason. All others were.
     """
-    outputs = outputs.standing(result.main.values(), result.association.rig)
+    outputs = outputs.standing(result.main.values(), result.association.rig, result.diagnosis)
     paths = outputs.trajectory_paths(result.saved).items()
     names = {path: name for path, name in paths if name in result.trajectories}
     time_s = result.association.frames.frame_time_s

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import importlib.util
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed
+from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
@@ -185,12 +186,14 @@ class Outputs:
     def _rrd(self) -> Path | None:
         return self.rrd if "rrd" in self.formats else None
 
-    def standing(self, people: Iterable[Trajectory], rig: CameraRig) -> Outputs:
+    def standing(self, people: Collection[Trajectory], rig: CameraRig, diagnosis: Diagnosis | None) -> Outputs:
         """The same, with what is up as these people and cameras stand, if that is to be found.
 
         Warns:
-            UserWarning: it is another axis than z, or in doubt.
+            UserWarning: it is another axis than z, or in doubt, and the diagnosis does not tell of it.
         """
+        if self.world_up == "auto" and diagnosis is not None and diagnosis.tells_of(Code.WORLD_UP):
+            return replace(self, world_up=find_up(people, rig).world_up)
         return replace(self, world_up=resolved_up(people, self.world_up, self.folder / self.name, rig))
 
     def _viewer_options(self, rig: CameraRig) -> dict[str, Any]:
@@ -256,7 +259,7 @@ def write_outputs(
     Raises:
         OutputError: a file could not be written, whatever the reason. All others were.
     """
-    outputs = outputs.standing([result.main], result.source.rig)
+    outputs = outputs.standing([result.main], result.source.rig, result.diagnosis)
     origin = outputs.origin(result.origin)
     writers: dict[Path | str, Callable[[], object]] = {
         path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, origin)

@@ -321,6 +321,12 @@ def test_a_recording_in_the_world_of_a_camera_stands_in_every_file(smoothed: Res
     write_outputs(smoothed, Outputs(tmp_path, "up", ("trc",)))
     with pytest.warns(UserWarning, match=r"down: the body stands along -y of the world, not along \+z"):
         write_outputs(turned, Outputs(tmp_path, "down", ("trc",)))
+    # A finding says it, where there is a diagnosis.
+    told = diagnosed(turned)
+    assert told.diagnosis is not None
+    assert "not along +z" in " ".join(each.text for each in told.diagnosis.findings)
+    with warnings.catch_warnings(action="error"):
+        write_outputs(told, Outputs(tmp_path, "told", ("trc",)))
     np.testing.assert_allclose(
         load_trajectory(tmp_path / "down.trc").positions_m, load_trajectory(tmp_path / "up.trc").positions_m, atol=1e-12
     )

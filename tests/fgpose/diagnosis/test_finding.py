@@ -23,6 +23,15 @@ def test_a_cause_takes_the_place_of_what_follows_from_it() -> None:
     assert most_important([consequence, cause]) == (cause,)
 
 
+def test_a_cause_is_as_severe_as_what_it_takes_the_place_of() -> None:
+    cause, consequence = found(Code.LATE_CAMERA, camera="a"), found(Code.LARGE_ERRORS, Severity.WRONG)
+    (left,) = most_important([consequence, cause])
+    assert (left.code, left.severity) == (Code.LATE_CAMERA, Severity.WRONG)
+    note = found(Code.FEW_CAMERAS, Severity.NOTE)
+    turned = found(Code.IMPOSSIBLE_TURN, Severity.WRONG)
+    assert most_important([note, turned]) == (turned, note)
+
+
 def test_the_severest_and_weightiest_comes_first_and_nothing_twice() -> None:
     note, wrong = found(Code.SHORT_LIFE, Severity.NOTE, 1.0), found(Code.UNIT, Severity.WRONG, 0.1)
     late, later = found(Code.LATE_CAMERA, weight=0.2, camera="a"), found(Code.LATE_CAMERA, weight=0.3, camera="b")
