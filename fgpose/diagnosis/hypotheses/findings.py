@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.body.limb_sides import exchanged_limbs
-from fgpose.diagnosis.body.sides import mirrored
 from fgpose.diagnosis.body.skeletons import better_skeleton
 from fgpose.diagnosis.examined import Examined, NotJudgedError
-from fgpose.diagnosis.hypotheses.agreement import agreement
-from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.geometry import Geometry
+from fgpose.diagnosis.hypotheses.handed import on_the_right_sides
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, Why
 from fgpose.diagnosis.hypotheses.search import Explanation
 from fgpose.finding import Code, Finding, Severity
-from fgpose.sampling import spread_evenly
 
 _USUAL = "2 to 6 cm are usual"
 _FRAMES = 120
@@ -41,7 +37,7 @@ def disagreements(examined: Examined) -> list[Finding]:
     if exchanged_limbs(examined):
         return []  # told of the sides
     if geometry.explanation is not None:
-        return list(_explained(_on_the_right_sides(examined, geometry), examined.rig.names))
+        return list(_explained(on_the_right_sides(examined, geometry.explanation), examined.rig.names))
     if geometry.odd:
         return [_of_odd(examined, geometry, camera, why) for camera, why in geometry.odd]
     if not geometry.wrong:
@@ -78,23 +74,6 @@ def _nothing_in_common(examined: Examined) -> Finding:
         "Is it the same person, at the same time? Look at the keypoints of each camera.",
         1.0,
     )
-
-
-def _on_the_right_sides(examined: Examined, geometry: Geometry) -> Explanation:
-    """Where half of the cameras exchange left and right, they agree as well with the other half exchanged, but then
-    the body is mirrored."""
-    found = geometry.explanation
-    assert found is not None
-    if any(cause.code is not Code.EXCHANGED_SIDES for cause in found.causes):
-        return found
-    scene = examined.scene.frames(spread_evenly(examined.main.n_frames, _FRAMES))
-    for cause in found.causes:
-        scene = cause.mend(scene)
-    others = sorted(set(range(scene.n_cameras)) - {c for cause in found.causes for c in cause.cameras})
-    if not mirrored(agreement(scene).positions_m, examined.main.skeleton):
-        return replace(found, rival=None)
-    causes = [cause for c in others for cause in side_hypotheses((c,))]
-    return replace(found, causes=tuple(causes), rival=None) if causes else found
 
 
 def _explained(found: Explanation, names: tuple[str, ...]) -> Iterator[Finding]:

@@ -44,7 +44,7 @@ def image_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothe
 def turned_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
     """Turned or mirrored, or with other axes."""
     yield from _turned(scene, cameras)
-    yield from _mirrored(scene, cameras)
+    yield from mirrored_hypotheses(cameras)
     yield from _other_axes(cameras)
 
 
@@ -218,8 +218,8 @@ def _turned(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
         )
 
 
-def _mirrored(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
-    """As a front camera shows them: the network then takes the left hand for the right one."""
+def mirrored_hypotheses(cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """As a front camera shows them: the network then takes the left hand for the right one. Second: it does not."""
     for sides, words in ((True, ""), (False, ", with left and right as they are on the body")):
 
         def mirrored_back(given: Scene, sides: bool = sides) -> Scene:

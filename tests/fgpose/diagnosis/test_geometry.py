@@ -98,6 +98,21 @@ def test_an_image_that_was_turned(seen: Observations, rig: CameraRig) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("by_look", [True, False])
+@pytest.mark.parametrize("n_cameras", [2, 4])
+def test_whether_to_exchange_sides_of_mirrored_images_is_told_by_the_body(n_cameras: int, *, by_look: bool) -> None:
+    """Rays agree as well with left and right exchanged as without. Cameras in a ring, as those of a laboratory, agree
+    as well with the keypoints of their mirror images, but then the body is mirrored if networks go by the side."""
+    rig = ring_rig(n_cameras)
+    flipped = recorded(rig).points2d_px.copy()
+    for c, camera in enumerate(rig.cameras):
+        flipped[:, c, :, 0] = camera.size_px[0] - 1 - flipped[:, c, :, 0]
+    flipped = flipped[:, :, SKELETON.mirror] if by_look else flipped
+    text = only(with_points(recorded(rig), flipped), rig).text
+    assert ("exchange left and right joints" in text) == (by_look and n_cameras == 2)
+    assert ("with left and right as they are on the body" in text) == (not by_look)
+
+
 def test_a_view_that_is_mirrored(seen: Observations, rig: CameraRig) -> None:
     finding = only(changed(seen, mirrored, (1,)), rig)
     assert (finding.code, finding.camera) == (Code.MIRRORED_IMAGE, "cam2")
