@@ -24,6 +24,8 @@ _ONE_MOMENT_S, _OFTEN = 2.0, 2
 _AT_THE_END = 0.95  # of the lags that were tried
 # A frame rate that is taken for another one. Of drifts only: 25 Hz for 50 is no drift.
 _NTSC = (9e-4, 1.1e-3)
+# The time of a change is told to a second where somebody moves; what is known less well is said.
+_KNOWN_S = 2.5
 
 
 def moved_and_late_cameras(examined: Examined) -> list[Finding]:
@@ -203,11 +205,12 @@ def _lost_at(change: Change, found: Changes, names: Sequence[str], together: boo
     name, frames = names[change.camera], change.offset_s / found.step_s
     number = f"{abs(frames):.0f} frame{'s' if abs(frames) >= 1.5 else ''}"
     sizes = f"({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
+    when = _when(change, change.at_s)
     if frames > 0:
-        what = f"{name} lost {number} {sizes} at {change.at_s:.1f} s, and its images were numbered on without a gap"
+        what = f"{name} lost {number} {sizes} {when}, and its images were numbered on without a gap"
         why = "from there on it is ahead of the others"
     else:
-        what = f"the clock of {name} jumps back by {number} {sizes} at {change.at_s:.1f} s"
+        what = f"the clock of {name} jumps back by {number} {sizes} {when}"
         why = "from there on it is behind the others, as if images were written twice"
     return Finding(
         Code.LOST_FRAMES,
@@ -218,7 +221,7 @@ def _lost_at(change: Change, found: Changes, names: Sequence[str], together: boo
         0.8,
         camera=name,
         from_s=change.at_s,
-        numbers={"jump_s": change.offset_s, "sigma_s": change.sigma, "frames": frames},
+        numbers={"jump_s": change.offset_s, "sigma_s": change.sigma, "frames": frames, **_earliest_and_latest(change)},
     )
 
 
@@ -296,20 +299,31 @@ def _moved(change: Change, names: Sequence[str], together: bool) -> Finding:
 def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
     name, until = names[change.camera], np.isfinite(change.until_s)
     at_s = change.until_s if until else change.at_s
-    when = "; the calibration is right from then on" if until else "; until then it was where the calibration says"
+    right = "; the calibration is right from then on" if until else "; until then it was where the calibration says"
     by_hand = f"Cut the recording at {at_s:.1f} s, and calibrate the part {'before' if until else 'after'} it again."
     return Finding(
         Code.BUMPED_CAMERA,
         Severity.WRONG,
-        f"{name}{_which(change.camera, names)} was moved at {at_s:.1f} s, while it filmed, by about "
-        f"{_by(change)}{when}",
+        f"{name}{_which(change.camera, names)} was moved {_when(change, at_s)}, while it filmed, by "
+        f"about {_by(change)}{right}",
         _mended(change, together, by_hand, " It gives the camera one pose before and one after."),
         0.8,
         camera=name,
         from_s=None if until else at_s,
         to_s=at_s if until else None,
-        numbers=_numbers(change) | {"at_s": at_s},
+        numbers=_numbers(change) | {"at_s": at_s, **_earliest_and_latest(change)},
     )
+
+
+def _when(change: Change, at_s: float) -> str:
+    begin_s, end_s = change.between_s or (at_s, at_s)
+    if end_s - begin_s < _KNOWN_S:
+        return f"at {at_s:.1f} s"
+    return f"at some time from {max(begin_s, 0):.0f} to {end_s:.0f} s, most probably at {at_s:.1f} s"
+
+
+def _earliest_and_latest(change: Change) -> dict[str, float]:
+    return dict(zip(("earliest_s", "latest_s"), change.between_s or (), strict=False))
 
 
 def _by(change: Change) -> str:

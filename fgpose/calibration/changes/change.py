@@ -38,6 +38,8 @@ class Change:
     at_s: float = -np.inf
     """By the time stamps of the camera: since when; -inf: all the time."""
     until_s: float = np.inf
+    between_s: tuple[float, float] | None = None
+    """Within which times at_s, or until_s, is, by the common clock; None where it changes at no time."""
     offset_s: float = 0.0
     """How much later its images were taken than the stamps say."""
     rate: float = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.changes.change import Kind
-from fgpose.calibration.changes.lag_costs import PER_STEP, LagCosts, told_blocks
+from fgpose.calibration.changes.lag_costs import PER_STEP, LagCosts, edges_as_good, told_blocks
 
 _NEGLIGIBLE_GAIN = 4.0
 # In the same units: a simpler change is as good.
@@ -30,6 +30,8 @@ class ClockFit:
     """Blocks with which jumps begin."""
     gain: Float[np.ndarray, " block"]
     """By how much the cost of each block is less, with lags to which it has not contributed."""
+    edges: tuple[tuple[int, int], ...]
+    """The first and the last block with which each jump may begin."""
     sigma: float
     """Standard deviation of the lag, of the largest jump, or of what the rate adds up to, in steps of the costs; from
     the scatter of the blocks."""
@@ -59,7 +61,8 @@ def clock_fits(costs: LagCosts, c: int, step_s: float) -> list[ClockFit]:
             rows = np.flatnonzero(told & ~half)
             gain[rows] = (cost[:, centre] - _least(cost, of_half, own_firsts, told & half))[rows]
         lag = _simple(kind, lag - centre, firsts, cost, costs, step_s)
-        found.append(ClockFit(kind, lag, firsts, gain, _sigma(kind, lag + centre, firsts, cost, time)))
+        edges, sigma = _edges(cost, lag + centre, firsts), _sigma(kind, lag + centre, firsts, cost, time)
+        found.append(ClockFit(kind, lag, firsts, gain, edges, sigma))
     return found
 
 
@@ -107,6 +110,18 @@ def _simple(
         if _at(cost, each + centre).sum() < best + _AS_GOOD:
             return each
     return lag
+
+
+def _edges(
+    cost: Float[np.ndarray, "block lag"], lag: Float[np.ndarray, " block"], firsts: tuple[int, ...]
+) -> tuple[tuple[int, int], ...]:
+    found = []
+    for before, first, after in zip((0, *firsts), firsts, (*firsts[1:], len(lag)), strict=False):
+        part = cost[before:after]
+        costs = [_at(part, np.full(len(part), lag[either])) for either in (first - 1, first)]
+        begin, end = edges_as_good(*costs)
+        found.append((before + begin, before + end))
+    return tuple(found)
 
 
 def _sigma(

@@ -251,7 +251,14 @@ def _placed(
     near_s = blocks.time_s[min(edge, blocks.n_blocks - 1)] - blocks.length_s / 2
     before, after = ([*changes, moved], list(changes)) if until else (list(changes), [*changes, moved])
     at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
+    moved = replace(moved, between_s=_between_s(fit.edges, at_s, blocks))
     return [replace(moved, until_s=at_s) if until else replace(moved, at_s=at_s)]
+
+
+def _between_s(edges: tuple[int, int], at_s: float, blocks: Blocks) -> tuple[float, float]:
+    """A block to either side: where in a block it changes is not told by blocks."""
+    begin_s, end_s = (float(blocks.time_s[min(edge, blocks.n_blocks - 1)]) for edge in edges)
+    return min(begin_s - 1.5 * blocks.length_s, at_s), max(end_s + 0.5 * blocks.length_s, at_s)
 
 
 def _move(
@@ -311,7 +318,7 @@ def _jump(
         found.append(
             Change(Kind.OFFSET, change.camera, offset_s=offset_s, sigma=change.sigma, reliability=change.reliability)
         )
-    for first in fit.firsts:
+    for first, edges in zip(fit.firsts, fit.edges, strict=True):
         by_s = float(lag_s[first] - lag_s[first - 1])
         frames = by_s / step_s
         if abs(frames - round(frames)) < _WHOLE_FRAMES:
@@ -322,5 +329,5 @@ def _jump(
         near_s = blocks.time_s[first] - blocks.length_s / 2
         before, after = [*changes, *found], [*changes, *found, jump]
         at_s = turning_point_s(people, rig, before, after, change.camera, rays.step_s, near_s, 2 * blocks.length_s)
-        found.append(replace(jump, at_s=at_s))
+        found.append(replace(jump, at_s=at_s, between_s=_between_s(edges, at_s, blocks)))
     return found

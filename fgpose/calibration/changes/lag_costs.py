@@ -33,6 +33,10 @@ _WALKS_RAD, _WALKS_M = 0.08, 0.3
 # Of the joints that move most, in half a second, in standard deviations of the angles between rays that meet: who
 # stands quite still has 2 to 3.5, who gestures now and then 4.3 (webcams), who works on the spot or walks 12 to 23.
 _MOVES, _HALF_SECOND_S = 3.9, 0.5
+# Logarithm of how much less probable another second may be, if a camera may still have changed then. At 10 the seconds
+# that are left contain the true one in 64 of 64 recordings by two and three cameras, also of somebody who works on the
+# spot and pauses for seconds; at 5 in 63.
+_AS_PROBABLE = 10.0
 # A camera's pairs of rays say something of a block if there are so many.
 _MIN_SEEN = 8
 
@@ -89,6 +93,14 @@ class LagCosts:
         """Of all pairs of a camera, by how much later it is, while the others are on time."""
         own = [self.cost[pair] if pair[1] == c else self.cost[pair][:, ::-1] for pair in self.pairs if c in pair]
         return np.sum(own, axis=0)
+
+
+def edges_as_good(cost_before: Float[np.ndarray, " block"], cost_after: Float[np.ndarray, " block"]) -> tuple[int, int]:
+    """The first and the last block with which a change may begin, nearly as probably as with the best; blocks before it
+    cost the one, and from it on the other. Where nobody moves they do not tell."""
+    total = np.concatenate([[0.0], np.cumsum(cost_before - cost_after)])
+    near = np.flatnonzero(total < total.min() + _AS_PROBABLE)
+    return int(near[0]), int(near[-1])
 
 
 def angle(

@@ -11,7 +11,16 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.changes.change import Kind
 from fgpose.calibration.changes.clock_changes import MIN_BLOCKS
-from fgpose.calibration.changes.lag_costs import KERNEL, Blocks, LagCosts, angle, independent, reach_m, robust
+from fgpose.calibration.changes.lag_costs import (
+    KERNEL,
+    Blocks,
+    LagCosts,
+    angle,
+    edges_as_good,
+    independent,
+    reach_m,
+    robust,
+)
 from fgpose.calibration.changes.rays import Rays
 
 # Weak: what is bumped turns by degrees and moves by centimetres.
@@ -35,6 +44,8 @@ class PoseFit:
     """The blocks in which the camera was there."""
     gain: Float[np.ndarray, " block"]
     """By how much the cost of each block is less, with a move to which it has not contributed."""
+    edges: tuple[int, int]
+    """The first and the last block with which a bump may begin, or end."""
     sigma_rotation: float
     """Standard deviation, radians."""
     shift: float
@@ -241,7 +252,9 @@ def _fitted(
     there = (views.weight > 0) & used[views.blocks.block][None, :, None] & np.isfinite(changed)
     sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
     shift_m = _root_mean_square((changed * (views.scale * views.reach_m)[:, None, None])[there])
-    return PoseFit(kind, move[:3], move[3:], held, gain, sigma, _root_mean_square(changed[there]), shift_m)
+    costs = before * told, views.cost(views.angles(move)) * told
+    edges = edges_as_good(*(costs if held[-1] else costs[::-1]))
+    return PoseFit(kind, move[:3], move[3:], held, gain, edges, sigma, _root_mean_square(changed[there]), shift_m)
 
 
 def _root_mean_square(values: Float[np.ndarray, " value"]) -> float:

@@ -39,7 +39,7 @@ def mirrored_body(examined: Examined) -> list[Finding]:
             Severity.WRONG,
             "The body is mirrored in all views: knees and feet point backwards if its left joints are on the left",
             "Left and right are exchanged in the keypoints (another order of joints, mirrored images in all cameras), "
-            "or the world of the calibration is left-handed: the recording does not tell which. Exchange the joints, or "
+            "or the world of the calibration is left-handed: the recording does not tell which. Exchange the joints or "
             "convert the calibration.",
             1.0,
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from fgpose.calibration.changes.change import Change, Kind
@@ -21,6 +23,14 @@ def test_lost_frames() -> None:
     assert (finding.code, finding.camera, finding.from_s) == (Code.LOST_FRAMES, "middle", 20.0)
     assert "middle lost 6 frames (200 +/- 2 ms) at 20.0 s" in finding.reason
     assert "--estimate-time-offsets" in finding.remedy
+
+
+def test_a_time_that_is_hardly_known_is_an_interval() -> None:
+    jump = Change(Kind.JUMP, 1, at_s=20.0, offset_s=0.2, sigma=0.002)
+    (known,), (doubtful,) = (said(replace(jump, between_s=each)) for each in ((19.0, 21.0), (16.2, 21.5)))
+    assert "at 20.0 s" in known.reason
+    assert "at some time from 16 to 22 s, most probably at 20.0 s" in doubtful.reason
+    assert (doubtful.numbers["earliest_s"], doubtful.numbers["latest_s"]) == (16.2, 21.5)
 
 
 def test_a_constant_offset_is_not_advised_beside_a_jump() -> None:

@@ -41,6 +41,22 @@ def test_lost_frames(names: tuple[str, ...]) -> None:
     assert found.at_s == pytest.approx(TURN / FPS, abs=1.0)
 
 
+@pytest.mark.parametrize("names", [THREE, TWO])
+def test_nothing_tells_when_frames_were_lost_while_nobody_moves(names: tuple[str, ...]) -> None:
+    truth_m = walk_m(3).copy()
+    truth_m[TURN - 60 : TURN + 60] = truth_m[TURN - 60]
+    truth_m[TURN + 60 :] += truth_m[TURN + 59] - truth_m[TURN + 60]
+    (found,) = changes(lost(filmed(truth_m), 2, TURN, 6), names)
+    assert found.between_s is not None
+    begin_s, end_s = found.between_s
+    # Four seconds of standing still, and blocks of one second.
+    assert begin_s <= TURN / FPS <= end_s
+    assert 2.0 <= end_s - begin_s <= 8.0
+    (walking,) = changes(lost(filmed(walk_m(3)), 2, TURN, 6), names)
+    assert walking.between_s is not None
+    assert walking.between_s[0] <= TURN / FPS <= walking.between_s[1] <= walking.between_s[0] + 4.0
+
+
 def test_frames_lost_twice() -> None:
     twice = changes(lost(lost(filmed(walk_m(3)), 2, 480, 3), 2, 240, 4), FOUR)
     assert [(each.kind, each.camera) for each in twice] == [(Kind.JUMP, 2)] * 2
