@@ -212,6 +212,7 @@ EXPLAINS: Mapping[Code, frozenset[Code]] = {
     Code.LATE_CAMERA: _OF_ONE_CAMERA,
     Code.LOST_FRAMES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.CLOCK_RATE: _OF_CLOCKS,
+    Code.FRAME_RATE: frozenset({Code.LOST_FRAMES, Code.CLOCK_RATE, Code.LATE_CAMERA}),
     Code.SMOOTHED_KEYPOINTS: _OF_CLOCKS | {Code.LOST_FRAMES, Code.CLOCK_RATE},
     Code.REPEATED_IMAGES: _OF_CLOCKS | {Code.CLOCK_RATE},
     Code.SOMEBODY_ELSE: frozenset(

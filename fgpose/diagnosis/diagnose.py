@@ -11,6 +11,7 @@ from fgpose.config import Config
 from fgpose.diagnosis.body.posture import wrong_up
 from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
+from fgpose.diagnosis.body.tempo import slow_motion
 from fgpose.diagnosis.body.units import wrong_unit
 from fgpose.diagnosis.camera_faults_checks import moved_and_late_cameras
 from fgpose.diagnosis.examined import Examined, NotJudgedError
@@ -39,7 +40,8 @@ InputCheck = Callable[[Examined], list[Finding]]
 INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
     "files": (repaired,),
     "calibration": (off_centre, disagreements),
-    "clocks and poses over time": (unusual_steps, moved_and_late_cameras),
+    "frame rate": (unusual_steps, slow_motion),
+    "clocks and poses over time": (moved_and_late_cameras,),
     "skeleton": (wrong_skeleton,),
     "unit": (wrong_unit,),
     "which way is up": (wrong_up,),

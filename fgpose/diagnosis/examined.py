@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fgpose.assessment.recording_info import RecordingInfo, recording_info
 from fgpose.association.recording import Association
@@ -117,12 +117,16 @@ class Examined:
 
     @cached_property
     def body_m(self) -> Float[np.ndarray, "frame joint 3"]:
-        """Joints of the main person in some frames, as the cameras agree; raises NotJudgedError if they do not."""
+        """Joints of the main person in some frames; see agreed_m."""
+        return self.agreed_m(spread_evenly(self.main.n_frames, _BODY_FRAMES))
+
+    def agreed_m(self, frames: Int[np.ndarray, " frame"]) -> Float[np.ndarray, "frame joint 3"]:
+        """Joints of the main person as the cameras agree; raises NotJudgedError if they do not."""
         if self.rig.n_cameras < 2:
             raise NotJudgedError("one camera")
         if not self.geometry.usable:
             raise NotJudgedError("the cameras do not agree where the body is")
-        return agreement(self.scene.frames(spread_evenly(self.main.n_frames, _BODY_FRAMES))).positions_m
+        return agreement(self.scene.frames(frames)).positions_m
 
     @cached_property
     def undistorted_px(self) -> Float[np.ndarray, "frame camera joint 2"]:

@@ -95,6 +95,16 @@ def _each_image(n_times: int, *, everywhere: bool) -> Callable[[Take, np.random.
     return inflict
 
 
+def _slower(factor: float) -> Callable[[Take, np.random.Generator], Damaged]:
+    """Times that are so many times as long as they were, of all cameras."""
+
+    def inflict(take: Take, rng: np.random.Generator) -> Damaged:
+        given = replace(take.observations, time_s=factor * take.observations.frame_time_s)
+        return Damaged(take.rig, given, take.truth_m)
+
+    return inflict
+
+
 def _smoothed(sigma_s: float, *, one: bool) -> Callable[..., Damaged]:
     """A Gaussian filter over the keypoints of one camera or of all."""
     return of_points(lambda points, _: gaussian_filter1d(points, sigma_s * FPS, axis=0), one=one)
@@ -109,6 +119,8 @@ IN_TIME: tuple[Damage, ...] = (
     Damage("half the rate", (Code.CLOCK_RATE,), at_other_times(lambda t: 2 * t), 3),
     Damage("0.5 % slower clock", (Code.CLOCK_RATE,), at_other_times(lambda t: 1.005 * t), 3),
     Damage("every twentieth frame lost", (Code.CLOCK_RATE,), at_other_times(_now_and_then), 3),
+    Damage("numbers of frames as seconds", (Code.FRAME_RATE,), _slower(FPS), of_simulated=True),
+    Damage("slow motion, eight times", (Code.FRAME_RATE,), _slower(8.0), of_simulated=True),
     Damage("bumped by 0.7 degrees", (Code.BUMPED_CAMERA,), bumped(0.7), 3),
     Damage("bumped by 2 degrees", (Code.BUMPED_CAMERA,), bumped(2.0), 3),
     Damage("frozen images", (Code.FROZEN_CAMERA,), _frozen),

@@ -15,8 +15,9 @@ from fgpose.diagnosis.body.posture import wrong_up
 from fgpose.diagnosis.body.proportions import stature_m, strangeness
 from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
+from fgpose.diagnosis.body.tempo import slow_motion, velocities_kept_s
 from fgpose.diagnosis.body.units import wrong_unit
-from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
@@ -263,3 +264,25 @@ def test_a_body_whose_bones_change_is_not_one_of_another_skeleton(rig) -> None:
     errors_m = np.random.default_rng(0).normal(scale=0.1, size=truth_m.shape)
     (finding,) = wrong_skeleton(Examined.of(recorded(rig, truth_m + errors_m), rig))
     assert finding.code is Code.NO_AGREEMENT
+
+
+@pytest.mark.parametrize(("factor", "severity"), [(1.0, None), (4.0, Severity.NOTE), (30.0, Severity.WRONG)])
+def test_limbs_that_turn_round_too_slowly(
+    seen: Observations, rig: CameraRig, factor: float, severity: Severity | None
+) -> None:
+    """Numbers of frames as seconds, at 30 Hz; slow motion of four times."""
+    found = slow_motion(Examined.of(replace(seen, time_s=factor * seen.frame_time_s), rig))
+    assert [(each.code, each.severity) for each in found] == ([] if severity is None else [(Code.FRAME_RATE, severity)])
+
+
+@pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
+def test_the_tempo_of_real_detections(name: str) -> None:
+    rig, balance = fgpose.load_recording(name)
+    # 0.16 and 0.17 s: as in motion capture, the noise of networks notwithstanding.
+    assert 0.1 < velocities_kept_s(Examined.of(balance, rig)) < 0.3
+
+
+def test_the_tempo_of_somebody_who_stands_still_is_not_judged(rig: CameraRig) -> None:
+    still = np.repeat(motion_m()[:1], 150, axis=0)
+    with pytest.raises(NotJudgedError, match="no wrist or ankle is seen to move"):
+        slow_motion(Examined.of(recorded(rig, still), rig))

@@ -17,7 +17,7 @@ from fgpose.synthetic import Scene
 def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
     diagnosis = fgpose.diagnose(walking_scene.observations, walking_scene.rig)
     assert diagnosis.worst in (None, Severity.NOTE)
-    assert set(diagnosis.not_judged) == {"clocks and poses over time"}  # it is short
+    assert set(diagnosis.not_judged) == {"frame rate", "clocks and poses over time"}  # it is short
 
 
 def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
@@ -31,7 +31,10 @@ def test_what_cannot_be_judged_is_said(walking_scene: Scene) -> None:
 def test_a_short_recording_tells_nothing_of_what_changes(walking_scene: Scene) -> None:
     short = walking_scene.observations.frames(slice(0, 60))
     said = fgpose.diagnose(short, walking_scene.rig).not_judged
-    assert said == {"clocks and poses over time": "it lasts less than 8 s"}
+    assert said == {
+        "frame rate": "no wrist or ankle is seen to move for long enough",
+        "clocks and poses over time": "it lasts less than 8 s",
+    }
 
 
 def test_a_short_recording_advises_no_refinement_that_is_refused(walking_scene: Scene) -> None:
