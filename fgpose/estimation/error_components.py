@@ -168,7 +168,8 @@ def _components(
     lags, spread = lags_of(segment.n_frames, step_s), spread_evenly(segment.n_frames, _CORRELATION_FRAMES)
     of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
     found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
-    return ErrorComponents.of(found, lags * step_s, step_s)
+    names = [segment.skeleton.joints[joint] for joint in segment.joints]
+    return ErrorComponents.of(found, lags * step_s, step_s, names)
 
 
 def _of_cameras(
