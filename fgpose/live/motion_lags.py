@@ -38,7 +38,7 @@ class MotionLags:
     """Whether a camera sees people where they were some time ago, or where they will be.
 
     What was said stays until people who move are seen where they are. Two cameras cannot tell which of them is wrong:
-    nothing is said of them.
+    nothing is said of them, nor of the last two that are left.
 
     Args:
         rig: the cameras.
@@ -64,21 +64,27 @@ class MotionLags:
         self._paths = {person: each for person, each in self._paths.items() if each[-1].at_s > oldest_s}
         allowed_s = np.maximum(_LEAST_S, _SIGMAS * sigma_s)
         lags = [self._lag(c, float(allowed_s[c])) for c in range(self._rig.n_cameras)]
-        suspects = {c: lag for c, lag in enumerate(lags) if lag is not None and lag.lag_s and self._is_odd_one_out(c)}
-        if suspects:
-            worst = min(suspects, key=lambda c: suspects[c].left_mrad)
-            self.faults.setdefault(self._rig.names[worst], _in_words(suspects[worst].lag_s))
+        odd = self._odd_ones_out()
+        suspects = {c: lag for c in odd if (lag := lags[c]) is not None and lag.lag_s}
+        # Who cannot be told of may be the one.
+        if suspects and all(lags[c] is not None for c in odd) and self._rig.n_cameras - len(self.faults) > 2:
+            least_mrad = min(lag.left_mrad for lag in suspects.values())
+            alike = {
+                self._rig.names[c]: lag for c, lag in suspects.items() if lag.left_mrad <= _NOT_BETTER * least_mrad
+            }
+            for name, lag in alike.items():
+                self.faults.setdefault(name, _in_words(lag.lag_s, [other for other in alike if other != name]))
         for name, lag in zip(self._rig.names, lags, strict=True):
             if lag is not None and lag.lag_s == 0:
                 self.faults.pop(name, None)
 
-    def _is_odd_one_out(self, c: int) -> bool:
-        """Whether the others agree as well without this camera as without any other, in the newest looks."""
+    def _odd_ones_out(self) -> list[int]:
+        """The cameras without which the others agree as well as without any other, in the newest looks."""
         looks = [look.left_mrad for path in self._paths.values() for look in list(path)[-_FEWEST:]]
         mrad = np.array(looks).T
         known = np.isfinite(mrad)
         left_mrad = np.where(known.any(axis=1), _mean(mrad, known), np.inf)
-        return bool(left_mrad[c] <= _NOT_BETTER * left_mrad.min())
+        return np.flatnonzero(left_mrad <= _NOT_BETTER * left_mrad.min()).tolist()
 
     def _looked(self, sighting: CommonSighting) -> _Look:
         """Where the others see somebody, for each camera in turn; at once, for one triangulation costs as much."""
@@ -181,9 +187,10 @@ def _median(values: Float[np.ndarray, "*shape joint"]) -> Float[np.ndarray, "*sh
     return np.take_along_axis(in_order, np.maximum(n_known - 1, 0)[..., None] // 2, axis=-1)[..., 0]
 
 
-def _in_words(lag_s: float) -> str:
+def _in_words(lag_s: float, others: Sequence[str]) -> str:
+    or_another = f" (or it is {' or '.join(others)}: it cannot be told which)" if others else ""
     return (
         f"it sees people where they {'will be in' if lag_s > 0 else 'were'} {abs(lag_s):.1f} s"
-        f"{'' if lag_s > 0 else ' ago'}: are its clock and its latency right? "
+        f"{'' if lag_s > 0 else ' ago'}{or_another}: are its clock and its latency right? "
         f"[{Code.LATE_CAMERA}]"
     )

@@ -37,11 +37,12 @@ def scene(
     rate_hz: float = 1.0,
     start_s: float = 0.0,
     duration_s: float = 60.0,
+    seed: int = 2,
 ) -> WalkScene:
     """People, seen by a network whose bias depends on the side from which it sees the body."""
     rig = ring_rig(n_cameras, 4.5, 2.5, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
-    motion = walkers((5.0, 5.0), duration_s, 2, behaviour, n_people)
-    return film(motion, rig, 2, Network(in_3d=False), Clocks(fps=(rate_hz,), max_start_s=start_s))
+    motion = walkers((5.0, 5.0), duration_s, seed, behaviour, n_people)
+    return film(motion, rig, seed, Network(in_3d=False), Clocks(fps=(rate_hz,), max_start_s=start_s))
 
 
 def shown(scene: WalkScene, late_s: Mapping[str, float]) -> list[tuple[Detections, np.ndarray]]:
@@ -219,7 +220,7 @@ def test_a_clock_that_is_grossly_wrong_is_noticed_at_once(n_cameras: int, late_s
     walk = scene(n_cameras, rate_hz=8.0, duration_s=8.0)
     unknown = np.where(np.arange(n_cameras) == 1, 0.1, 0.02)
     agreement = CameraAgreement(walk.rig)
-    assert look(agreement, walk, late_s={"ring_1": late_s}, lost=("ring_1",), sigma_s=unknown) < 2.5
+    assert look(agreement, walk, late_s={"ring_1": late_s}, lost=("ring_1",), sigma_s=unknown) <= 2.0
     ((name, reason),) = agreement.faults.items()
     assert name == "ring_1"
     assert reason.startswith("it sees people where they " + ("will be in 0." if late_s > 0 else "were 0."))
@@ -229,18 +230,17 @@ def test_a_clock_that_is_grossly_wrong_is_noticed_at_once(n_cameras: int, late_s
     assert look(CameraAgreement(walk.rig), walk, sigma_s=unknown) == np.inf
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
-def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
-    """With the tracker, which for a while believes the wrong camera and loses one that is right."""
-    walk = scene(n_cameras, rate_hz=12.0, duration_s=6.0)
-    rig, wrong_s = walk.rig, 3.0
+def said_when_wrong(walk: WalkScene, wrong_s: float) -> dict[str, tuple[float, str]]:
+    """What is said of which camera, and how much later, if the clock of ring_1 jumps by 0.6 s; with the tracker, which
+    for a while believes the wrong camera and loses one that is right."""
+    rig = walk.rig
     live = LiveTracking(rig, walk.motion.skeleton, fgpose.Config(tracking={"max_processes": 1}), volume_points_m(rig))
     ok = [CameraStatus(name, CameraState.OK) for name in rig.names]
     late = [
         replace(image, time_s=image.time_s + 0.6) if image.camera == "ring_1" and image.time_s > wrong_s else image
         for image in walk.observations.images
     ]
-    said_s: dict[str, float] = {}
+    said: dict[str, tuple[float, str]] = {}
     in_order = sorted(late, key=lambda image: image.time_s)
     for instant, images in itertools.groupby(in_order, key=lambda image: int(12.0 * image.time_s)):
         live.track([RecordedImage(image, image.time_s, time_sigma_s=0.02) for image in images])
@@ -248,11 +248,25 @@ def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
             live.tidy()
         for camera in live.frame(instant / 12.0, ok).cameras:
             if camera.state is not CameraState.OK:
-                assert "it sees people where they were 0." in camera.reason
-                said_s.setdefault(camera.name, instant / 12.0 - wrong_s)
+                said.setdefault(camera.name, (instant / 12.0 - wrong_s, camera.reason))
     live.close()
-    assert said_s.keys() == {"ring_1"}
-    assert said_s["ring_1"] < 2.1
+    return said
+
+
+@pytest.mark.parametrize("n_cameras", [3, 4])
+def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
+    said = said_when_wrong(scene(n_cameras, rate_hz=12.0, duration_s=6.0), 3.0)
+    assert said.keys() == {"ring_1"}
+    after_s, reason = said["ring_1"]
+    assert after_s <= 2.0
+    assert "it sees people where they were 0." in reason
+
+
+def test_who_may_be_the_one_is_named_too_where_it_cannot_be_told() -> None:
+    """For two seconds the person walks so that the third camera agrees with either."""
+    said = said_when_wrong(scene(3, rate_hz=12.0, duration_s=10.0, seed=4), 5.0)
+    assert said.keys() == {"ring_0", "ring_1"}
+    assert "or it is ring_1: it cannot be told which" in said["ring_0"][1]
 
 
 @pytest.mark.slow
