@@ -23,7 +23,7 @@ from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers,
 from fgpose.io.content import read_content
 
 # A hundred cameras take 100 kB; the library reads about as much in a second.
-_MAX_BYTES = 1_000_000
+_MAX_BYTES = 200_000
 _KEY = re.compile(r"[A-Za-z0-9_-]+")
 """What OpenCV takes in the key of a node, after K_ or T_."""
 
