@@ -50,12 +50,18 @@ def test_documents_that_are_deep_or_have_endless_numbers_are_refused(
         READERS[what](path)
 
 
-@pytest.mark.parametrize("what", ["toml", "skeleton.toml", "config.toml", "lens.yml"])
+@pytest.mark.parametrize("what", ["toml", "skeleton.toml", "config.toml"])
 def test_settings_that_would_take_minutes_are_refused(what: str, tmp_path: Path) -> None:
     path = tmp_path / f"bomb.{what}"
     path.write_text("a=[" + "1," * (1 << 19) + "]")
     with pytest.raises(ValueError, match=r"it has more than \d+ bytes"):
         READERS[what](path)
+
+
+def test_yaml_that_would_take_minutes_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bomb.yml").write_text("a: [" + "1," * 80_000 + "]")
+    with pytest.raises(ValueError, match="it has some 80002 values"):
+        load_intrinsics(tmp_path / "bomb.yml", LENS)
 
 
 def test_a_key_of_many_parts_is_refused(tmp_path: Path) -> None:
