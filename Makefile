@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 STAMP := $(VENV)/.installed
 MATRIX := python3.11 python3.12 python3.13
 PEER := $(VENV)/bench/.installed
@@ -10,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocess
 # Checking the shapes of all arguments takes two thirds of the time, so it is left to `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 
-.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test slow-tests test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak format clean
+.PHONY: demo demo-video demo-people demo-calibrate demo-live demo-study docs pictures test slow-tests test-matrix check quick-tests quick-types lint types pytest wheel benchmark benchmark-accuracy benchmark-people benchmark-calibrate benchmark-faults benchmark-quick soak live-soak constraints format clean
 
 demo: $(STAMP)
 	$(BIN)/fgpose demo --output out
@@ -130,9 +131,15 @@ format: $(STAMP)
 $(STAMP): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e ".[viewer,c3d,video,sound,live,benchmark,study,report]" --group dev
+	$(PIP) --require-hashes --only-binary :all: -r constraints.txt
+	$(PIP) --no-index --no-deps --no-build-isolation -e .
 	touch $@
+
+# The pins of constraints.txt for what pyproject.toml asks for now, with the hashes of all their files. Raises what has to be
+# raised; all of it with UPGRADE=--upgrade. Needs uv.
+constraints:
+	uv pip compile --quiet pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
+		--no-annotate --no-header $(UPGRADE) --output-file constraints.txt
 
 clean:
 	rm -rf $(VENV) out dist build

@@ -56,11 +56,11 @@ from fgpose.parameters import (
 from fgpose.parameters import (
     VisibilityConfig as VisibilityConfig,
 )
-from fgpose.plain_files import read_settings
+from fgpose.plain_files import MAX_SETTINGS_BYTES, read_settings
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
-_MAX_KEY_PARTS = 100  # a key of fgpose has two; some ten thousand take tomllib minutes
+_MAX_KEY_PARTS = 10  # a key of fgpose has two; some ten thousand take tomllib minutes
 
 
 Section = Mapping[str, Any]
@@ -143,7 +143,10 @@ def load_config(path: str | Path) -> Config:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of a TOML document, which may be damaged. Raises ValueError if it is, or is nested too deeply."""
+    """The tables of a TOML document, which may be damaged. Raises ValueError if it is, or is nested too deeply, or
+    larger than MAX_SETTINGS_BYTES."""
+    if len(text) > MAX_SETTINGS_BYTES:
+        raise ValueError(f"it has more than {MAX_SETTINGS_BYTES} bytes of TOML")
     # tomllib takes minutes and all memory for a key of some ten thousand parts.
     pieces = _TOML_SEPARATOR.split(_TOML_QUOTED.sub("", text))
     try:

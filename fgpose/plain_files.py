@@ -11,10 +11,14 @@ import os
 import stat
 from pathlib import Path
 
-MAX_FILE_BYTES = 4 << 30
-"""Of keypoints and results. Eight hours of eight cameras at 60 Hz with per-view 3D and its covariance take less."""
-MAX_SETTINGS_BYTES = 10 << 20
-"""Of a file of settings: a configuration, a study, a live rig."""
+MAX_FILE_GB = "FGPOSE_MAX_FILE_GB"
+"""The environment variable that raises max_file_bytes and max_text_bytes."""
+MAX_SETTINGS_BYTES = 1 << 20
+"""Of a file of settings: a configuration, a study, a skeleton, a live rig. TOML takes a second to be read for each
+megabyte."""
+MAX_CALIBRATION_BYTES = 10 << 20
+"""Of the calibration of all cameras. That of one takes some hundred bytes, with the corners of its boards some thousand
+times as much."""
 MAX_CAMERAS = 1000
 """Of a rig."""
 MAX_IMAGE_PX = 1 << 27
@@ -23,9 +27,33 @@ MAX_UNSUSPICIOUS_BYTES = 256 << 20
 """A file may stand for as much as this, however small it is."""
 MAX_EXPANSION = 200
 """Beyond that, how many times its size. What nobody sees is compressed a hundred times, what is seen some times."""
+MAX_JSON_EXPANSION = 16
+"""The same of JSON. Keypoints as whole pixels take 13 times as much in memory, lists of nothing 30 times."""
+MAX_LINE = 10_000_000
+"""Characters of a line of a text. A frame of the largest skeleton takes a thirtieth."""
 
 # OpenCV reads it when it is loaded. Its own limit lets an image take 3 GB.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PX))
+
+
+def max_file_bytes() -> int:
+    """Of keypoints and results, in a file and in memory: 4 GB, or what the environment says. Eight hours of eight
+    cameras at 60 Hz with per-view 3D and its covariance take less.
+
+    Raises:
+        ValueError: the environment says something that is no number of gigabytes.
+    """
+    given = os.environ.get(MAX_FILE_GB, "4")
+    try:
+        return int(float(given) * (1 << 30))
+    except (ValueError, OverflowError):
+        raise ValueError(f"{MAX_FILE_GB} is {given!r}, no number of gigabytes") from None
+
+
+def max_text_bytes() -> int:
+    """Of keypoints and results as text, a quarter of that: in memory text takes some times its size, and an hour of a
+    body at 60 Hz takes 300 MB. Raises as max_file_bytes."""
+    return max_file_bytes() // 4
 
 
 def check_plain(path: Path) -> None:
@@ -61,11 +89,18 @@ def read_settings(path: Path) -> str:
     return content.decode("utf-8")
 
 
-def check_expansion(n_bytes: int, of_bytes: int) -> None:
+def check_expansion(n_bytes: int, of_bytes: int, most: int = MAX_EXPANSION) -> None:
     """Compare the memory that the contents of a file would take with its size, before they are read.
+
+    Args:
+        n_bytes: what they would take.
+        of_bytes: its size.
+        most: how many times its size is not too much.
 
     Raises:
         ValueError: they would take too much; the caller names the file.
     """
-    if n_bytes > MAX_FILE_BYTES or n_bytes > max(MAX_UNSUSPICIOUS_BYTES, MAX_EXPANSION * of_bytes):
+    if n_bytes > max(MAX_UNSUSPICIOUS_BYTES, most * of_bytes):
         raise ValueError(f"its {of_bytes} bytes stand for {n_bytes}, more than fgpose reads")
+    if n_bytes > max_file_bytes():
+        raise ValueError(f"it takes {n_bytes} bytes, more than fgpose reads unless {MAX_FILE_GB} is set")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
+_CONTROL = re.compile("[\x00-\x1f\x7f\x85\u2028\u2029]")  # what would be several cells or lines of a file
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
 
@@ -40,11 +42,17 @@ class Skeleton:
     _mirror: dict[int, int] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     def __post_init__(self) -> None:
+        if len(self.joints) > MAX_JOINTS:
+            raise ValueError(f"skeleton {self.name}: {len(self.joints)} joints, at most {MAX_JOINTS} are possible")
+        for joint in self.joints:
+            if not joint or joint != joint.strip() or _CONTROL.search(joint):
+                raise ValueError(
+                    f"skeleton {self.name}: {joint!r} is no name of a joint: it is empty, begins or ends with a blank, "
+                    "or has a tab or a line break"
+                )
         if len(set(self.joints)) != len(self.joints):
             repeated = sorted({joint for joint in self.joints if self.joints.count(joint) > 1})
             raise ValueError(f"skeleton {self.name}: joint names must differ, repeated: {', '.join(repeated)}")
-        if len(self.joints) > MAX_JOINTS:
-            raise ValueError(f"skeleton {self.name}: {len(self.joints)} joints, at most {MAX_JOINTS} are possible")
         if not self.joints or not self.root:
             raise ValueError(f"skeleton {self.name}: at least one joint and a root are needed")
         for what in ("bones", "left_right", "limbs", "lines"):

@@ -9,6 +9,8 @@ import tomllib
 from pathlib import Path
 
 import yaml
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 import fgpose
 from fgpose.cli.app import _parse
@@ -16,6 +18,7 @@ from fgpose.cli.app import _parse
 ROOT = Path(__file__).parents[1]
 # Of Keep a Changelog 1.1.0.
 KINDS = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
+PIN = re.compile(r"(?P<name>[\w.-]+)==(?P<version>[^\s;]+)(?: ; [^#]*?)?(?: +--hash=sha256:[0-9a-f]{64})+")
 
 
 def project() -> dict:
@@ -57,6 +60,19 @@ def test_the_classifiers_name_the_versions_of_the_matrix() -> None:
     assert f"{sys.version_info.major}.{sys.version_info.minor}" in named
 
 
+def test_a_pin_with_hashes_meets_each_requirement() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    groups = [*settings["project"]["optional-dependencies"].values(), *settings["dependency-groups"].values()]
+    wanted = [line for group in groups for line in group if isinstance(line, str)]
+    wanted += settings["project"]["dependencies"] + settings["build-system"]["requires"]
+    pinned = (ROOT / "constraints.txt").read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
+    pins = {canonicalize_name(pin["name"]): pin["version"] for pin in map(PIN.fullmatch, pinned) if pin}
+    assert len(pinned) >= len(pins) > 100
+    for requirement in map(Requirement, wanted):
+        assert requirement.specifier.contains(pins[canonicalize_name(requirement.name)]), requirement
+    assert [line for line in pinned if not PIN.fullmatch(line)] == []
+
+
 def test_the_image_copies_what_exists_and_starts_a_command_that_parses() -> None:
     lines = (ROOT / "Containerfile").read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
     kept = {line[1:] for line in (ROOT / ".dockerignore").read_text(encoding="utf-8").splitlines() if line[0] == "!"}
@@ -67,7 +83,7 @@ def test_the_image_copies_what_exists_and_starts_a_command_that_parses() -> None
             assert all((ROOT / source).exists() for source in sources), line
     (command,) = [line.removeprefix("CMD ") for line in lines if line.startswith("CMD ")]
     _parse(yaml.safe_load(command))
-    extras = re.findall(r'"\.\[([a-z,]+)\]"', "\n".join(lines))
+    extras = re.findall(r'"fgpose\[([a-z,]+)\] @', "\n".join(lines))
     assert extras
     assert all(set(names.split(",")) <= set(project()["optional-dependencies"]) for names in extras)
 

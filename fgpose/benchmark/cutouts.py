@@ -120,11 +120,11 @@ def _palette_indices(path: Path) -> UInt8[np.ndarray, "height width"]:
     except ImportError:
         raise ImportError("the masks of Pascal VOC need Pillow: pip install fgpose[benchmark]") from None
     try:
-        with PIL.Image.open(path) as image:
+        with PIL.Image.open(path, formats=["PNG"]) as image:
             if image.mode not in ("P", "L"):
                 raise ValueError(f"a mask of {image.mode} pixels")
             return np.asarray(image, dtype=np.uint8)
-    except (PIL.UnidentifiedImageError, ValueError, SyntaxError) as error:
+    except (PIL.UnidentifiedImageError, PIL.Image.DecompressionBombError, ValueError, SyntaxError) as error:
         raise ValueError(f"{path}: not a mask of Pascal VOC: {error}") from None
 
 

@@ -51,6 +51,7 @@ NOT_WRITTEN = 1
 INTERRUPTED = 130
 # 128 plus the number of the signal (SIGPIPE), as shells report it.
 _BROKEN_PIPE = 141
+_MAX_MESSAGE = 4000
 _EXPECTED = (ValueError, OSError, ImportError, MemoryError)
 _COMMANDS = {
     "demo": Demo,
@@ -200,10 +201,12 @@ def _config_of(arguments: list[str]) -> Config:
 
 
 def _one_line(error: BaseException) -> str:
+    """Not more than somebody reads: a message may quote all of a file."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
     lines = [" ".join(line.split()) for line in str(error).splitlines()]
-    return "; ".join(line for line in lines if line) or type(error).__name__
+    text = "; ".join(line for line in lines if line) or type(error).__name__
+    return text if len(text) <= _MAX_MESSAGE else f"{text[:_MAX_MESSAGE]} ... and {len(text) - _MAX_MESSAGE} more"
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -103,5 +104,11 @@ class Report:
         console.print(f"wrote {path}", soft_wrap=True)
 
     def _path(self, folder: Path, name: str | None = None) -> Path:
-        """Results of one folder that are told apart by names have reports of their own."""
-        return self.output or folder / (f"report_{name}.html" if name else "report.html")
+        """Results of one folder that are told apart by names have reports of their own.
+
+        Raises OSError if a link of the name that nobody asked for would be followed: the folder may be of others.
+        """
+        path = folder / (f"report_{name}.html" if name else "report.html")
+        if not self.output and path.is_symlink():
+            raise OSError(f"{path} is a link, to {os.readlink(path)}: name it with --output if it is to be written")
+        return self.output or path

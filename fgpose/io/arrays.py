@@ -13,7 +13,7 @@ import numpy as np
 
 from fgpose.io.atomic import write_bytes
 from fgpose.io.content import read_content
-from fgpose.plain_files import check_expansion, open_plain
+from fgpose.plain_files import check_expansion, max_file_bytes, open_plain
 
 Kind = Literal["numbers", "whole numbers", "truth values", "texts"]
 
@@ -49,7 +49,7 @@ def unpack_arrays(stream: io.BufferedIOBase, only: Collection[str] | None = None
 
 def read_array(path: Path) -> np.ndarray:
     """The array of an npy, without pickles, its size compared as by read_arrays. Raises as that does."""
-    content = io.BytesIO(read_content(path))
+    content = io.BytesIO(read_content(path, max_file_bytes()))
     try:
         return _read_array(path.stem, content, len(content.getvalue()))
     except Exception as error:  # as below

@@ -1,33 +1,80 @@
-"""The bytes of a file, with errors that name it also when a disk fails in the middle of it."""
+"""The bytes of a file, with errors that name it also when a disk fails in the middle of it; and texts in them."""
 
 from __future__ import annotations
 
+import io
+import json
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from fgpose.plain_files import MAX_FILE_BYTES, open_plain
+from fgpose.plain_files import MAX_FILE_GB, MAX_JSON_EXPANSION, MAX_LINE, check_expansion, max_text_bytes, open_plain
 
 _PART_BYTES = 1 << 20  # a file without an end, as some of /proc are, is noticed this much too late at most
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+# In Python, with the reference to it: an empty list, a table with a key, a number.
+_LIST_BYTES, _TABLE_BYTES, _VALUE_BYTES = 64, 200, 32
 
 
-def read_content(path: Path, max_bytes: int = MAX_FILE_BYTES) -> bytes:
+def read_content(path: Path, max_bytes: int | None = None) -> bytes:
     """Everything in a file, text as UTF-8.
+
+    Args:
+        path: the file.
+        max_bytes: None: max_text_bytes.
 
     Raises:
         ValueError: it has more bytes than this, perhaps no end; the caller names it.
         OSError: it cannot be read; the message names it.
     """
-    content = bytearray()
+    most = max_text_bytes() if max_bytes is None else max_bytes
     with _naming(path), open_plain(path) as file:
-        while part := file.read(_PART_BYTES):
-            content += part
-            if len(content) > max_bytes:
-                raise ValueError(f"it has more than {max_bytes} bytes")
+        n_bytes = os.fstat(file.fileno()).st_size
+        parts = [file.read(n_bytes + 1)] if n_bytes <= most else []
+        n_read = n_bytes
+        # Where the size is not what is said, as in /proc, and of files that grow.
+        while n_read <= most and (part := file.read(_PART_BYTES)):
+            parts.append(part)
+            n_read += len(part)
+    if n_read > most:
+        remedy = "" if max_bytes else f"; {MAX_FILE_GB} raises the limit, to a quarter of it"
+        raise ValueError(f"it has more than {most} bytes{remedy}")
+    content = b"".join(parts)
     if content.startswith(_UTF_16):  # what PowerShell's > writes
         return content.decode("utf-16").encode()
-    return bytes(content)
+    return content
+
+
+def text_lines(content: bytes) -> Iterator[str]:
+    """The lines of a text, without their ends, one at a time.
+
+    Raises:
+        ValueError: it is no UTF-8, or a line is longer than MAX_LINE; the caller names the file.
+    """
+    text = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig")
+    number = 0
+    while line := text.readline(MAX_LINE):
+        number += 1
+        if len(line) == MAX_LINE:
+            raise ValueError(f"line {number} has {MAX_LINE} characters or more")
+        yield line.removesuffix("\n")
+
+
+def parse_json(content: str | bytes) -> Any:
+    """The document in a text as JSON.
+
+    Raises:
+        ValueError: it is damaged, nested too deeply, or would take too much memory; the caller names the file.
+    """
+    encoded = content.encode() if isinstance(content, str) else content
+    n_bytes = _LIST_BYTES * encoded.count(b"[") + _TABLE_BYTES * encoded.count(b"{")
+    check_expansion(n_bytes + _VALUE_BYTES * encoded.count(b","), len(encoded), MAX_JSON_EXPANSION)
+    try:
+        return json.loads(content)
+    except RecursionError:
+        raise ValueError("it is nested too deeply") from None
 
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:

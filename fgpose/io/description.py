@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
+from fgpose.io.content import parse_json
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Status, Trajectory
 
@@ -47,10 +48,10 @@ def described(texts: dict[str, str]) -> dict[str, Any]:
         raise ValueError(f"its {' and '.join(missing)} are missing: it was not written by fgpose, or lost them since")
     readers = {
         "skeleton": _skeleton_from_json,
-        "camera_names": lambda text: _names(_parsed(text)),
+        "camera_names": lambda text: _names(parse_json(text)),
         "bone_lengths_m": _lengths_from_json,
         "convergence": _convergence_or_none,
-        "implausible_frames": lambda text: _indices(_parsed(text)),
+        "implausible_frames": lambda text: _indices(parse_json(text)),
         "config": _config_or_none,
     }
     values = {}
@@ -77,15 +78,8 @@ def _skeleton_to_json(skeleton: Skeleton) -> str:
     )
 
 
-def _parsed(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except RecursionError:
-        raise ValueError("it is nested too deeply") from None
-
-
 def _table(text: str) -> dict[str, Any]:
-    table = _parsed(text)
+    table = parse_json(text)
     if not isinstance(table, dict):
         raise ValueError("a table is needed")
     return table
@@ -119,7 +113,7 @@ def _indices(value: Any) -> tuple[int, ...]:
 
 
 def _lengths_from_json(text: str) -> Float[np.ndarray, " length"]:
-    lengths_m = _parsed(text)
+    lengths_m = parse_json(text)
     if not isinstance(lengths_m, list):
         raise ValueError("a list of numbers is needed")
     return np.array([_number(length_m) for length_m in lengths_m], dtype=float)

@@ -7,6 +7,7 @@ import re
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.io.cells import one_line
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -51,6 +52,7 @@ def markers_to_trajectory(
     """
     if not markers:
         raise ValueError("it holds no marker")
+    markers = [one_line(marker) or f"marker_{n}" for n, marker in enumerate(markers, 1)]
     renamed = tuple(joint_of_marker(marker) for marker in markers)
     joints = renamed if len(set(renamed)) == len(renamed) else tuple(markers)
     known = np.asarray(np.isfinite(positions_m).all(axis=-1))

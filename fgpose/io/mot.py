@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.atomic import write_text
-from fgpose.io.content import read_content
+from fgpose.io.content import read_content, text_lines
 
 
 def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
@@ -53,29 +53,33 @@ def read_mot(path: Path) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[
         OSError: it cannot be read.
     """
     try:
-        return _parsed(read_content(path).decode("utf-8-sig"))
+        return _parsed(read_content(path))
     except ValueError as error:
         raise ValueError(f"{path}: not a readable motion file of OpenSim: {error}") from None
 
 
-def _parsed(text: str) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:
-    lines = [line.strip() for line in text.splitlines()]
-    if "endheader" not in lines:
+def _parsed(content: bytes) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:
+    lines = enumerate((line.strip() for line in text_lines(content)), 1)
+    in_degrees = False
+    for _, line in lines:
+        if line == "endheader":
+            break
+        in_degrees |= line.replace(" ", "") == "inDegrees=yes"
+    else:
         raise ValueError("it has no line endheader")
-    end = lines.index("endheader")
-    if "inDegrees=yes" not in [line.replace(" ", "") for line in lines[:end]]:
+    if not in_degrees:
         raise ValueError("angles in degrees are needed (inDegrees=yes)")
-    rows = [(number, line.split()) for number, line in enumerate(lines[end + 1 :], end + 2) if line]
-    names = rows[0][1] if rows else []
+    rows = ((number, line) for number, line in lines if line)
+    names = next(rows, (0, ""))[1].split()
     if names[:1] != ["time"] or len(set(names)) < len(names):
         raise ValueError("after endheader the names of the columns are needed, time first, no name twice")
-    table = np.array([_numbers(cells, number, names) for number, cells in rows[1:]]).reshape(-1, len(names))
+    table = np.array([_numbers(line, number, names) for number, line in rows]).reshape(-1, len(names))
     return dict(zip(names[1:], table[:, 1:].T, strict=True)), table[:, 0]
 
 
-def _numbers(cells: list[str], number: int, names: list[str]) -> list[float]:
+def _numbers(line: str, number: int, names: list[str]) -> Float[np.ndarray, " column"]:
     try:
-        values = [float(cell) for cell in cells]
+        values = np.array([float(cell) for cell in line.split()])
     except ValueError as error:
         raise ValueError(f"line {number}: {error}") from None
     if len(values) != len(names):

@@ -17,6 +17,7 @@ from fgpose.io.calibration.calibration_origin import CalibrationOrigin as Calibr
 from fgpose.io.calibration.calibration_origin import MovedCamera as MovedCamera
 from fgpose.io.calibration.calibration_origin import Reason as Reason
 from fgpose.io.calibration.toml_formats import pose2sim_text, read
+from fgpose.io.content import parse_json
 from fgpose.io.folders import files_below
 from fgpose.io.typed_table import converted
 
@@ -119,7 +120,7 @@ def origin_from_json(text: str, folder: Path) -> Origin | None:
         ValueError: it is damaged; the caller names the file.
     """
     try:
-        table = json.loads(text)
+        table = parse_json(text)
         if not isinstance(table, dict) or type(table.get("version")) is not int:
             raise ValueError("a table with a version is needed")
         if table.pop("version") != _VERSION:

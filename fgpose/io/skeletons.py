@@ -10,10 +10,9 @@ from typing import Any
 
 from fgpose.config import parse_toml
 from fgpose.io.content import read_content
+from fgpose.plain_files import MAX_SETTINGS_BYTES
 from fgpose.skeleton import LIMBS, Skeleton
 
-# Many times what the largest skeleton takes.
-_MAX_BYTES = 10_000_000
 _KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs"}
 
 
@@ -37,7 +36,7 @@ def load_skeleton(name_or_path: str | Path) -> Skeleton:
             f"no skeleton {str(name_or_path)!r}: give a TOML file or one of {', '.join(builtin_skeletons())}"
         )
     try:
-        content = read_content(Path(name_or_path), _MAX_BYTES)
+        content = read_content(Path(name_or_path), MAX_SETTINGS_BYTES)
         return _parse(parse_toml(content.decode("utf-8")))
     except ValueError as error:
         raise ValueError(f"{name_or_path}: not a skeleton: {error}") from None
@@ -52,7 +51,7 @@ def _load_builtin(name: str) -> Skeleton:
 def _parse(table: dict[str, Any]) -> Skeleton:
     unknown = set(table) - _KEYS
     if unknown:
-        raise ValueError(f"unknown key {', '.join(sorted(unknown))}")
+        raise ValueError(f"unknown key {min(unknown)}")
     missing = {"name", "joints", "root", "bones"} - set(table)
     if missing:
         raise ValueError(f"{', '.join(sorted(missing))} is missing")

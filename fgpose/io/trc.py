@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,12 @@ from jaxtyping import Float
 
 from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_text
-from fgpose.io.content import read_content
+from fgpose.io.cells import as_cell, name_in_cell, one_line
+from fgpose.io.content import read_content, text_lines
 from fgpose.io.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
 from fgpose.kinematics.body_size import leg_length
+from fgpose.plain_files import check_expansion
+from fgpose.skeleton import MAX_JOINTS
 from fgpose.trajectory import Trajectory
 
 _HEADER = ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]
@@ -42,7 +46,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
         ValueError: the times do not increase.
         OSError: the file cannot be written.
     """
-    file_name = f"{path.name} (made by fgpose {made_by})" if made_by else path.name
+    file_name = one_line(f"{path.name} (made by fgpose {made_by})" if made_by else path.name)
     lines = [*_header_lines(trajectory, file_name), *_frame_lines(trajectory, world_up)]
     write_text(path, "\n".join(lines) + "\n")
 
@@ -50,7 +54,7 @@ def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_
 def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
     rate = f"{median_rate_hz(trajectory.time_s):.10g}"
     n_frames, n_markers = str(trajectory.n_frames), trajectory.skeleton.n_joints
-    names = [cell for joint in trajectory.skeleton.joints for cell in (marker_of_joint(joint), "", "")]
+    names = [cell for joint in trajectory.skeleton.joints for cell in (as_cell(marker_of_joint(joint)), "", "")]
     axes = [f"{axis}{marker}" for marker in range(1, n_markers + 1) for axis in "XYZ"]
     return [
         "\t".join(["PathFileType", "4", "(X/Y/Z)", file_name]),
@@ -88,24 +92,43 @@ def read_trc(path: Path) -> Trajectory:
         ValueError: the header is not that of a TRC file, the unit is not m, cm or mm, or is not named and not told by a
             body, a cell is not a number; the message names line and marker.
     """
-    lines = read_content(path).decode("utf-8-sig").splitlines()
-    if len(lines) < _N_HEADER_LINES or not lines[0].startswith("PathFileType"):
+    content = read_content(path)
+    header = list(islice(text_lines(content), _N_HEADER_LINES))
+    if len(header) < _N_HEADER_LINES or not header[0].startswith("PathFileType"):
         raise ValueError("it lacks the five header lines of a TRC file")
-    separator = next((each for each in _SEPARATORS if each in lines[3]), "\t")
-    markers = [name.strip() for name in lines[3].split(separator)[2:] if name.strip()]
-    if not markers:
-        raise ValueError("line 4 names no marker")
-    numbered = enumerate(lines[_N_HEADER_LINES:], _N_HEADER_LINES + 1)
-    frames = [(n, [cell.strip() for cell in line.split(separator)]) for n, line in numbered]
-    frames = [(n, cells) for n, cells in frames if any(cells)]
-    if separator != "," and not any("." in cell for _, cells in frames for cell in cells):
-        frames = [(n, [cell.replace(",", ".", 1) for cell in cells]) for n, cells in frames]
-    table = np.array([_parse_frame(cells, number, markers) for number, cells in frames])
-    table = table.reshape(len(frames), 1 + 3 * len(markers))
-    positions = table[:, 1:].reshape(len(frames), len(markers), 3)
+    separator = next((each for each in _SEPARATORS if each in header[3]), "\t")
+    markers = _markers(header[3], separator)
+    table = _frames(content, separator, markers)
+    positions = table[:, 1:].reshape(len(table), len(markers), 3)
     in_file = markers_to_trajectory(markers, table[:, 0], positions)
-    unit = _checked_unit(_unit(lines, separator), leg_length(in_file), path)
+    unit = _checked_unit(_unit(header, separator), leg_length(in_file), path)
     return replace(in_file, positions_m=in_file.positions_m / _UNITS_PER_METRE[unit])
+
+
+def _markers(line: str, separator: str) -> list[str]:
+    """The names in line 4, each of which has three cells."""
+    markers = [name_in_cell(name.strip()) for name in line.split(separator)[2:] if name.strip()]
+    if not 1 <= len(markers) <= MAX_JOINTS:
+        raise ValueError(
+            f"line 4 names {len(markers) or 'no'} markers, at least one and at most {MAX_JOINTS} are needed"
+        )
+    return markers
+
+
+def _frames(content: bytes, separator: str, markers: list[str]) -> Float[np.ndarray, "frame cell"]:
+    """Time and coordinates, in the file's units."""
+    n_cells = 1 + 3 * len(markers)
+    # Frame numbers have no point, and what stands before them in the first line of them no frame.
+    has_points = any("." in line for line in islice(text_lines(content), _N_HEADER_LINES, None))
+    decimal_commas = separator != "," and not has_points
+    rows: list[np.ndarray] = []
+    for number, line in enumerate(islice(text_lines(content), _N_HEADER_LINES, None), _N_HEADER_LINES + 1):
+        if line.replace(separator, "").strip():
+            # Rows may be much shorter than the header says.
+            check_expansion(8 * n_cells * (len(rows) + 1), len(content))
+            line = line.replace(",", ".") if decimal_commas else line
+            rows.append(_parse_frame(line, separator, number, markers))
+    return np.array(rows).reshape(len(rows), n_cells)
 
 
 def _unit(lines: list[str], separator: str) -> str:
@@ -146,14 +169,14 @@ def _is_leg(leg: float, unit: str) -> bool:
     return 0.25 < leg / _UNITS_PER_METRE[unit] < 1.3
 
 
-def _parse_frame(row: list[str], line_number: int, markers: list[str]) -> Float[np.ndarray, " cell"]:
+def _parse_frame(line: str, separator: str, line_number: int, markers: list[str]) -> Float[np.ndarray, " cell"]:
     """Time and coordinates of one line, in the file's units; NaN in gaps."""
-    cells = row[1:]
     n_cells = 1 + 3 * len(markers)
-    if any(cells[n_cells:]):
+    cells = line.split(separator)[1:]
+    if any(cell.strip() for cell in cells[n_cells:]):
         raise ValueError(f"line {line_number}: there are more cells than {len(markers)} markers need")
     values = np.full(n_cells, np.nan)
-    for index, cell in enumerate(cells[:n_cells]):
+    for index, cell in enumerate(map(str.strip, cells[:n_cells])):
         if not cell:
             continue
         try:

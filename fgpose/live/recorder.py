@@ -25,7 +25,7 @@ from fgpose.skeleton import Skeleton
 
 # Records that may wait for the disk: ten seconds of four cameras at 30 Hz. Beyond that the newest are left out.
 _MAX_WAITING = 2000
-_FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 30.0
+_FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 5.0
 _CLOSE_S = 5.0
 # Of these, the last may make room for the end of a recording on a disk that is full.
 _MAX_CUT = 8

@@ -10,6 +10,7 @@ from typing import Any
 
 from fgpose.diagnosis.finished import Mark
 from fgpose.io.studies.rows import STUDY_NAME
+from fgpose.io.studies.unlinked import check_unlinked
 from fgpose.io.tables import column_names, file_metadata, read_table
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
@@ -48,8 +49,9 @@ def load_study(
 
     Raises:
         ValueError: the table is damaged; it is named.
-        OSError: a file cannot be read or written.
+        OSError: a file cannot be read or written, or is a link (check_unlinked).
     """
+    check_unlinked(folder)
     try:
         rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
     except ValueError as error:

@@ -13,6 +13,7 @@ from pathlib import Path
 from fgpose.io.atomic import check_writable
 from fgpose.io.studies.events import Event, read_events
 from fgpose.io.studies.rows import write_rows
+from fgpose.io.studies.unlinked import check_unlinked
 from fgpose.study.cluster import run, workers
 from fgpose.study.events import events_of
 from fgpose.study.plan import Plan
@@ -70,7 +71,7 @@ def run_study(
     """
     plan, events = Plan(study, only), _events(study)
     n_recordings = plan.counted()
-    check_writable(study.output)
+    _check_output(study)
     resources = replace(study.resources, workers=n_workers or study.resources.workers)
     result = StudyResult(study.output)
     with _alone(study.output), workers(resources, scheduler) as client:
@@ -85,6 +86,18 @@ def run_study(
             # Also of what was finished before an interruption.
             _put_together(result, Plan(study), events)
     return result
+
+
+def _check_output(study: Study) -> None:
+    """Raise OSError if results cannot be written into the folder, or would be written elsewhere through a link."""
+    named, base = Path(os.path.normpath(study.output)), study.base
+    if named.is_relative_to(base) and not named.resolve().is_relative_to(base.resolve()):
+        raise OSError(
+            f"{named} leads to {named.resolve()}, outside of the folder of the study: if results belong there, name "
+            "it as output in the study file"
+        )
+    check_writable(study.output)
+    check_unlinked(study.output)
 
 
 def _note(result: StudyResult, outcome: Outcome) -> None:

@@ -28,10 +28,10 @@ from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
 from fgpose.io.camera_names import named_cameras
 from fgpose.io.content import read_content
 from fgpose.io.folders import visible
+from fgpose.plain_files import MAX_CALIBRATION_BYTES
 
 Size = tuple[int, int]
 
-_MAX_BYTES = 100_000_000
 _SUFFIXES = (".yml", ".yaml", ".json", ".toml", ".npz")
 
 
@@ -127,7 +127,7 @@ def _only_lens(file: Path) -> Lens:
 def _of_file(path: Path) -> list[Lens]:
     if live_format.is_live(path):
         return _without_poses(live_format.read(path))
-    content = read_content(path, _MAX_BYTES)
+    content = read_content(path, MAX_CALIBRATION_BYTES)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not start:
         raise ValueError("the file is empty")

@@ -7,12 +7,12 @@ four).
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers, rotation_matrix
 from fgpose.io.calibration.lens_documents import lenses, value_of
+from fgpose.io.content import parse_json
 
 _ROTATION = ("r", "rotation", "rotationmatrix", "rvec", "rot")
 _TRANSLATION = ("t", "translation", "translationvector", "tvec", "tvecs")
@@ -23,8 +23,8 @@ _NAMES = ("name", "id", "camera", "serial")
 def document_of(content: bytes) -> Any:
     """Raises ValueError unless it is JSON."""
     try:
-        return json.loads(content)
-    except (ValueError, RecursionError) as error:
+        return parse_json(content)
+    except ValueError as error:
         raise ValueError(f"not JSON, or a damaged file: {error}") from None
 
 

@@ -14,6 +14,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
+from fgpose.io.content import parse_json
 
 # The longest distortion that Camera takes; shorter ones are filled up with NaN.
 _MAX_COEFFICIENTS = 8
@@ -109,8 +110,8 @@ def read_origin(path: Path) -> CalibrationOrigin:
     if _ORIGIN not in file:
         return CalibrationOrigin()
     try:
-        table = json.loads(text(file, _ORIGIN))
-    except (json.JSONDecodeError, RecursionError):
+        table = parse_json(text(file, _ORIGIN))
+    except ValueError:
         table = None
     return origin_of_table(table)
 

@@ -22,8 +22,9 @@ from fgpose.io.atomic import write_text
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers, rotation_matrix
 from fgpose.io.content import read_content
 
-# A hundred cameras take 100 kB; the library reads about as much in a second.
-_MAX_BYTES = 1_000_000
+# A hundred cameras take 100 kB and 4,000 values, the corners of a board in a hundred images 300 kB and 20,000.
+_MAX_BYTES, _MAX_VALUES = 1_000_000, 80_000
+_SEPARATORS = ",:\n[{"  # the library takes 20 us for each
 _KEY = re.compile(r"[A-Za-z0-9_-]+")
 """What OpenCV takes in the key of a node, after K_ or T_."""
 
@@ -132,6 +133,9 @@ def yaml_document(path: Path) -> dict[str, Any]:
     name = path.name
     try:
         text = read_content(path, _MAX_BYTES).decode("utf-8-sig")
+        n_values = sum(map(text.count, _SEPARATORS))
+        if n_values > _MAX_VALUES:
+            raise ValueError(f"it has some {n_values} values, at most {_MAX_VALUES} are read")
         # OpenCV writes %YAML:1.0, which is no directive of YAML.
         body = text.partition("\n")[2] if text.startswith("%YAML") else text
         document = yaml.load(body, _Loader)

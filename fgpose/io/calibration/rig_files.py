@@ -21,13 +21,13 @@ from fgpose.io.calibration import (
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, UnitOfFormat, metres_per_unit, rig_in_metres
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
+from fgpose.plain_files import MAX_CALIBRATION_BYTES
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
 _Writer = Callable[[CameraRig, Path, CalibrationOrigin | None], None]
 
 _JSON = (b"{", b"[{", b"[\n", b"[ ", b"[\r")  # a TOML file may begin with [table]
 # Files of caliscope also hold all points that it saw.
-_MAX_BYTES = 100_000_000
 _FORMATS = (
     "Pose2Sim, aniposelib or caliscope TOML, Qualisys .qca.txt, Vicon .xcp, intri.yml with extri.yml, OpenCap's "
     "pickles, bioCV's .calib, JSON with K, dist, R, t and size, or npz of fgpose"
@@ -75,7 +75,7 @@ def _read(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
         return _read_folder(path)
     if live_format.is_live(path):
         return live_format.read(path), "m"
-    content = read_content(path, _MAX_BYTES)
+    content = read_content(path, MAX_CALIBRATION_BYTES)
     start = content.removeprefix(b"\xef\xbb\xbf").lstrip()
     if not start:
         raise ValueError("the file is empty")
@@ -117,7 +117,7 @@ def load_calibration_origin(path: str | Path) -> CalibrationOrigin:
     try:
         if path.is_dir() or live_format.is_live(path):
             return CalibrationOrigin()
-        content = read_content(path, _MAX_BYTES)
+        content = read_content(path, MAX_CALIBRATION_BYTES)
         if content.startswith(b"PK"):
             return npz_format.read_origin(path)
         return toml_formats.read_origin(content.decode("utf-8", errors="replace").removeprefix("\ufeff"))
@@ -136,7 +136,9 @@ def load_quarter_turns(path: str | Path) -> dict[str, int]:
     if path.is_dir() or live_format.is_live(path):
         return {}
     try:
-        return toml_formats.quarter_turns(read_content(path, _MAX_BYTES).decode("utf-8").removeprefix("\ufeff"))
+        return toml_formats.quarter_turns(
+            read_content(path, MAX_CALIBRATION_BYTES).decode("utf-8").removeprefix("\ufeff")
+        )
     except ValueError:
         # It is not TOML.
         return {}

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import csv
-import io
-from collections.abc import Sequence
+import math
+from array import array
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from itertools import chain, islice
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.io.camera_names import camera_name
-from fgpose.io.content import first_bytes, read_content
+from fgpose.io.content import first_bytes, read_content, text_lines
 from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
 from fgpose.io.keypoints.frame_names import frame_numbers
 from fgpose.io.keypoints.joint_names import plain_joint
@@ -36,15 +38,20 @@ def read(source: Source, skeleton: Skeleton) -> CameraDetections:
         ValueError: the table is damaged, or has no body part for a joint of the skeleton; the message names file,
             camera, frame and joint.
     """
-    header, body = _table(source)
-    first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
-    people = _columns(source, skeleton, header, first)
-    values = _numbers(source, [row[first:] for row in body], len(header["coords"]) - first)
+    try:
+        rows = filter(None, csv.reader(text_lines(read_content(source.path))))
+        start = list(islice(rows, len(_HEADER)))
+        header = _header(start)
+        first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
+        people = _columns(skeleton, header, first)
+        indices, values = _body(chain(start, rows), len(header), len(header["coords"]), first)
+    except (ValueError, csv.Error) as error:
+        raise ValueError(f"{source}: not a table of DeepLabCut: {error}") from None
     # One more, for what there is no column of.
     values = np.concatenate([values, np.full((len(values), 1), np.nan)], axis=1)
     n_given = len(set(header["bodyparts"][first:]))
     found: CameraDetections = {}
-    for frame, row in zip(_frames(source, [row[:first] for row in body]), values, strict=True):
+    for frame, row in zip(_frames(source, indices), values, strict=True):
         joints = np.stack([row[columns] for columns in people])
         joints[..., 2] = np.where(people[:, :, 2] == _NO_COLUMN, 1.0, joints[..., 2])
         joints = joints[np.isfinite(joints[..., :2]).all(axis=-1).any(axis=-1)]
@@ -56,22 +63,30 @@ def read(source: Source, skeleton: Skeleton) -> CameraDetections:
     return found
 
 
-def _table(source: Source) -> tuple[dict[str, list[str]], list[list[str]]]:
-    """The rows of the header by their names, and the others."""
-    try:
-        rows = [row for row in csv.reader(io.StringIO(read_content(source.path).decode("utf-8-sig"))) if row]
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{source}: not a table of DeepLabCut: {error}") from None
-    header = {row[0]: row for row in rows[: len(_HEADER)] if row[0] in _HEADER}
+def _header(rows: Sequence[list[str]]) -> dict[str, list[str]]:
+    """The rows of the header by their names."""
+    header = {row[0]: row for row in rows if row[0] in _HEADER}
     if not {"bodyparts", "coords"} <= set(header) or not set(header["coords"]) & set(_COORDINATES):
-        raise ValueError(f"{source}: not a table of DeepLabCut: it lacks the rows bodyparts and coords")
+        raise ValueError("it lacks the rows bodyparts and coords")
+    return header
+
+
+def _body(
+    rows: Iterable[list[str]], n_header: int, n_columns: int, first: int
+) -> tuple[list[str], Float[np.ndarray, "row column"]]:
+    """What the rows after the header are named by, and their numbers, from the first column of them on."""
+    names: list[str] = []
+    values = array("d")
     for number, row in enumerate(rows, 1):
-        if len(row) != len(header["coords"]):
-            raise ValueError(f"{source}: row {number} has {len(row)} cells, coords has {len(header['coords'])}")
-    return header, rows[len(header) :]
+        if len(row) != n_columns:
+            raise ValueError(f"row {number} has {len(row)} cells, coords has {n_columns}")
+        if number > n_header:
+            names.append(row[first - 1] if first else str(len(names)))
+            values.extend(float(cell) if cell.strip() else math.nan for cell in row[first:])
+    return names, np.array(values).reshape(len(names), n_columns - first)
 
 
-def _columns(source: Source, skeleton: Skeleton, header: dict[str, list[str]], first: int) -> np.ndarray:
+def _columns(skeleton: Skeleton, header: dict[str, list[str]], first: int) -> np.ndarray:
     """(person, joint, 3) where x, y and likelihood of each joint are, counted from the first; at least one person has
     it."""
     whose = header.get("individuals", [""] * len(header["coords"]))
@@ -84,24 +99,16 @@ def _columns(source: Source, skeleton: Skeleton, header: dict[str, list[str]], f
     if missing:
         given = ", ".join(dict.fromkeys(header["bodyparts"][first:]))
         raise ValueError(
-            f"{source}: it has no body part {', '.join(missing)} of skeleton {skeleton.name}, only {given}. Write a "
+            f"it has no body part {', '.join(missing)} of skeleton {skeleton.name}, only {given}. Write a "
             f"skeleton file (TOML) whose joints are {given}, and give it as --skeleton"
         )
     keys = [[(plain_joint(joint), kind) for kind in _COORDINATES] for joint in skeleton.joints]
     return np.array([[[own.get(key, _NO_COLUMN) for key in joint] for joint in keys] for own in where.values()])
 
 
-def _numbers(source: Source, rows: Sequence[Sequence[str]], n_columns: int) -> Float[np.ndarray, "row column"]:
-    try:
-        cells = [[float(cell) if cell.strip() else np.nan for cell in row] for row in rows]
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
-    return np.array(cells).reshape(len(rows), n_columns)
-
-
-def _frames(source: Source, indices: Sequence[Sequence[str]]) -> list[int]:
+def _frames(source: Source, indices: Sequence[str]) -> list[int]:
     """Of each row: its number, or that in the name of its image."""
-    names = [Path(index[-1]).stem if index else str(row) for row, index in enumerate(indices)]
+    names = [Path(index).stem for index in indices]
     number = frame_numbers(list(dict.fromkeys(names)), camera_name(source.camera))
     found = []
     for name in names:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.content import read_content
+from fgpose.io.content import parse_json, read_content
 from fgpose.io.keypoints.joint_names import chosen_joints, no_such_joints
 from fgpose.skeleton import Skeleton
 
@@ -60,9 +59,9 @@ def read_json(source: Source) -> Any:
         content = read_content(source.path)
         if not content.strip():
             raise ValueError("the file is empty. Let the detector write it again, or remove it")
-        return json.loads(content)
+        return parse_json(content)
     # ValueError: also of text that is not UTF-8, and of numbers with thousands of digits.
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise ValueError(f"{source}: not JSON, or a truncated file: {error}") from None
 
 

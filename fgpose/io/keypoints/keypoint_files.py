@@ -33,6 +33,8 @@ _METRES = {"mm": 1e-3, "m": 1.0}
 _MIN_FPS, _MAX_FPS = 1e-3, 1e5
 # Numbers with larger gaps than this between the images are not frame numbers.
 _MAX_FRAMES_PER_IMAGE = 1000
+# Longer than some hours, somebody is seen in a part of them.
+_MAX_SPARSE, _MAX_SPARSENESS = 1_000_000, 20
 
 
 def load_observations(
@@ -280,7 +282,7 @@ def _frame_numbers(cameras: list[CameraDetections], rig: CameraRig) -> np.ndarra
     present = np.array(sorted(set().union(*cameras)))
     step = int(np.gcd.reduce(np.diff(present))) if len(present) > 1 else 1
     n_frames = (present[-1] - present[0]) // step + 1
-    if n_frames > _MAX_FRAMES_PER_IMAGE * len(present):
+    if n_frames > _MAX_FRAMES_PER_IMAGE * len(present) or n_frames > max(_MAX_SPARSE, _MAX_SPARSENESS * len(present)):
         raise ValueError(
             f"the numbers of the images are not frame numbers: {len(present)} images from {present[0]} to {present[-1]}"
         )

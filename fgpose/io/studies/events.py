@@ -10,9 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fgpose.io.content import read_content
+from fgpose.plain_files import check_expansion
 
 _NAMES = ("subject", "session", "trial")
-_MAX_BYTES = 1 << 30
+_MAX_BYTES = 100 << 20
+_MAX_COLUMNS = 1000
+_CELL_BYTES = 100
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,12 @@ def read_events(path: Path) -> tuple[Event, ...]:
     try:
         text = read_content(path, _MAX_BYTES).decode("utf-8-sig")
         first = text.partition("\n")[0]
-        rows = csv.DictReader(io.StringIO(text), delimiter=max("\t;,", key=first.count))
+        delimiter = max("\t;,", key=first.count)
+        n_columns = first.count(delimiter) + 1
+        if n_columns > _MAX_COLUMNS:
+            raise ValueError(f"its first line names {n_columns} columns, at most {_MAX_COLUMNS} are read")
+        check_expansion(_CELL_BYTES * n_columns * text.count("\n"), len(text))  # for rows may be shorter than the first
+        rows = csv.DictReader(io.StringIO(text), delimiter=delimiter)
         _check_columns(rows.fieldnames or ())
         return tuple(_event(row, rows.line_num) for row in rows)
     except (ValueError, csv.Error) as error:

@@ -9,17 +9,17 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.io.atomic import write_text
+from fgpose.io.cells import as_cell
 from fgpose.io.tables import write_table
 
-_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 STUDY_NAME = "fgpose.study"
 """Key of the metadata that holds how the study is called."""
 
 
 def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, metadata: Mapping[str, str] | None = None) -> None:
     """Write a table, as .parquet or .csv, by the extension. Its columns are those of any row, in the order in which
-    they first occur; what a row lacks is empty. A parquet file holds the metadata too. In a CSV file an apostrophe
-    precedes texts that a spreadsheet would take for formulas.
+    they first occur; what a row lacks is empty. A parquet file holds the metadata too. Texts of a CSV file are written
+    as cells.as_cell does.
 
     Raises:
         OSError: the file cannot be written; the message names it.
@@ -34,10 +34,7 @@ def write_rows(rows: Sequence[Mapping[str, Any]], path: Path, metadata: Mapping[
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, lineterminator="\n")
     writer.writeheader()
-    writer.writerows({name: _as_data(value) for name, value in row.items()} for row in rows)
+    writer.writerows(
+        {n: as_cell(value) if isinstance(value, str) else value for n, value in row.items()} for row in rows
+    )
     write_text(path, text.getvalue())
-
-
-def _as_data(value: Any) -> Any:
-    """A text that no spreadsheet takes for a formula, which could send the table elsewhere: names are of the files."""
-    return f"'{value}" if isinstance(value, str) and value.startswith(_FORMULA_STARTS) else value

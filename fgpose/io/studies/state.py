@@ -55,6 +55,8 @@ def load_state(folder: Path) -> RecordingState | None:
     try:
         table = json.loads(read_content(folder / FILE, _MAX_BYTES))
         steps = {name: DoneStep(each["fingerprint"], tuple(each["files"])) for name, each in table["steps"].items()}
+        if any(Path(file).name != file for step in steps.values() for file in step.files):
+            return None  # results are in the folder
         return RecordingState(table["stamp"], table["contents"], steps, table["row"], tuple(table["warnings"]))
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None

@@ -10,6 +10,7 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs import ros_messages
 from fgpose.live.outputs.output import BackgroundOutput
 from fgpose.live.parts import Parts
+from fgpose.plain_files import open_plain
 
 LOST = "fgpose lost"
 """Name of the metadata with ``n_frames``: so many are missing, in this file and those before."""
@@ -152,7 +153,7 @@ def recover_mcap(damaged: str | Path, recovered: str | Path) -> int:
     n_messages = 0
     schemas: dict[int, int] = {}
     channels: dict[int, int] = {}
-    with Path(damaged).open("rb") as source, Path(recovered).open("xb") as target:
+    with open_plain(Path(damaged)) as source, Path(recovered).open("xb") as target:
         writer = _started_writer(target)
         try:
             for record in StreamReader(source, validate_crcs=True).records:

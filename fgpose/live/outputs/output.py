@@ -117,7 +117,7 @@ class BackgroundOutput:
         n_waiting: int = 1,
         tell: Callable[[str], None] | None = None,
         first_retry_s: float = 0.5,
-        longest_retry_s: float = 30.0,
+        longest_retry_s: float = 5.0,
         close_s: float = _CLOSE_S,
         parts: Parts | None = None,
     ) -> None:

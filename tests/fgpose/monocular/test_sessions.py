@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import onnx
 import pytest
 from topdown_networks import FLOAT, FLOAT16, Graph
 
@@ -81,6 +82,25 @@ def test_a_damaged_network_is_named(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(ValueError, match=r"cut\.onnx is not an ONNX network"):
         open_session(path)
+
+
+@pytest.mark.parametrize("location", ["../secret", "link", "absolute"])
+def test_a_network_reads_no_file_outside_its_folder(tmp_path: Path, location: str) -> None:
+    secret = tmp_path / "secret"
+    secret.write_bytes(bytes(16))
+    path = network(tmp_path / "sum.onnx")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder/link").symlink_to(secret)
+    model = onnx.load(path)
+    tensor = model.graph.initializer.add(name="secret", data_type=FLOAT, dims=[4])
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key="location", value=location if location != "absolute" else str(secret))
+    model.graph.node.add(op_type="Identity", input=["secret"], output=["read"])
+    model.graph.output.add(name="read").type.tensor_type.elem_type = FLOAT
+    crafted = tmp_path / "folder/crafted.onnx"
+    crafted.write_bytes(model.SerializeToString())
+    with pytest.raises(ValueError, match=r"crafted\.onnx is not an ONNX network that onnxruntime can run: .*xternal"):
+        open_session(crafted)
 
 
 def test_no_threads_are_refused(tmp_path: Path) -> None:

@@ -71,6 +71,20 @@ def test_results_of_one_folder_have_reports_of_their_own(
     assert f"wrote {tmp_path / 'out' / 'report_b.html'}" in printed
 
 
+def test_a_report_is_not_written_through_a_link_that_nobody_named(
+    walk: FinishedRecording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A result of somebody else could have a link to any file where its report would be."""
+    (tmp_path / "out").mkdir()
+    save_trajectory(walk.main, tmp_path / "out" / "walk.parquet", origin=Origin(step="smooth"))
+    (tmp_path / "thesis.txt").write_text("all my work")
+    link = tmp_path / "out" / "report.html"
+    link.symlink_to(tmp_path / "thesis.txt")
+    assert main(["report", str(tmp_path / "out")]) == 2
+    assert f"{link} is a link, to {tmp_path / 'thesis.txt'}: name it with --output" in capsys.readouterr().err
+    assert (tmp_path / "thesis.txt").read_text() == "all my work"
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -215,6 +215,29 @@ def test_a_lock_that_leads_elsewhere_empties_nothing(study_file: Path, tmp_path:
     assert other.read_text() == "all my work"
 
 
+@pytest.mark.parametrize(
+    "name", ["recordings", "recordings/S01", "recordings/S01/run/motion.parquet", "motion", "quality.csv"]
+)
+def test_results_are_not_written_through_a_link(name: str, study_file: Path, tmp_path: Path) -> None:
+    study, elsewhere = load_study(study_file), tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    link = study.output / name
+    link.parent.mkdir(parents=True)
+    link.symlink_to(elsewhere)
+    with pytest.raises(OSError, match=rf"{link} is a link, to {elsewhere}: results of a study are"):
+        run_study(study, n_workers=1)
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_a_folder_of_results_that_leads_out_of_the_study_is_refused(study_file: Path, tmp_path: Path) -> None:
+    study = load_study(study_file)
+    (tmp_path / "elsewhere").mkdir()
+    study.output.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OSError, match="outside of the folder of the study: if results belong there"):
+        run_study(study, n_workers=1)
+    assert list((tmp_path / "elsewhere").iterdir()) == []
+
+
 @pytest.mark.slow
 def test_studies_at_one_time_do_not_need_one_port() -> None:
     one = Resources(workers=1)

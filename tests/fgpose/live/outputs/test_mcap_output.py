@@ -23,6 +23,7 @@ from tests.fgpose.full_disk import FullDisk
 from tests.fgpose.live.output_frames import SKELETON, frame, person, wait_until
 
 N_FRAMES = 40
+_MAGIC, _CHUNK = b"\x89MCAP0\r\n", 6
 _TOPICS = ("/poses", "/markers", "/people")
 
 
@@ -224,6 +225,24 @@ def test_a_file_of_a_killed_writer_can_be_made_whole(killed: tuple[Path, int], t
     assert len(people) == n_messages / len(_TOPICS) >= last - 31
     check_people(people[-1], len(people) - 1)
     assert len(read_by_mcap(tmp_path / "whole.mcap")) == n_messages
+
+
+def test_wherever_a_file_is_cut_all_whole_chunks_are_recovered(tmp_path: Path) -> None:
+    path = tmp_path / "people.mcap"
+    sink = McapSink(path)
+    for sequence in range(0, 90, 15):
+        sink.send(frame(sequence))  # half a second later: each frame has a chunk of its own
+    sink.close()
+    content = path.read_bytes()
+    ends, at = [], len(_MAGIC)
+    while at < len(content) - len(_MAGIC):
+        kind, at = content[at], at + 9 + int.from_bytes(content[at + 1 : at + 9], "little")
+        ends += [at] if kind == _CHUNK else []
+    assert len(ends) == 6
+    for number, cut in enumerate(sorted({*range(ends[0], len(content), 501), *ends, *(end - 1 for end in ends[1:])})):
+        path.write_bytes(content[:cut])
+        n_messages = recover_mcap(path, tmp_path / f"whole_{number}.mcap")
+        assert n_messages == len(_TOPICS) * sum(end <= cut for end in ends), cut
 
 
 def test_only_what_has_messages_can_be_made_whole(tmp_path: Path) -> None:
