@@ -33,6 +33,7 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.observed import Volume
 from fgpose.live.outputs import Output
 from fgpose.live.rejections import MessageError
+from fgpose.live.robot_poses import RobotPoses
 from fgpose.skeleton import Skeleton
 
 ARM = Link("arm", (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05),))
@@ -211,14 +212,14 @@ def test_of_poses_that_wait_only_the_newest_count(
 ) -> None:
     """They came while nobody read: what the first of them say is not true any more, and takes no time."""
     waits, looked_at = threading.Event(), []
-    take = DistanceServer._take
+    take = RobotPoses.take
 
-    def noted(self: DistanceServer, parts: list[Any], came_s: float) -> None:
+    def noted(self: RobotPoses, parts: list[Any], came_s: float) -> None:
         waits.wait(WAITS_S)
         looked_at.append(parts[0].bytes)
         take(self, parts, came_s)
 
-    monkeypatch.setattr(DistanceServer, "_take", noted)
+    monkeypatch.setattr(RobotPoses, "take", noted)
     with serving(rig, skeleton, now_s=lambda: 1000.1) as (server, robot):
         server.publish(frame)
         for k in range(400):
