@@ -50,8 +50,6 @@ class Result:
     n_nobody: int = 0
     """Of these, nobody while somebody was there."""
     worst: list[str] = field(default_factory=list)
-    longest_silence_s: float = 0.0
-    """Between two distances, while the process was not stopped."""
     n_calm: int = 0
     """Distances while nothing was wrong."""
     n_calm_said: int = 0

@@ -42,7 +42,7 @@ class DistanceSoak(Soak):
         rig, skeleton = self.tracking.rig, self.tracking.skeleton
         self.monitor, self.result = DistanceMonitor(CELL, rig, skeleton), Result()
         self._judge = Judge(rig, skeleton, self.result)
-        self._seed, self._reset_s, self._measured_s = seed, -math.inf, math.nan
+        self._seed, self._reset_s = seed, -math.inf
 
     def publish(self, frame: LiveFrame) -> None:
         super().publish(frame)
@@ -84,8 +84,6 @@ class DistanceSoak(Soak):
         said = self.monitor.measure(poses, now_s, poses_s)
         trouble = "" if not is_wrong and self._is_calm(now_s - START_S) else self._trouble_in_words()
         self._judge.look(said, self._people_m(now_s), world_T_arm(now_s), now_s, trouble)
-        self.result.longest_silence_s = float(np.nanmax([self.result.longest_silence_s, now_s - self._measured_s]))
-        self._measured_s = now_s
 
     def _trouble_in_words(self) -> str:
         return self._trouble.kind if self._trouble else "the robot"

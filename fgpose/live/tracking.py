@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -143,8 +144,7 @@ class LiveTracking:
     def restart(self) -> None:
         """Forget images that wait and who people are, after something has failed."""
         self._moments, self._arrived = Moments(), {}
-        self._tracker.close()
-        self._tracker, self._people = self._new_tracker(), ()
+        self._forget_people()
         self.on_taken(self.rig.names)
 
     def close(self) -> None:
@@ -199,9 +199,13 @@ class LiveTracking:
     def _begin_anew(self, error: Exception) -> None:
         self._parts.restarted("the tracker", f"{type(error).__name__}: {error}", error)
         self.n_failures += 1
+        self._forget_people()
+
+    def _forget_people(self) -> None:
+        """A new tracker has found nobody yet."""
+        self._people, self._since_s = (), np.nan
         self._tracker.close()
         self._tracker = self._new_tracker()
-        self._people, self._since_s = (), np.nan
 
     def _new_tracker(self) -> Tracker:
         return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S)
@@ -223,9 +227,10 @@ class LiveTracking:
         for camera in cameras:
             c = self.rig.names.index(camera.name)
             n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
-            camera = replace(camera, n_used=n_used, n_lost=n_lost)
+            changes: dict[str, Any] = {"n_used": n_used, "n_lost": n_lost}
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
-                camera = replace(camera, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
+                changes |= {"motion_offset_s": float(offset_s[c]), "motion_sigma_s": float(sigma_s[c])}
+            camera = replace(camera, **changes)
             if is_told_by_motion(camera, cameras):
                 camera = replace(camera, unproven_s=_SIGMAS * (camera.motion_sigma_s or 0.0))
             if camera.name in self._agreement.faults:

@@ -200,3 +200,12 @@ def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplo
     _, now_s = feed(live, images[64:140])
     assert begun_s < update.images[0].detections.time_s <= live.frame(now_s, statuses()).tracking_since_s < now_s
     assert len(live.frame(now_s, statuses()).people) == 2
+
+
+def test_a_new_start_says_that_it_has_found_nobody_yet() -> None:
+    """Whatever has failed: who is there is not nobody."""
+    live, images = tracking(), list(scene().observations.images)
+    _, now_s = feed(live, images[:60])
+    assert np.isfinite(live.frame(now_s, statuses()).tracking_since_s)
+    live.restart()
+    assert np.isnan(live.frame(now_s, statuses()).tracking_since_s)
