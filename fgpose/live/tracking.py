@@ -16,6 +16,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.agreement import CameraAgreement
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.frozen_keypoints import are_same
 from fgpose.live.moments import Moments
 from fgpose.live.observed import observed_share
 from fgpose.live.parts import Parts
@@ -28,6 +29,8 @@ from fgpose.tracking import Tracker
 _ANSWERS_WITHIN_S = 1.0
 # Predicted people say so when no image has come for longer than the slowest usual camera takes.
 _COASTS_AFTER_S = 0.2
+# Who came while there was no image for longer is not found yet.
+_GAP_S = 0.5
 # What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
 _TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
 
@@ -45,8 +48,9 @@ class LiveTracking:
     """The tracker of a live system. It is used from one thread.
 
     Images of one moment are given together; one that comes later than its moment is still used at its own time, unless
-    it is older than the lag. Where the times of a camera are not those of this computer's clock, everybody's motion
-    tells how late it is beyond them. A tracker that fails is replaced by a new one.
+    it is older than the lag. One that shows everybody at the very pixels of the one before is not used. Where the times
+    of a camera are not those of this computer's clock, everybody's motion tells how late it is beyond them. A tracker
+    that fails is replaced by a new one.
 
     Args:
         rig, skeleton, config: as of fgpose.Tracker.
@@ -67,6 +71,8 @@ class LiveTracking:
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
+        self._last: dict[str, Detections] = {}
+        """The newest of each camera that were not refused."""
         self._frame_s = -np.inf
         """Of the people as they are known."""
         self._people: tuple[LivePerson, ...] = ()
@@ -97,11 +103,14 @@ class LiveTracking:
         detections = image.detections
         key = detections.camera, detections.time_s
         is_again = key in self._arrived or detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        # A picture or a detector that has stopped: with a new stamp, people would be where they were a while ago.
+        is_again |= detections.camera in self._last and are_same(self._last[detections.camera], detections)
         if not image.is_used or is_again or self._is_too_old(detections):
             self._n_lost[detections.camera] += 1
             self.on_taken([detections.camera])
             return [Update((replace(image, is_used=False),), (), ())]
         self._arrived[key] = image
+        self._last[detections.camera] = detections
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
     def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
@@ -167,8 +176,9 @@ class LiveTracking:
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
-            if np.isnan(self._since_s):
-                self._since_s = min(image.time_s for image in given)
+            first_s = min(image.time_s for image in given)
+            if np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S:
+                self._since_s = first_s
         except Exception as error:
             self._begin_anew(error)
             people, events = [], []
