@@ -23,6 +23,8 @@ _CONTESTED_S = 1.0
 class RobotPoses:
     """Remembers the newest pose of each link. One thread gives the messages, another one takes the poses.
 
+    Faults are reset only by the sender whose poses count; in a cell without links by anybody.
+
     Args:
         link_names: those of the cell that have poses.
     """
@@ -55,6 +57,8 @@ class RobotPoses:
         at_s = came_s if message.time_s is None else min(message.time_s, came_s)
         for name in message.world_T_link:
             self._senders.take(name, connection, came_s)
+        if message.reset and self._link_names and not self._senders.is_sender(connection, came_s):
+            raise MessageError("sender", "a reset of a sender whose poses do not count")
         with self._lock:
             self._pose_of |= {name: (pose, at_s) for name, pose in message.world_T_link.items()}
             self._is_reset |= message.reset
