@@ -15,7 +15,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.assurance import FOUND_S
 from fgpose.live.cell import Capsule, Cell, Limits, Link
 from fgpose.live.distances import DistanceMonitor, LinkDistance
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.skeleton import Skeleton
 
 CELL = Cell(
@@ -49,7 +49,8 @@ class Result:
     """By how much one was larger than the truth."""
     n_nobody: int = 0
     """Of these, nobody while somebody was there."""
-    worst: list[str] = field(default_factory=list)
+    worst: dict[str, float] = field(default_factory=dict)
+    """By what was wrong: by how much one was larger, at most."""
     n_calm: int = 0
     """Distances while nothing was wrong."""
     n_calm_said: int = 0
@@ -81,7 +82,6 @@ class Judge:
 
     def __init__(self, rig: CameraRig, skeleton: Skeleton, result: Result) -> None:
         self._monitor, self._skeleton, self.result = DistanceMonitor(CELL, rig, skeleton), skeleton, result
-        self._ok = tuple(CameraStatus(name, CameraState.OK, unproven_s=0.0) for name in rig.names)
         self._there_since_s: dict[int, float] = {}
         self._reasons = Counter(result.reasons)
 
@@ -114,9 +114,9 @@ class Judge:
         if there and any(each.fault is None for each in said):
             true_m = self._true_m(people_m[there], world_T_arm, now_s)
             for each in said:
-                self._compare(each, true_m[each.link], now_s, trouble)
+                self._compare(each, true_m[each.link], trouble)
 
-    def _compare(self, said: LinkDistance, true_m: float, now_s: float, trouble: str) -> None:
+    def _compare(self, said: LinkDistance, true_m: float, trouble: str) -> None:
         if said.fault is not None:
             return
         self.result.n_said += 1
@@ -126,18 +126,18 @@ class Judge:
         if over_m > _TOLERANCE_M:
             self.result.n_too_large += 1
             self.result.n_nobody += math.isinf(said.distance_m)
-            if len(self.result.worst) < _N_WORST:
-                self.result.worst.append(
-                    f"{now_s:.2f} s: {said.link} {said.distance_m:.2f}, true {true_m:.2f} m; {trouble}"
-                )
+            if len(self.result.worst) < _N_WORST or trouble in self.result.worst:
+                self.result.worst[trouble] = max(self.result.worst.get(trouble, 0.0), over_m)
 
     def _true_m(
         self, people_m: Float[np.ndarray, "person joint 3"], world_T_arm: Float[np.ndarray, "4 4"], now_s: float
     ) -> dict[str, float]:
         """Distance of each link from the nearest."""
         people = tuple(_exactly(who, joints_m) for who, joints_m in enumerate(people_m))
-        self._monitor.publish(LiveFrame(0, now_s, now_s, self._skeleton, people, self._ok, 1.0, now_s - 60.0))
-        return {each.link: each.expected_m for each in self._monitor.measure({"arm": world_T_arm}, now_s)}
+        frame = LiveFrame(0, now_s, now_s, self._skeleton, people, (), 1.0, now_s - 60.0)
+        poses = np.stack([world_T_arm if link.name == "arm" else np.eye(4) for link in CELL.links])
+        expected_m = self._monitor._measured(frame, poses, 0.0).expected_m.min(axis=(0, 1))
+        return {link.name: float(each_m) for link, each_m in zip(CELL.links, expected_m, strict=True)}
 
 
 def world_T_arm(at_s: float) -> Float[np.ndarray, "4 4"]:
