@@ -16,6 +16,7 @@ from fgpose.live.cell import Cell
 from fgpose.live.distance_messages import MAX_ROBOT_BYTES, encode_distances
 from fgpose.live.distances import DistanceMonitor, LinkDistance
 from fgpose.live.frame import LiveFrame
+from fgpose.live.input_keys import InputKeys
 from fgpose.live.outputs.output import OutputState
 from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
@@ -46,6 +47,7 @@ class DistanceServer:
         poses_port: where the robot sends poses of its links with a PUSH socket; 0 takes any free one.
         host: address for consumers to connect to; only this computer reaches the default.
         poses_host: the same for the robot.
+        who: may send poses; None: anybody who reaches the port.
         rate_hz: of the messages.
         show: takes what was measured, in the thread.
         tell: called with one line for the first message of each kind that is refused, and when measuring fails.
@@ -68,6 +70,7 @@ class DistanceServer:
         poses_port: int = 5559,
         host: str = "127.0.0.1",
         poses_host: str = "127.0.0.1",
+        who: InputKeys | None = None,
         rate_hz: float = 30.0,
         show: Callable[[Sequence[LinkDistance]], None] | None = None,
         tell: Callable[[str], None] | None = None,
@@ -81,7 +84,7 @@ class DistanceServer:
         options = {zmq.CONFLATE: 1, zmq.MAXMSGSIZE: _MAX_SUBSCRIPTION_BYTES, zmq.LINGER: 0}
         self._publisher, self.address = bound_socket(zmq.PUB, host, port, options)
         try:
-            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_WAITING}
+            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_WAITING} | ({} if who is None else who.options)
             self._poses, self.poses_address = bound_socket(zmq.PULL, poses_host, poses_port, options)
         except OSError:
             self._publisher.close()

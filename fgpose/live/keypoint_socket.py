@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import sys
 import time
 from collections.abc import Callable, Collection, Mapping
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.live.input_keys import InputKeys
 from fgpose.live.keypoint_checks import ArrivedDetections, KeypointChecks
 from fgpose.live.rejections import MessageError, Rejected, Rejections
 from fgpose.live.senders import Senders
@@ -29,6 +31,7 @@ class KeypointSocket:
         host: address to bind to; only this computer reaches the default.
         keys: of cameras whose messages must have one.
         synchronised: cameras whose clock is that of this computer; what is ahead of it is refused.
+        who: may connect; None: anybody who reaches the port.
         publisher: in place of port and host: the address of a PUB socket, to which this side connects.
         now_s: Unix time.
         tell: called with one line for the first message of each kind that is refused.
@@ -48,6 +51,7 @@ class KeypointSocket:
         host: str = "127.0.0.1",
         keys: Mapping[str, str] | None = None,
         synchronised: Collection[str] = (),
+        who: InputKeys | None = None,
         publisher: str | None = None,
         now_s: Callable[[], float] = time.time,
         tell: Callable[[str], None] | None = None,
@@ -56,10 +60,11 @@ class KeypointSocket:
         self._now_s = now_s
         options = {zmq.MAXMSGSIZE: _MAX_NETWORK_BYTES, zmq.RCVHWM: _MAX_WAITING}
         if publisher is None:
-            self._socket, self.address = bound_socket(zmq.PULL, host, port, options)
+            secured = options | ({} if who is None else who.options)
+            self._socket, self.address = bound_socket(zmq.PULL, host, port, secured)
         else:
             self._socket, self.address = connected_socket(zmq.SUB, publisher, options), publisher
-        self._disconnects = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
+        self._events = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED | _refused_events())
         self._checks = KeypointChecks(rig, skeleton, keys, synchronised)
         self._rejections = Rejections(f"keypoints at {self.address}", tell)
         self.n_received = 0
@@ -103,17 +108,20 @@ class KeypointSocket:
         zmq = load_zmq()
         with contextlib.suppress(zmq.ZMQError):
             while True:
-                self._disconnects.recv_multipart(zmq.NOBLOCK)
-                megabytes = _MAX_NETWORK_BYTES >> 20
-                reason = f"a connection ended: a detector stopped, or sent a message of more than {megabytes} MB"
-                self._rejections.add(MessageError("connection", reason))
+                event, _ = self._events.recv_multipart(zmq.NOBLOCK)
+                if int.from_bytes(event[:2], sys.byteorder) == zmq.EVENT_DISCONNECTED:
+                    megabytes = _MAX_NETWORK_BYTES >> 20
+                    reason = f"a connection ended: a detector stopped, or sent a message of more than {megabytes} MB"
+                    self._rejections.add(MessageError("connection", reason))
+                else:
+                    self._rejections.add(MessageError("key", "somebody without a known key wanted to connect"))
 
     def close(self) -> None:
         """Closing again does nothing."""
         if not self._socket.closed:
             # First: an event that nobody can receive any more would block all of ZeroMQ in this process.
             self._socket.disable_monitor()
-            self._disconnects.close(linger=0)
+            self._events.close(linger=0)
         self._socket.close(linger=0)
 
     def __enter__(self) -> KeypointSocket:
@@ -121,3 +129,9 @@ class KeypointSocket:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _refused_events() -> int:
+    """Of those who have no key that is known."""
+    zmq = load_zmq()
+    return int(zmq.EVENT_HANDSHAKE_FAILED_AUTH | zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL)
