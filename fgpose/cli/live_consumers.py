@@ -88,7 +88,7 @@ class Consumers:
             self._add(stack, open_mcap_output(options.mcap, tell=tell, parts=parts))
         if options.record is not None:
             start_s = self.clock.now_s() if began_s is None else began_s
-            recorder = Recorder(options.record, rig, skeleton, config, now_s=lambda: start_s, tell=tell)
+            recorder = Recorder(options.record, rig, skeleton, config, now_s=lambda: start_s, tell=tell, parts=parts)
             self._add(stack, recorder)
             self.observers.append(lambda update: recorder.record(update.images))
         if options.rrd is not None or options.view:

@@ -13,6 +13,8 @@ from fgpose.live.frame import Restarts
 _LOG = logging.getLogger("fgpose.live")
 # What fails again and again in the same way is said so often.
 _AGAIN_S = 10.0
+# A wait that nobody notices.
+_AT_ONCE_S = 0.1
 
 
 class Parts:
@@ -35,9 +37,9 @@ class Parts:
         self._said: dict[str, tuple[float, str]] = {}
         self._lock = threading.Lock()
 
-    def restarted(self, part: str, reason: str, error: BaseException | None = None) -> None:
-        """A part has ended, for a reason or with an error, and is begun again."""
-        line = self._news(self.count(part, reason))
+    def restarted(self, part: str, reason: str, error: BaseException | None = None, wait_s: float = 0.0) -> None:
+        """A part has ended, for a reason or with an error, and is begun again after a time."""
+        line = self._news(self.count(part, reason), wait_s)
         if line:
             _LOG.warning("%s", line, exc_info=error)
             self._note(line)
@@ -56,13 +58,14 @@ class Parts:
         self._on_restart(restarts)
         return restarts
 
-    def _news(self, restarts: Restarts) -> str:
+    def _news(self, restarts: Restarts, wait_s: float = 0.0) -> str:
         """What is to be said; empty: it was said a moment ago."""
         said_s, said = self._said.get(restarts.part, (-math.inf, ""))
         if restarts.reason == said and restarts.last_s < said_s + _AGAIN_S:
             return ""
         self._said[restarts.part] = restarts.last_s, restarts.reason
-        return f"{restarts.part} ended ({restarts.reason}) and is begun again; {restarts.n} times so far"
+        when = f" in {wait_s:g} s" if wait_s > _AT_ONCE_S else ""
+        return f"{restarts.part} ended ({restarts.reason}) and is begun again{when}; {restarts.n} times so far"
 
     def so_far(self) -> tuple[Restarts, ...]:
         """Of the parts that have ended at least once."""

@@ -21,6 +21,8 @@ from fgpose.io.record_files import MAGIC, as_record
 from fgpose.live.frame import LiveFrame
 from fgpose.live.frame_messages import frame_document
 from fgpose.live.outputs.output import OutputState
+from fgpose.live.parts import Parts
+from fgpose.live.worker import Worker
 from fgpose.skeleton import Skeleton
 
 # Records that may wait for the disk: ten seconds of four cameras at 30 Hz. Beyond that the newest are left out.
@@ -49,6 +51,7 @@ class Recorder:
         config: what the tracker is run with.
         now_s: Unix time.
         tell: called with one line when writing fails, and when it works again.
+        parts: told when the thread has ended.
 
     Raises:
         FileExistsError: the file is there already.
@@ -65,6 +68,7 @@ class Recorder:
         *,
         now_s: Callable[[], float] = time.time,
         tell: Callable[[str], None] | None = None,
+        parts: Parts | None = None,
     ) -> None:
         self._path, self._tell = Path(path), tell
         start = start_document(rig, skeleton, config or Config(), now_s())
@@ -81,8 +85,8 @@ class Recorder:
         self._written: deque[tuple[int, bool]] = deque(maxlen=_MAX_CUT)
         """Where the last records begin, and whether they are frames."""
         self._is_failing, self._last_error, self._is_closed = False, "", False
-        self._thread = threading.Thread(target=self._run, name="fgpose recorder", daemon=True)
-        self._thread.start()
+        self._worker = Worker("the recorder", self._run, parts)
+        self._worker.start()
 
     def record(self, images: Sequence[RecordedImage]) -> None:
         """Record images that are given to the tracker together, or that are not to be used."""
@@ -102,8 +106,8 @@ class Recorder:
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._thread.join(_CLOSE_S)
-        if self._thread.is_alive():
+        self._worker.close(_CLOSE_S)
+        if self._worker.is_alive:
             self._failed(TimeoutError(f"the disk has not taken the rest within {_CLOSE_S:.0f} s"))
             with self._changed:
                 self._n_ever_lost += len(self._waiting)
@@ -169,8 +173,11 @@ class Recorder:
         start = self._n_bytes
         try:
             self._append(document)
-        except (ValueError, TypeError) as error:
-            self._last_error = f"a record that cannot be written: {error}"
+        except OSError:
+            raise
+        # Whatever is wrong with one record: it must not keep the others from the file.
+        except Exception as error:
+            self._last_error = f"a record that cannot be written: {type(error).__name__}: {error}"
             with self._changed:
                 self._waiting.popleft()
                 self._leave_out(document)

@@ -64,6 +64,23 @@ def test_work_that_ends_is_begun_again_and_counted(
     assert not worker.is_alive
 
 
+def test_what_ends_again_and_again_says_how_long_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes: list[str] = []
+    monkeypatch.setattr("fgpose.live.worker._FIRST_WAIT_S", 0.2)
+    monkeypatch.setattr("fgpose.live.worker._LAST_WAIT_S", 0.2)
+    ended = threading.Event()
+
+    def note(line: str) -> None:
+        notes.append(line)
+        ended.set()
+
+    worker = Worker("reading", lambda: None, Parts(note=note))
+    worker.start()
+    assert ended.wait(LONG_S)
+    assert notes == ["reading ended (its work returned) and is begun again in 0.2 s; 1 times so far"]
+    worker.close(LONG_S)
+
+
 def test_who_is_told_may_fail_too() -> None:
     works, times = threading.Event(), []
 
