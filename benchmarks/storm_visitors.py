@@ -218,6 +218,9 @@ class StandInTracker:
         covariance_m2 = (0.0 if last.covariance_m2 is None else last.covariance_m2) + walked_m2 * np.eye(3)
         return Estimate(self._skeleton, self._n_updates, time_s, last.positions_m, status, covariance_m2)
 
+    def look(self) -> None:
+        """See Tracker."""
+
     def tidy(self) -> None:
         """See Tracker."""
         self._fails("tidy")

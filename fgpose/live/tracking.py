@@ -27,6 +27,8 @@ from fgpose.tracking import Tracker
 
 # Of a process of estimators; usually it takes some milliseconds.
 _ANSWERS_WITHIN_S = 1.0
+# At the processes of the tracker; two looks tell that one is stopped.
+_LOOKS_S = 0.1
 # Predicted people say so when no image has come for longer than the slowest usual camera takes.
 _COASTS_AFTER_S = 0.2
 # Who came while there was no image for longer is not found yet.
@@ -80,6 +82,7 @@ class LiveTracking:
         """When the first image was taken that the tracker has used."""
         self._share: tuple[frozenset[str], float] = frozenset(), 0.0
         """How much of the volume these cameras observe."""
+        self._looked_s = -np.inf
         self._n_used: Counter[str] = Counter()
         self._n_lost: Counter[str] = Counter()
         self._sequence = 0
@@ -114,7 +117,9 @@ class LiveTracking:
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
     def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
-        """Track what waits, if all of these cameras have come or it has waited long enough."""
+        """Track what waits, if all of these cameras have come or it has waited long enough. Processes that have ended
+        are replaced, also where nothing comes."""
+        self._look_at_processes(now_s)
         moment = self._moments.ready(now_s, expected)
         return [self._tracked(moment)] if moment else []
 
@@ -171,8 +176,7 @@ class LiveTracking:
         n_restarts = self._tracker.n_restarts
         try:
             people = self._tracker.update(given)
-            for _ in range(self._tracker.n_restarts - n_restarts):
-                self._parts.restarted("a process of estimators", "it ended or did not answer")
+            self._say_restarts(n_restarts)
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
@@ -185,6 +189,20 @@ class LiveTracking:
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(tuple(images), tuple(people), tuple(events))
+
+    def _look_at_processes(self, now_s: float) -> None:
+        if not 0 <= now_s - self._looked_s < _LOOKS_S:
+            self._looked_s, n_restarts = now_s, self._tracker.n_restarts
+            try:
+                self._tracker.look()
+            except Exception as error:
+                self._begin_anew(error)
+            else:
+                self._say_restarts(n_restarts)
+
+    def _say_restarts(self, n_before: int) -> None:
+        for _ in range(self._tracker.n_restarts - n_before):
+            self._parts.restarted("a process of estimators", "it ended or did not answer")
 
     def _compare_cameras(self) -> None:
         """A part of the work, which is less than a millisecond."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -232,3 +233,14 @@ def test_after_a_time_without_images_people_may_not_be_found_yet() -> None:
     since_s = live.frame(now_s, statuses()).tracking_since_s
     assert since_s > before_s
     assert since_s == pytest.approx(gap[0].time_s, abs=0.05)  # its moment
+
+
+def test_processes_are_looked_at_while_no_image_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    live, looked = tracking(), []
+    monkeypatch.setattr(live._tracker, "look", lambda: looked.append(1))
+    for k in range(10):
+        assert live.look(0.05 * k, ()) == []
+    assert 4 <= len(looked) <= 5  # every 0.1 s
+    monkeypatch.setattr(live._tracker, "look", Mock(side_effect=OSError("no memory")))
+    live.look(1.0, ())
+    assert live.n_failures == 1
