@@ -21,7 +21,7 @@ from fgpose.live.outputs.output import OutputState
 from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
 from fgpose.live.robot_poses import MAX_LOOKED_AT, RobotPoses, measured
-from fgpose.live.worker import Worker
+from fgpose.live.worker import HANGS_S, Worker
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
 
@@ -92,8 +92,8 @@ class DistanceServer:
         self._rejections = Rejections(f"poses at {self.poses_address}", tell)
         self._robot = RobotPoses([link.name for link in cell.links if not link.is_fixed])
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
-        self._measuring = Worker("measuring distances", self._run, parts)
-        self._reading = Worker("reading the poses of the robot", self._read_poses, parts)
+        self._measuring = Worker("measuring distances", self._run, parts, hangs_after_s=HANGS_S, is_replaced=True)
+        self._reading = Worker("reading the poses of the robot", self._read_poses, parts, hangs_after_s=HANGS_S)
         self._measuring.start()
         self._reading.start()
 
@@ -135,6 +135,8 @@ class DistanceServer:
     def _measure(self) -> None:
         now_s = self._now_s()
         distances = measured(self._monitor, self._robot, now_s)
+        if self._measuring.stopped.is_set():  # it was left behind meanwhile
+            return
         self._publisher.send(encode_distances(distances, self._n_published, now_s, self._monitor.frame_s))
         self._n_published += 1
         self._published_s = time.monotonic()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.live.parts import Parts
-from fgpose.live.worker import Worker
+from fgpose.live.worker import HANGS_S, Worker
 from fgpose.live.zmq_sockets import load_zmq
 from fgpose.plain_files import read_settings
 
@@ -54,7 +54,7 @@ class InputKeys:
         except zmq.ZMQError as error:
             self._socket.close(linger=0)
             raise OSError(error.errno, f"keys of senders are checked elsewhere in this process: {error}") from None
-        self._worker = Worker("checking the keys of senders", self._run, parts)
+        self._worker = Worker("checking the keys of senders", self._run, parts, hangs_after_s=HANGS_S)
         self._worker.start()
 
     def close(self) -> None:

@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 import time
+import weakref
 from collections.abc import Callable
 
 from fgpose.live.frame import Restarts
@@ -35,6 +36,8 @@ class Parts:
         self._now_s, self._note, self._on_restart = now_s, note, on_restart
         self._restarts: dict[str, Restarts] = {}
         self._said: dict[str, tuple[float, str]] = {}
+        self._looks: list[weakref.WeakMethod[Callable[[float], None]]] = []
+        self._looked_s = time.monotonic()
         self._lock = threading.Lock()
 
     def restarted(self, part: str, reason: str, error: BaseException | None = None, wait_s: float = 0.0) -> None:
@@ -43,6 +46,28 @@ class Parts:
         if line:
             _LOG.warning("%s", line, exc_info=error)
             self._note(line)
+
+    def hangs(self, part: str, reason: str) -> None:
+        """A part does nothing, for a reason, and cannot be begun again."""
+        line = f"{part} is not well ({reason})"
+        _LOG.warning("%s", line)
+        self._note(line)
+
+    def watch(self, look: Callable[[float], None]) -> None:
+        """Let a method be called at every look, with the seconds since the one before, as long as its object lives."""
+        with self._lock:
+            self._looks.append(weakref.WeakMethod(look))
+
+    def look(self) -> None:
+        """Find out what hangs. To be called several times a second, from one thread."""
+        now_s = time.monotonic()
+        elapsed_s, self._looked_s = now_s - self._looked_s, now_s
+        with self._lock:
+            self._looks = [each for each in self._looks if each() is not None]
+            looks = list(self._looks)
+        for each in looks:
+            if (look := each()) is not None:
+                look(elapsed_s)
 
     def heard(self, restarts: Restarts) -> None:
         """A part of another process has, which has logged it."""

@@ -12,7 +12,7 @@ from fgpose.live.clock_model import Stamp
 from fgpose.live.image import SourceImage
 from fgpose.live.keypoint_socket import KeypointSocket
 from fgpose.live.parts import Parts
-from fgpose.live.worker import Worker
+from fgpose.live.worker import HANGS_S, Worker
 from fgpose.people import Detections
 
 _LOOKS_S = 0.2
@@ -38,7 +38,7 @@ class KeypointReceiver:
         self._socket, self._cameras, self._deliver = socket, cameras, deliver
         self._looked_s = -math.inf
         socket.senders.on_contested = lambda name: cameras[name].contested()
-        self._worker = Worker("the reception of keypoints", self._run, parts)
+        self._worker = Worker("the reception of keypoints", self._run, parts, hangs_after_s=HANGS_S)
         self._worker.start()
 
     def close(self) -> None:

@@ -22,13 +22,15 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.frame_messages import frame_document
 from fgpose.live.outputs.output import OutputState
 from fgpose.live.parts import Parts
-from fgpose.live.worker import Worker
+from fgpose.live.worker import HANGS_S, Worker
 from fgpose.skeleton import Skeleton
 
 # Records that may wait for the disk: ten seconds of four cameras at 30 Hz. Beyond that the newest are left out.
 _MAX_WAITING = 2000
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 30.0
 _CLOSE_S = 5.0
+# That it does not hang, it shows so often.
+_SHOWS_S = 0.5
 # Of these, the last may make room for the end of a recording on a disk that is full.
 _MAX_CUT = 8
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -85,7 +87,7 @@ class Recorder:
         self._written: deque[tuple[int, bool]] = deque(maxlen=_MAX_CUT)
         """Where the last records begin, and whether they are frames."""
         self._is_failing, self._last_error, self._is_closed = False, "", False
-        self._worker = Worker("the recorder", self._run, parts)
+        self._worker = Worker("the recorder", self._run, parts, hangs_after_s=HANGS_S)
         self._worker.start()
 
     def record(self, images: Sequence[RecordedImage]) -> None:
@@ -162,8 +164,12 @@ class Recorder:
 
     def _is_waiting(self) -> bool:
         """Whether there is something to write, when there is; no: the recording is to end, and all is written."""
+        is_asked = self._worker.stopped
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            while not (self._waiting or self._is_closed):
+                is_asked.is_set()  # to show that it waits, and does not hang
+                self._changed.wait(_SHOWS_S)
+            is_asked.is_set()
             return bool(self._waiting)
 
     def _write_oldest(self) -> None:
@@ -243,8 +249,12 @@ class Recorder:
 
     def _pause(self, duration_s: float) -> bool:
         """Whether the recording is ended meanwhile."""
+        end_s = time.monotonic() + duration_s
         with self._changed:
-            return self._changed.wait_for(lambda: self._is_closed, duration_s)
+            while not self._is_closed and (left_s := end_s - time.monotonic()) > 0:
+                self._worker.stopped.is_set()
+                self._changed.wait(min(left_s, _SHOWS_S))
+            return self._is_closed
 
 
 def _lost(n_records: int) -> dict[str, Any]:
