@@ -60,6 +60,8 @@ class InputKeys:
     def close(self) -> None:
         """From now on nobody can connect. Closing again does nothing."""
         self._worker.close()
+        if not self._socket.closed:
+            self._socket.unbind(_ADDRESS)  # at once: closing does it at some time
         self._socket.close(linger=0)
 
     def __enter__(self) -> InputKeys:
