@@ -18,11 +18,11 @@ def test_no_distance_is_too_large_without_a_fault() -> None:
     assert result.availability > 0.995
 
 
-def test_no_distance_is_too_large_in_minutes_of_faults_of_every_kind() -> None:
+def test_no_distance_is_too_large_in_a_minute_of_faults() -> None:
     """Of messages, clocks, cameras, tracker, processes and robot; the estimation alone is a stand-in."""
-    result = live_storm.simulate(n_sessions=1, seed=2, session_s=110.0)
+    result = live_storm.simulate(n_sessions=1, seed=46, session_s=60.0)
     check(result)
-    assert result.n_faults >= 3
+    assert result.n_faults >= 5
     assert result.n_said > 100
 
 
