@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import heapq
-import itertools
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import UInt8
+from timeline import Timeline
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
@@ -85,29 +84,28 @@ class SimulatedCameras:
         self._arrivals = Arrivals(rig.names)
         self._width_px = {camera.name: camera.size_px for camera in rig.cameras}
         self._simulated = {name: _Camera(self._new(name), self._rng) for name in rig.names}
-        self._coming: list[tuple[float, int, Callable[[], None]]] = []
-        self._order = itertools.count()
+        self._timeline = Timeline(clock)
         for camera in self._simulated.values():
             camera.live.connected()
-            self._at(self._began_s, lambda camera=camera: self._take_image(camera, 0))
-        self._at(self._began_s, self._look)
+            self._timeline.at(self._began_s, lambda camera=camera: self._take_image(camera, 0))
+        self._timeline.at(self._began_s, self._look)
 
     def add(self, fault: Fault) -> None:
         """Let it happen; it begins in the future."""
-        self._at(fault.begin_s, lambda: self._begin(fault))
+        self._timeline.at(fault.begin_s, lambda: self._begin(fault))
         if fault.kind != "clock":
-            self._at(fault.end_s, lambda: self._end(fault))
+            self._timeline.at(fault.end_s, lambda: self._end(fault))
 
     def take(self, timeout_s: float) -> list[RecordedImage]:
         """See Feed."""
-        due_s = self._clock.now_s() + timeout_s
-        while True:
-            self._clock.advance(max(min(due_s, self._coming[0][0]) - self._clock.now_s(), 0.0))
-            while self._coming[0][0] <= self._clock.now_s():
-                heapq.heappop(self._coming)[2]()
-            images = self._arrivals.take(0.0)
-            if images or self._clock.now_s() >= due_s:
-                return images
+        taken: list[RecordedImage] = []
+
+        def is_any() -> bool:
+            taken.extend(self._arrivals.take(0.0))
+            return bool(taken)
+
+        self._timeline.advance(self._clock.now_s() + timeout_s, is_any)
+        return taken or self._arrivals.take(0.0)
 
     def go_on(self, camera_names: Collection[str]) -> None:
         """See Feed."""
@@ -120,9 +118,6 @@ class SimulatedCameras:
             for name, camera in self._simulated.items()
         )
 
-    def _at(self, time_s: float, do: Callable[[], None]) -> None:
-        heapq.heappush(self._coming, (time_s, next(self._order), do))
-
     def _new(self, name: str) -> LiveCamera:
         settings = CameraSource(source="simulated", latency_s=_LATENCY_S)
         return LiveCamera(name, settings, self._clock, self._late_s, self._on_event)
@@ -130,7 +125,7 @@ class SimulatedCameras:
     def _look(self) -> None:
         for camera in self._simulated.values():
             camera.live.look()
-        self._at(self._clock.now_s() + _LOOKS_S, self._look)
+        self._timeline.at(self._clock.now_s() + _LOOKS_S, self._look)
 
     def _begin(self, fault: Fault) -> None:
         for camera in self._of(fault):
@@ -157,7 +152,7 @@ class SimulatedCameras:
 
     def _take_image(self, camera: _Camera, number: int) -> None:
         taken_s = self._began_s + number / self._rate_hz
-        self._at(self._began_s + (number + 1) / self._rate_hz, lambda: self._take_image(camera, number + 1))
+        self._timeline.at(self._began_s + (number + 1) / self._rate_hz, lambda: self._take_image(camera, number + 1))
         delay_s = _LATENCY_S + float(self._rng.exponential(_LATENCY_S))
         image = self._image(camera, number, taken_s)
         if image is None:
@@ -166,7 +161,7 @@ class SimulatedCameras:
         if camera.fault is not None and camera.fault.kind == "late":
             arrival_s = max(min(taken_s + _LATER_S, camera.fault.end_s), arrival_s)
         camera.arrival_s = max(arrival_s, camera.arrival_s + 1e-4)
-        self._at(camera.arrival_s, lambda: self._arrive(camera, image))
+        self._timeline.at(camera.arrival_s, lambda: self._arrive(camera, image))
 
     def _arrive(self, camera: _Camera, image: SourceImage) -> None:
         if camera.is_silent:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
-_OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "duration_s"}
+_OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "input_keys", "duration_s"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +62,7 @@ class Live(LiveOutputs, LiveInputs):
         from fgpose.io.made_by import refuse_others
         from fgpose.live.camera_feed import CameraFeed
         from fgpose.live.clock import Clock
+        from fgpose.live.input_keys import InputKeys
         from fgpose.live.observed import volume_points_m
         from fgpose.live.rig_file import load_live_rig
         from fgpose.live.system import LiveSystem
@@ -85,6 +86,8 @@ class Live(LiveOutputs, LiveInputs):
         with _on_signals(_interrupt), ExitStack() as stack:
             consumers = Consumers(clock)
             show, parts = consumers.show_image, consumers.parts
+            if self.input_keys is not None:
+                consumers.who = stack.enter_context(InputKeys(self.input_keys, parts))
             feed = stack.enter_context(
                 CameraFeed(live_rig, clock, open_network, config.online.lag_s, self.jobs, show=show, parts=parts)
             )
@@ -141,6 +144,7 @@ class Live(LiveOutputs, LiveInputs):
                 host=self.inputs_host,
                 keys={name: each.key for name, each in settings.items() if each.key},
                 synchronised=[name for name, each in settings.items() if each.clock == "synchronised"],
+                who=consumers.who,
                 tell=consumers.tell,
             )
             consumers.sockets.append(socket)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
     from fgpose.live.clock import Clock
     from fgpose.live.distance_server import DistanceServer
+    from fgpose.live.input_keys import InputKeys
     from fgpose.live.keypoint_socket import KeypointSocket
     from fgpose.live.outputs import Output, ViewerOutput
     from fgpose.live.page import StatusPage
@@ -39,6 +40,8 @@ class Consumers:
     sockets: list[KeypointSocket] = field(default_factory=list)
     page: StatusPage | None = None
     viewer: ViewerOutput | None = None
+    who: InputKeys | None = None
+    """May send; None: anybody."""
     parts: Parts = field(init=False)
     """What of the system has ended and was begun again."""
 
@@ -67,7 +70,8 @@ class Consumers:
 
         console, tell, parts = new_console(stderr=True), self.tell, self.parts
         warn_if_others_reach(options.host, "--host", "the outputs (page with pictures, people, distances)")
-        warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
+        if self.who is None:
+            warn_if_others_reach(options.inputs_host, "--inputs-host", "the inputs (keypoints, poses of the robot)")
         if options.page is not None:
             page = StatusPage(rig, skeleton, options.page, options.host, faults=self._faults, parts=parts)
             self.page = stack.enter_context(page)
@@ -84,7 +88,7 @@ class Consumers:
             self._add(stack, open_mcap_output(options.mcap, tell=tell, parts=parts))
         if options.record is not None:
             start_s = self.clock.now_s() if began_s is None else began_s
-            recorder = Recorder(options.record, rig, skeleton, config, now_s=lambda: start_s, tell=tell)
+            recorder = Recorder(options.record, rig, skeleton, config, now_s=lambda: start_s, tell=tell, parts=parts)
             self._add(stack, recorder)
             self.observers.append(lambda update: recorder.record(update.images))
         if options.rrd is not None or options.view:
@@ -139,6 +143,7 @@ class Consumers:
             poses_port=options.poses_port,
             host=options.host,
             poses_host=options.inputs_host,
+            who=self.who,
             show=None if self.page is None else self.page.show_distances,
             tell=self.tell,
             now_s=self.clock.now_s,

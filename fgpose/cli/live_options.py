@@ -58,3 +58,5 @@ class LiveOutputs:
     inputs_host: str = "127.0.0.1"
     """The same for inputs: keypoints of detectors elsewhere, poses of the robot. Whoever reaches them can make people
     appear and vanish."""
+    input_keys: Annotated[Path | None, arg(metavar="FOLDER", help_behavior_hint="(default: anybody may send)")] = None
+    """Take inputs only from those whose keys are in the folder, encrypted (docs/help/security.md)."""

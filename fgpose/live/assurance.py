@@ -33,7 +33,7 @@ class Facts:
     is_rigid: bool
     """Whether that is a rigid transform."""
     observed_share: float
-    """Of the surroundings of the link, by two cameras that are ok."""
+    """Of the surroundings of the link, by two cameras that have been ok for FOUND_S: who came before is found then."""
     not_ok: tuple[str, ...] = ()
     """The other cameras, with what they are."""
     unproven: tuple[str, ...] = ()
@@ -98,7 +98,7 @@ RULES = (
         ),
     ),
     Rule(
-        "two cameras that are ok on min_observed_share of the surroundings of the link",
+        f"two cameras that have been ok for {FOUND_S:g} s on min_observed_share of the surroundings of the link",
         lambda facts, limits, now_s: facts.observed_share >= limits.min_observed_share,
         lambda facts, limits, now_s: (
             f"two cameras observe only {facts.observed_share:.0%} of its surroundings"

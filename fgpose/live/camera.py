@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.finding import Code
+from fgpose.live.assurance import FUTURE_S
 from fgpose.live.clock import Clock
 from fgpose.live.clock_model import ClockModel
 from fgpose.live.frame import CameraState, CameraStatus
@@ -67,7 +68,7 @@ class LiveCamera:
         self._keypoints = FrozenKeypoints()
         self._lock = threading.Lock()
         self._said = _CONNECTING
-        self._n_images = self._n_again = 0
+        self._n_images = self._n_refused = 0
         self._image_s: float | None = None
 
     def connected(self) -> None:
@@ -97,7 +98,7 @@ class LiveCamera:
 
     def receive(self, image: SourceImage) -> Image | None:
         """Take an image that has just arrived; it is given back with its time, which is after that of the one before.
-        None: it is damaged, or its clock says that it was taken no later than the one before."""
+        None: it is damaged, or its clock says that it was taken no later than the one before, or is yet to be taken."""
         arrived_s = self.clock.now_s()
         with self._lock:
             n_jumps = self._model.n_jumps
@@ -111,11 +112,17 @@ class LiveCamera:
             faults = dict(picture_faults)
             if self._model.n_jumps > n_jumps:
                 faults["clock"] = f"its clock has jumped by {self._model.jump_s:+.2f} s [{Code.LATE_CAMERA}]"
+            # One that is ahead would make those that are right look old, and people new.
+            is_ahead = self.settings.pace == "real time" and bool(captured_s > arrived_s + FUTURE_S)
+            if is_ahead:
+                faults["clock"] = (
+                    f"its stamps are {captured_s - arrived_s:.2f} s ahead of the clock [{Code.LATE_CAMERA}]"
+                )
             self._health.add(arrived_s, captured_s, faults, is_damaged=image.is_damaged)
             number, self._n_images = self._n_images, self._n_images + 1
             is_again = self._image_s is not None and bool(captured_s <= self._image_s)
-            self._n_again += is_again
-            if image.is_damaged or is_again:
+            self._n_refused += is_again or is_ahead
+            if image.is_damaged or is_again or is_ahead:
                 return None
             self._image_s = captured_s
         if image.detections is not None:
@@ -138,7 +145,7 @@ class LiveCamera:
                 clock_sigma_s=self._model.sigma_s,
                 n_images=self._n_images,
                 unproven_s=self._model.unproven_s,
-                n_lost=self._n_again,
+                n_lost=self._n_refused,
             )
 
     def look(self) -> None:

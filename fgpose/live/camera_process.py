@@ -19,7 +19,7 @@ from fgpose.live.camera_messages import Begin, CameraJob, Opened
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.parts import Parts
 from fgpose.live.rig_file import LiveRig
-from fgpose.live.worker import Worker
+from fgpose.live.worker import HANGS_S, Worker
 
 _LOG = logging.getLogger("fgpose.live")
 _LOOKS_S = 0.2
@@ -55,7 +55,7 @@ class CameraProcess:
         names = ", ".join(job.live_rig.rig.names)
         self._name = f"the process of {names}"
         self._reader = Worker(f"hearing the process of {names}", self._read, self._parts)
-        self._watcher = Worker(f"watching the process of {names}", self._watch, self._parts)
+        self._watcher = Worker(f"watching the process of {names}", self._watch, self._parts, hangs_after_s=HANGS_S)
 
     @property
     def process_id(self) -> int:

@@ -31,6 +31,8 @@ _N_LOWEST = 10
 _RESOLUTION_S = 1e-4
 # A camera's clock that is synchronised puts its images before they arrive, but not long before.
 _SYNCHRONISED_S = (-0.005, 0.5)
+# A clock that was ahead is believed when it has not been for so long.
+_BELIEVED_AFTER_S = 30.0
 # Sender reports agree with each other better than this, unless the camera's time was set.
 _SET_S = 0.1
 # What SNTP, which most cameras have, reaches in a local network.
@@ -75,6 +77,8 @@ class ClockModel:
         self._drift, self._drift_sigma = 0.0, _DRIFT_SIGMA
         self._last: Stamp | None = None
         self._is_synchronised = False
+        self._fast: deque[tuple[float, float]] = deque()
+        """Arrivals and delays by the camera's own time, each the least from then on."""
         self.unproven_s: float | None = None
         """By how much longer ago than its time says the newest image may have been taken: nothing tells whether the
         clock is behind or the images come late. None: nothing tells how late they come."""
@@ -120,17 +124,27 @@ class ClockModel:
         if stamp.wall_s is None:
             self._is_synchronised = False
         else:
-            fastest_s = stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - stamp.wall_s
+            fastest_s = self._fastest_s(arrived_s, arrived_s - stamp.wall_s)
             latest_s = np.inf if self._kind == "synchronised" else _SYNCHRONISED_S[1]
             self._is_synchronised = bool(_SYNCHRONISED_S[0] <= fastest_s <= latest_s)
             if self._is_synchronised:
                 return min(stamp.wall_s, arrived_s)
         return min(stamp.stamp_s + self._segment.offset_s(stamp.stamp_s) - self._latency_s, arrived_s)
 
+    def _fastest_s(self, arrived_s: float, delay_s: float) -> float:
+        """The least delay of late by the camera's own time: a clock that was wrong may be right again."""
+        while self._fast and self._fast[-1][1] >= delay_s:
+            self._fast.pop()
+        self._fast.append((arrived_s, delay_s))
+        while self._fast[0][0] < arrived_s - _BELIEVED_AFTER_S:
+            self._fast.popleft()
+        return self._fast[0][1]
+
     def restart(self) -> None:
         """The source was opened again: its stamps may begin anew. The drift is kept."""
         self._end_segment()
         self._last = None
+        self._fast.clear()
 
     @property
     def offset_s(self) -> float | None:

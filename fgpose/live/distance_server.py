@@ -6,36 +6,31 @@ THIS IS NO SAFETY FUNCTION: see fgpose.live.distances.
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.assurance import FUTURE_S
 from fgpose.live.cell import Cell
-from fgpose.live.distance_messages import MAX_ROBOT_BYTES, decode_robot, encode_distances
+from fgpose.live.distance_messages import MAX_ROBOT_BYTES, encode_distances
 from fgpose.live.distances import DistanceMonitor, LinkDistance
 from fgpose.live.frame import LiveFrame
+from fgpose.live.input_keys import InputKeys
 from fgpose.live.outputs.output import OutputState
 from fgpose.live.parts import Parts
 from fgpose.live.rejections import MessageError, Rejected, Rejections
-from fgpose.live.senders import Senders
-from fgpose.live.worker import Worker
+from fgpose.live.robot_poses import MAX_LOOKED_AT, RobotPoses, measured
+from fgpose.live.worker import HANGS_S, Worker
 from fgpose.live.zmq_sockets import bound_socket, load_zmq
 from fgpose.skeleton import Skeleton
 
 _LOG = logging.getLogger("fgpose.live")
-# That wait in ZeroMQ, and that are looked at of those that came together: the newest. More is a client gone wild.
-_MAX_WAITING, _MAX_LOOKED_AT = 1000, 20
+# That wait in ZeroMQ.
+_MAX_WAITING = 1000
 # Clients cannot take more of the processor than this leaves.
 _REST_S = 0.002
 _POLL_MS = 100
-# Where two senders say where a link is, it has no pose for so long.
-_CONTESTED_S = 1.0
 # Of a consumer who subscribes.
 _MAX_SUBSCRIPTION_BYTES = 1024
 _HUNG_S = 1.0
@@ -52,6 +47,7 @@ class DistanceServer:
         poses_port: where the robot sends poses of its links with a PUSH socket; 0 takes any free one.
         host: address for consumers to connect to; only this computer reaches the default.
         poses_host: the same for the robot.
+        who: may send poses; None: anybody who reaches the port.
         rate_hz: of the messages.
         show: takes what was measured, in the thread.
         tell: called with one line for the first message of each kind that is refused, and when measuring fails.
@@ -74,6 +70,7 @@ class DistanceServer:
         poses_port: int = 5559,
         host: str = "127.0.0.1",
         poses_host: str = "127.0.0.1",
+        who: InputKeys | None = None,
         rate_hz: float = 30.0,
         show: Callable[[Sequence[LinkDistance]], None] | None = None,
         tell: Callable[[str], None] | None = None,
@@ -82,27 +79,21 @@ class DistanceServer:
     ) -> None:
         zmq = load_zmq()
         self._monitor = DistanceMonitor(cell, rig, skeleton)
-        self._link_names = [link.name for link in cell.links if not link.is_fixed]
         self._period_s = 1.0 / rate_hz
         self._show, self._tell, self._now_s = show, tell, now_s
         options = {zmq.CONFLATE: 1, zmq.MAXMSGSIZE: _MAX_SUBSCRIPTION_BYTES, zmq.LINGER: 0}
         self._publisher, self.address = bound_socket(zmq.PUB, host, port, options)
         try:
-            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_WAITING}
+            options = {zmq.MAXMSGSIZE: MAX_ROBOT_BYTES, zmq.RCVHWM: _MAX_WAITING} | ({} if who is None else who.options)
             self._poses, self.poses_address = bound_socket(zmq.PULL, poses_host, poses_port, options)
         except OSError:
             self._publisher.close()
             raise
         self._rejections = Rejections(f"poses at {self.poses_address}", tell)
-        self._lock = threading.Lock()
-        self._pose_of: dict[str, tuple[np.ndarray, float]] = {}
-        """The newest pose of each link, and of when it is."""
-        self._is_reset = False
-        self._senders, self._contested_s = Senders("link", self._contest), dict[str, float]()
-        """Links of which two senders say where they are, and when they did last."""
+        self._robot = RobotPoses([link.name for link in cell.links if not link.is_fixed])
         self._n_published, self._published_s, self._error = 0, time.monotonic(), ""
-        self._measuring = Worker("measuring distances", self._run, parts)
-        self._reading = Worker("reading the poses of the robot", self._read_poses, parts)
+        self._measuring = Worker("measuring distances", self._run, parts, hangs_after_s=HANGS_S, is_replaced=True)
+        self._reading = Worker("reading the poses of the robot", self._read_poses, parts, hangs_after_s=HANGS_S)
         self._measuring.start()
         self._reading.start()
 
@@ -142,16 +133,10 @@ class DistanceServer:
                 self._failed(error)
 
     def _measure(self) -> None:
-        with self._lock:
-            pose_of, is_reset, self._is_reset = dict(self._pose_of), self._is_reset, False
-        # With the poses of the same message: what was measured before them must not be latched after it.
-        if is_reset:
-            self._monitor.reset()
         now_s = self._now_s()
-        contested = {name for name, at_s in self._contested_s.items() if now_s - at_s <= _CONTESTED_S}
-        poses = {name: pose for name, (pose, _) in pose_of.items() if name not in contested}
-        poses_s = {name: at_s for name, (_, at_s) in pose_of.items()}
-        distances = self._monitor.measure(poses, now_s, poses_s)
+        distances = measured(self._monitor, self._robot, now_s)
+        if self._measuring.stopped.is_set():  # it was left behind meanwhile
+            return
         self._publisher.send(encode_distances(distances, self._n_published, now_s, self._monitor.frame_s))
         self._n_published += 1
         self._published_s = time.monotonic()
@@ -167,36 +152,21 @@ class DistanceServer:
         if not self._poses.poll(_POLL_MS):
             return
         came_s = self._now_s()  # before they are fetched: none is taken for newer than it is
-        waiting: deque[list[Any]] = deque(maxlen=_MAX_LOOKED_AT)
+        waiting: deque[list[Any]] = deque(maxlen=MAX_LOOKED_AT)
         for n_waiting in range(_MAX_WAITING):
             if not self._poses.poll(0):
                 break
-            if n_waiting >= _MAX_LOOKED_AT:
+            if n_waiting >= MAX_LOOKED_AT:
                 self._rejections.add(
-                    MessageError("old", f"more than {_MAX_LOOKED_AT} messages waited; the newest count")
+                    MessageError("old", f"more than {MAX_LOOKED_AT} messages waited; the newest count")
                 )
             waiting.append(self._poses.recv_multipart(copy=False))
         for parts in waiting:
             try:
-                self._take(parts, came_s)
+                self._robot.take(parts, came_s)
             except MessageError as error:
                 self._rejections.add(error)
         self._reading.stopped.wait(_REST_S)
-
-    def _contest(self, name: str) -> None:
-        self._contested_s = self._contested_s | {name: self._now_s()}
-
-    def _take(self, parts: list[Any], came_s: float) -> None:
-        connection, body = self._senders.body(parts, came_s)
-        message = decode_robot(body, self._link_names)
-        if message.time_s is not None and message.time_s > came_s + FUTURE_S:
-            raise MessageError("time", f"poses {message.time_s - came_s:.2f} s ahead of this computer's clock")
-        at_s = came_s if message.time_s is None else min(message.time_s, came_s)
-        for name in message.world_T_link:
-            self._senders.take(name, connection, came_s)
-        with self._lock:
-            self._pose_of |= {name: (pose, at_s) for name, pose in message.world_T_link.items()}
-            self._is_reset |= message.reset
 
     def _failed(self, error: Exception) -> None:
         said = f"distances cannot be measured: {type(error).__name__}: {error}"

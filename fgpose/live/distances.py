@@ -16,7 +16,7 @@ first reason, until reset() is called, also when its cause is gone.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.approach import Approach
-from fgpose.live.assurance import Facts, faults_of, is_new
+from fgpose.live.assurance import FOUND_S, Facts, faults_of, is_new
 from fgpose.live.body import ARM, Body
 from fgpose.live.cell import Cell
 from fgpose.live.clearance import Axes, clearance
@@ -73,7 +73,7 @@ class LinkDistance:
     pose_age_s: float
     """Of the pose of the link; NaN: there was none."""
     observed_share: float
-    """Of the surroundings of the link, by at least two cameras that are ok."""
+    """Of the surroundings of the link, by at least two cameras that have been ok for a second."""
     fault: Fault | None
 
 
@@ -113,6 +113,8 @@ class DistanceMonitor:
         self._links = PlacedLinks(cell, rig)
         self._camera_names = rig.names
         self._frame: LiveFrame | None = None
+        self._ok_since_s: dict[str, float] = {}
+        """Of the cameras that are: from when they were published so."""
         self._faults: dict[int, Fault] = {}
         self._approach = Approach(cell.limits.walking_m_s)
 
@@ -124,6 +126,12 @@ class DistanceMonitor:
 
     def publish(self, frame: LiveFrame) -> None:
         """The newest frame. Never blocks."""
+        self._ok_since_s = {
+            # At the start it is the tracker that says since when.
+            camera.name: self._ok_since_s.get(camera.name, -math.inf if self._frame is None else frame.published_s)
+            for camera in frame.cameras
+            if camera.state is CameraState.OK
+        }
         self._frame = frame
 
     def close(self) -> None:
@@ -156,13 +164,14 @@ class DistanceMonitor:
             measured = self._measured(frame, world_T_link, max(now_s - taken_s(frame), 0.0))
             incomplete = self._incomplete(frame, measured)
             self._approach.add(frame, measured.expected_m.min(axis=1))
-        of_frame, said = self._facts(frame), []
+        now_ok = {name for name, since_s in self._ok_since_s.items() if now_s - since_s >= FOUND_S}
+        of_frame, said = self._facts(frame, now_ok), []
         for number, link in enumerate(links):
             facts = replace(
                 of_frame,
                 pose_s=pose_s[number],
                 is_rigid=bool(is_rigid[number]),
-                observed_share=0.0 if frame is None else self._observed_share(frame, number, world_T_link[number]),
+                observed_share=0.0 if frame is None else self._observed_share(now_ok, number, world_T_link[number]),
                 incomplete=tuple(incomplete[number]),
             )
             faults = faults_of(facts, self._limits, now_s)
@@ -182,7 +191,7 @@ class DistanceMonitor:
             )
         return tuple(said)
 
-    def _facts(self, frame: LiveFrame | None) -> Facts:
+    def _facts(self, frame: LiveFrame | None, ok: Collection[str]) -> Facts:
         """What a frame tells of every link; nothing is known of any yet."""
         nothing = Facts(math.nan, math.nan, math.nan, math.nan, is_rigid=False, observed_share=0.0)
         if frame is None:
@@ -194,16 +203,16 @@ class DistanceMonitor:
             tracking_since_s=frame.tracking_since_s,
             tracked_s=frame.time_s,
             not_ok=tuple(
-                f"{name} {state[name].value if name in state else 'missing'}"
-                for name in self._camera_names
-                if state.get(name) is not CameraState.OK
+                f"{name} {self._said_of(name, state.get(name))}" for name in self._camera_names if name not in ok
             ),
             unproven=tuple(camera.name for camera in in_use(frame) if camera.unproven_s is None),
             doubt_s=frame.time_s - at_s,
         )
 
-    def _observed_share(self, frame: LiveFrame, link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:
-        ok = {camera.name for camera in frame.cameras if camera.state is CameraState.OK}
+    def _said_of(self, name: str, state: CameraState | None) -> str:
+        return "missing" if state is None else f"{state.value}{' again' if name in self._ok_since_s else ''}"
+
+    def _observed_share(self, ok: Collection[str], link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:
         return self._links.observed_share(link, world_T_link, np.array([name in ok for name in self._camera_names]))
 
     def _measured(self, frame: LiveFrame, world_T_link: Float[np.ndarray, "link 4 4"], age_s: float) -> _Measured:

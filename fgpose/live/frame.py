@@ -106,8 +106,8 @@ class LiveFrame:
     """Of the volume, that at least two cameras that are ok observe: elsewhere, nobody does not mean that nobody is
     there."""
     tracking_since_s: float = math.nan
-    """When the first image was taken that the tracker has used without beginning anew, Unix time; NaN: it has not
-    begun. For a second after that, nobody may mean not found yet."""
+    """When the first image was taken that the tracker has used without beginning anew, and without half a second of no
+    images, Unix time; NaN: it has not begun. For a second after that, nobody may mean not found yet."""
     restarts: tuple[Restarts, ...] = ()
     """Of what has ended since the start of the live system; what it knew before is lost."""
 

@@ -24,12 +24,13 @@ class FrozenKeypoints:
     def add(self, detections: Detections, arrived_s: float) -> bool:
         """Whether they have been the same for long."""
         last, self._last = self._last, detections
-        if last is None or not detections.n_people or not _same(last, detections):
+        if last is None or not are_same(last, detections):
             self._since_s, self._n_same = arrived_s, 0
             return False
         self._n_same += 1
         return self._n_same >= _LASTS_IMAGES and arrived_s - self._since_s > _LASTS_S
 
 
-def _same(a: Detections, b: Detections) -> bool:
-    return bool(np.array_equal(a.points2d_px, b.points2d_px, equal_nan=True))
+def are_same(a: Detections, b: Detections) -> bool:
+    """Whether two images show the same people at the same pixels: the later one tells nothing new of them."""
+    return bool(a.n_people) and np.array_equal(a.points2d_px, b.points2d_px, equal_nan=True)

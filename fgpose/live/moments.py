@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Collection
+from statistics import median
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class _Usual:
     def add(self, camera: str, value: float) -> None:
         last = self._last.setdefault(camera, deque(maxlen=_REMEMBERED))
         last.append(value)
-        self.of[camera] = float(np.median(last))
+        self.of[camera] = median(last)
 
 
 class Moments:

@@ -12,7 +12,8 @@ from fgpose.live.clock_model import Stamp
 from fgpose.live.image import SourceImage
 from fgpose.live.keypoint_socket import KeypointSocket
 from fgpose.live.parts import Parts
-from fgpose.live.worker import Worker
+from fgpose.live.worker import HANGS_S, Worker
+from fgpose.people import Detections
 
 _LOOKS_S = 0.2
 
@@ -37,7 +38,7 @@ class KeypointReceiver:
         self._socket, self._cameras, self._deliver = socket, cameras, deliver
         self._looked_s = -math.inf
         socket.senders.on_contested = lambda name: cameras[name].contested()
-        self._worker = Worker("the reception of keypoints", self._run, parts)
+        self._worker = Worker("the reception of keypoints", self._run, parts, hangs_after_s=HANGS_S)
         self._worker.start()
 
     def close(self) -> None:
@@ -51,11 +52,9 @@ class KeypointReceiver:
             arrived = self._socket.receive(_LOOKS_S)
             if arrived is None:
                 continue
-            camera = self._cameras[arrived.detections.camera]
-            stamp = Stamp(arrived.detections.time_s, wall_s=arrived.detections.time_s)
-            image = camera.receive(SourceImage(stamp=stamp, detections=arrived.detections))
-            if image is not None and image.detections is not None:
-                self._deliver(image.recorded(image.detections))
+            image = recorded_image(self._cameras[arrived.detections.camera], arrived.detections)
+            if image is not None:
+                self._deliver(image)
 
     def _look(self) -> None:
         """Several times a second."""
@@ -64,3 +63,11 @@ class KeypointReceiver:
             self._looked_s = now_s
             for camera in self._cameras.values():
                 camera.look()
+
+
+def recorded_image(camera: LiveCamera, detections: Detections) -> RecordedImage | None:
+    """Detections that have just arrived, at the time of their image by the clock of the live system; None: they are not
+    to be used."""
+    stamp = Stamp(detections.time_s, wall_s=detections.time_s)
+    image = camera.receive(SourceImage(stamp=stamp, detections=detections))
+    return None if image is None or image.detections is None else image.recorded(image.detections)

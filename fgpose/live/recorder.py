@@ -21,12 +21,16 @@ from fgpose.io.record_files import MAGIC, as_record
 from fgpose.live.frame import LiveFrame
 from fgpose.live.frame_messages import frame_document
 from fgpose.live.outputs.output import OutputState
+from fgpose.live.parts import Parts
+from fgpose.live.worker import HANGS_S, Worker
 from fgpose.skeleton import Skeleton
 
 # Records that may wait for the disk: ten seconds of four cameras at 30 Hz. Beyond that the newest are left out.
 _MAX_WAITING = 2000
 _FIRST_RETRY_S, _LONGEST_RETRY_S = 0.5, 5.0
 _CLOSE_S = 5.0
+# That it does not hang, it shows so often.
+_SHOWS_S = 0.5
 # Of these, the last may make room for the end of a recording on a disk that is full.
 _MAX_CUT = 8
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -49,6 +53,7 @@ class Recorder:
         config: what the tracker is run with.
         now_s: Unix time.
         tell: called with one line when writing fails, and when it works again.
+        parts: told when the thread has ended.
 
     Raises:
         FileExistsError: the file is there already.
@@ -65,6 +70,7 @@ class Recorder:
         *,
         now_s: Callable[[], float] = time.time,
         tell: Callable[[str], None] | None = None,
+        parts: Parts | None = None,
     ) -> None:
         self._path, self._tell = Path(path), tell
         start = start_document(rig, skeleton, config or Config(), now_s())
@@ -81,8 +87,8 @@ class Recorder:
         self._written: deque[tuple[int, bool]] = deque(maxlen=_MAX_CUT)
         """Where the last records begin, and whether they are frames."""
         self._is_failing, self._last_error, self._is_closed = False, "", False
-        self._thread = threading.Thread(target=self._run, name="fgpose recorder", daemon=True)
-        self._thread.start()
+        self._worker = Worker("the recorder", self._run, parts, hangs_after_s=HANGS_S)
+        self._worker.start()
 
     def record(self, images: Sequence[RecordedImage]) -> None:
         """Record images that are given to the tracker together, or that are not to be used."""
@@ -102,8 +108,8 @@ class Recorder:
         with self._changed:
             self._is_closed = True
             self._changed.notify()
-        self._thread.join(_CLOSE_S)
-        if self._thread.is_alive():
+        self._worker.close(_CLOSE_S)
+        if self._worker.is_alive:
             self._failed(TimeoutError(f"the disk has not taken the rest within {_CLOSE_S:.0f} s"))
             with self._changed:
                 self._n_ever_lost += len(self._waiting)
@@ -158,8 +164,12 @@ class Recorder:
 
     def _is_waiting(self) -> bool:
         """Whether there is something to write, when there is; no: the recording is to end, and all is written."""
+        is_asked = self._worker.stopped
         with self._changed:
-            self._changed.wait_for(lambda: self._waiting or self._is_closed)
+            while not (self._waiting or self._is_closed):
+                is_asked.is_set()  # to show that it waits, and does not hang
+                self._changed.wait(_SHOWS_S)
+            is_asked.is_set()
             return bool(self._waiting)
 
     def _write_oldest(self) -> None:
@@ -169,8 +179,11 @@ class Recorder:
         start = self._n_bytes
         try:
             self._append(document)
-        except (ValueError, TypeError) as error:
-            self._last_error = f"a record that cannot be written: {error}"
+        except OSError:
+            raise
+        # Whatever is wrong with one record: it must not keep the others from the file.
+        except Exception as error:
+            self._last_error = f"a record that cannot be written: {type(error).__name__}: {error}"
             with self._changed:
                 self._waiting.popleft()
                 self._leave_out(document)
@@ -236,8 +249,12 @@ class Recorder:
 
     def _pause(self, duration_s: float) -> bool:
         """Whether the recording is ended meanwhile."""
+        end_s = time.monotonic() + duration_s
         with self._changed:
-            return self._changed.wait_for(lambda: self._is_closed, duration_s)
+            while not self._is_closed and (left_s := end_s - time.monotonic()) > 0:
+                self._worker.stopped.is_set()
+                self._changed.wait(min(left_s, _SHOWS_S))
+            return self._is_closed
 
 
 def _lost(n_records: int) -> dict[str, Any]:

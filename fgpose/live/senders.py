@@ -67,7 +67,7 @@ class Senders:
         n_refused, since_s = self._refused.get(connection, (0, now_s))
         if now_s - since_s > _MUTED_S:
             self._refused.pop(connection, None)
-        elif n_refused >= _PATIENCE and connection is not None and not self._is_sender(connection, now_s):
+        elif n_refused >= _PATIENCE and connection is not None and not self.is_sender(connection, now_s):
             raise MessageError("sender", "too many messages of a sender that was refused")
 
     def take(self, name: str, connection: Connection, now_s: float) -> None:
@@ -84,5 +84,6 @@ class Senders:
             raise MessageError("sender", f"{self._kind} {name}: a second sender; both are doubtful")
         self._sender[name] = connection, now_s
 
-    def _is_sender(self, connection: Connection, now_s: float) -> bool:
+    def is_sender(self, connection: Connection, now_s: float) -> bool:
+        """Whether anything counts that comes from there."""
         return any(own == connection and now_s - last_s <= _SILENT_S for own, last_s in self._sender.values())

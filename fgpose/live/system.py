@@ -86,6 +86,7 @@ class LiveSystem:
         images = self._feed.take(max(due_s - self._clock.now_s(), 0.0))
         if self._clock.now_s() >= self._looked_s + _STATUS_S:
             self._cameras, self._looked_s = self._feed.statuses(), self._clock.now_s()
+            self._parts.look()
         for image in images:
             self._tell(self._tracking.add(image, self._clock.now_s()))
         expected = [camera.name for camera in self._cameras if camera.state is CameraState.OK]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.agreement import CameraAgreement
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.frozen_keypoints import are_same
 from fgpose.live.moments import Moments
 from fgpose.live.observed import observed_share
 from fgpose.live.parts import Parts
@@ -25,8 +27,12 @@ from fgpose.tracking import Tracker
 
 # Of a process of estimators; usually it takes some milliseconds.
 _ANSWERS_WITHIN_S = 1.0
+# At the processes of the tracker; two looks tell that one is stopped.
+_LOOKS_S = 0.1
 # Predicted people say so when no image has come for longer than the slowest usual camera takes.
 _COASTS_AFTER_S = 0.2
+# Who came while there was no image for longer is not found yet.
+_GAP_S = 0.5
 # What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
 _TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
 
@@ -44,8 +50,9 @@ class LiveTracking:
     """The tracker of a live system. It is used from one thread.
 
     Images of one moment are given together; one that comes later than its moment is still used at its own time, unless
-    it is older than the lag. Where the times of a camera are not those of this computer's clock, everybody's motion
-    tells how late it is beyond them. A tracker that fails is replaced by a new one.
+    it is older than the lag. One that shows everybody at the very pixels of the one before is not used. Where the times
+    of a camera are not those of this computer's clock, everybody's motion tells how late it is beyond them. A tracker
+    that fails is replaced by a new one.
 
     Args:
         rig, skeleton, config: as of fgpose.Tracker.
@@ -66,6 +73,8 @@ class LiveTracking:
         self._moments = Moments()
         self._arrived: dict[tuple[str, float], RecordedImage] = {}
         self._image_s: dict[str, float] = {}
+        self._last: dict[str, Detections] = {}
+        """The newest of each camera that were not refused."""
         self._frame_s = -np.inf
         """Of the people as they are known."""
         self._people: tuple[LivePerson, ...] = ()
@@ -73,6 +82,7 @@ class LiveTracking:
         """When the first image was taken that the tracker has used."""
         self._share: tuple[frozenset[str], float] = frozenset(), 0.0
         """How much of the volume these cameras observe."""
+        self._looked_s = -np.inf
         self._n_used: Counter[str] = Counter()
         self._n_lost: Counter[str] = Counter()
         self._sequence = 0
@@ -96,15 +106,20 @@ class LiveTracking:
         detections = image.detections
         key = detections.camera, detections.time_s
         is_again = key in self._arrived or detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        # A picture or a detector that has stopped: with a new stamp, people would be where they were a while ago.
+        is_again |= detections.camera in self._last and are_same(self._last[detections.camera], detections)
         if not image.is_used or is_again or self._is_too_old(detections):
             self._n_lost[detections.camera] += 1
             self.on_taken([detections.camera])
             return [Update((replace(image, is_used=False),), (), ())]
         self._arrived[key] = image
+        self._last[detections.camera] = detections
         return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
 
     def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
-        """Track what waits, if all of these cameras have come or it has waited long enough."""
+        """Track what waits, if all of these cameras have come or it has waited long enough. Processes that have ended
+        are replaced, also where nothing comes."""
+        self._look_at_processes(now_s)
         moment = self._moments.ready(now_s, expected)
         return [self._tracked(moment)] if moment else []
 
@@ -143,8 +158,7 @@ class LiveTracking:
     def restart(self) -> None:
         """Forget images that wait and who people are, after something has failed."""
         self._moments, self._arrived = Moments(), {}
-        self._tracker.close()
-        self._tracker, self._people = self._new_tracker(), ()
+        self._forget_people()
         self.on_taken(self.rig.names)
 
     def close(self) -> None:
@@ -162,19 +176,33 @@ class LiveTracking:
         n_restarts = self._tracker.n_restarts
         try:
             people = self._tracker.update(given)
-            for _ in range(self._tracker.n_restarts - n_restarts):
-                self._parts.restarted("a process of estimators", "it ended or did not answer")
+            self._say_restarts(n_restarts)
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
-            if np.isnan(self._since_s):
-                self._since_s = min(image.time_s for image in given)
+            first_s = min(image.time_s for image in given)
+            if np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S:
+                self._since_s = first_s
         except Exception as error:
             self._begin_anew(error)
             people, events = [], []
         self._image_s |= {each.camera: each.time_s for each in given}
         self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
         return Update(tuple(images), tuple(people), tuple(events))
+
+    def _look_at_processes(self, now_s: float) -> None:
+        if not 0 <= now_s - self._looked_s < _LOOKS_S:
+            self._looked_s, n_restarts = now_s, self._tracker.n_restarts
+            try:
+                self._tracker.look()
+            except Exception as error:
+                self._begin_anew(error)
+            else:
+                self._say_restarts(n_restarts)
+
+    def _say_restarts(self, n_before: int) -> None:
+        for _ in range(self._tracker.n_restarts - n_before):
+            self._parts.restarted("a process of estimators", "it ended or did not answer")
 
     def _compare_cameras(self) -> None:
         """A part of the work, which is less than a millisecond."""
@@ -199,9 +227,13 @@ class LiveTracking:
     def _begin_anew(self, error: Exception) -> None:
         self._parts.restarted("the tracker", f"{type(error).__name__}: {error}", error)
         self.n_failures += 1
+        self._forget_people()
+
+    def _forget_people(self) -> None:
+        """A new tracker has found nobody yet."""
+        self._people, self._since_s = (), np.nan
         self._tracker.close()
         self._tracker = self._new_tracker()
-        self._people, self._since_s = (), np.nan
 
     def _new_tracker(self) -> Tracker:
         return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S)
@@ -223,9 +255,10 @@ class LiveTracking:
         for camera in cameras:
             c = self.rig.names.index(camera.name)
             n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
-            camera = replace(camera, n_used=n_used, n_lost=n_lost)
+            changes: dict[str, Any] = {"n_used": n_used, "n_lost": n_lost}
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
-                camera = replace(camera, motion_offset_s=float(offset_s[c]), motion_sigma_s=float(sigma_s[c]))
+                changes |= {"motion_offset_s": float(offset_s[c]), "motion_sigma_s": float(sigma_s[c])}
+            camera = replace(camera, **changes)
             if is_told_by_motion(camera, cameras):
                 camera = replace(camera, unproven_s=_SIGMAS * (camera.motion_sigma_s or 0.0))
             if camera.name in self._agreement.faults:

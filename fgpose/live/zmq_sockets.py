@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import zmq
 
 
-def bound_socket(kind: int, host: str, port: int, options: Mapping[Any, int]) -> tuple[zmq.Socket[bytes], str]:
+def bound_socket(kind: int, host: str, port: int, options: Mapping[Any, int | bytes]) -> tuple[zmq.Socket[bytes], str]:
     """A socket that others connect to, and its address.
 
     Args:
@@ -34,7 +34,7 @@ def bound_socket(kind: int, host: str, port: int, options: Mapping[Any, int]) ->
     return socket, socket.getsockopt_string(zmq.LAST_ENDPOINT)
 
 
-def connected_socket(kind: int, address: str, options: Mapping[Any, int]) -> zmq.Socket[bytes]:
+def connected_socket(kind: int, address: str, options: Mapping[Any, int | bytes]) -> zmq.Socket[bytes]:
     """A socket that connects to others, whenever they are there; a SUB socket takes everything.
 
     Raises:
@@ -53,7 +53,7 @@ def connected_socket(kind: int, address: str, options: Mapping[Any, int]) -> zmq
     return socket
 
 
-def _socket(kind: int, options: Mapping[Any, int]) -> zmq.Socket[bytes]:
+def _socket(kind: int, options: Mapping[Any, int | bytes]) -> zmq.Socket[bytes]:
     zmq = load_zmq()
     socket = zmq.Context.instance().socket(kind)
     for option, value in options.items():

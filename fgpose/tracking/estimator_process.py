@@ -15,7 +15,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from fgpose.child_process import ChildProcess, parent
+from fgpose.child_process import ChildProcess, StoppedLooks, parent
 from fgpose.config import Config
 from fgpose.estimation.clock_offsets import OffsetEvidence
 from fgpose.geometry.camera import CameraRig
@@ -92,9 +92,7 @@ class EstimatorProcess:
         if not is_asked:
             # It would not fade as long as nobody is added.
             self.told = self._nothing
-            # Started again before somebody comes.
-            if not self._starts_again and (self._process.status is not None or self._is_stopped):
-                self._restart("is stopped" if self._is_stopped else "")
+            self.look()  # it is started again before somebody comes
         else:
             try:
                 self._process.write((self._newest, clocks), self._answers_within_s)
@@ -102,6 +100,19 @@ class EstimatorProcess:
                 self._restart(_why(error))
                 return False
         return is_asked
+
+    def look(self) -> bool:
+        """Start it again if it has ended, or is stopped where there is hurry. Whether it was. Not to be called between
+        send and receive.
+
+        Warns:
+            UserWarning: it was.
+        """
+        is_stopped = self._looks.again(self._is_stopped)
+        if self._starts_again or not (is_stopped or self._process.status is not None):
+            return False
+        self._restart("is stopped" if is_stopped else "")
+        return True
 
     def receive(self) -> dict[int, Estimate]:
         """Their answer; nothing if the process has ended or hangs.
@@ -157,7 +168,7 @@ class EstimatorProcess:
         self._start()
 
     def _start(self) -> None:
-        self._process, self._began_s = ChildProcess(__name__), time.monotonic()
+        self._process, self._began_s, self._looks = ChildProcess(__name__), time.monotonic(), StoppedLooks()
         self._process.write(self._needs)
 
     def _await_ready(self) -> None:

@@ -99,6 +99,17 @@ class Tracker:
         """What is known of the cameras' clocks beyond the rig; its sigma_s may be set at any time."""
         return self._estimators.offsets
 
+    def look(self) -> None:
+        """Replace processes that have ended, as each update does: for where no image comes.
+
+        Raises:
+            OSError: one cannot be started again.
+
+        Warns:
+            UserWarning: one has ended, or is stopped where it must answer within a time.
+        """
+        self._estimators.look()
+
     def tidy(self) -> None:
         """Let the estimators do what the next update would do first, see Estimator.tidy."""
         self._estimators.tidy()

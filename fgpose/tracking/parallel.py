@@ -79,6 +79,16 @@ class ParallelEstimators:
         self._process_of |= dict.fromkeys(newest, 0)
         return self._here.add(newest)
 
+    def look(self) -> None:
+        """Start processes again that have ended, or are stopped where there is hurry, also where nothing is new.
+
+        Warns:
+            UserWarning: there was one.
+        """
+        for at, process in enumerate(self._others, start=1):
+            if process.look():
+                self._process_of = {number: 0 if its == at else its for number, its in self._process_of.items()}
+
     def tidy(self) -> None:
         """See Estimator. Other processes do so while this one goes on."""
         for process in self._others:

@@ -262,3 +262,17 @@ def test_what_tells_how_late_images_come() -> None:
         model = ClockModel(latency_s)
         model.captured_s(stamp, 1000.0)
         assert model.unproven_s == expected
+
+
+def test_a_clock_that_was_ahead_is_believed_half_a_minute_later() -> None:
+    """Then it has been right for as long as any clock must be."""
+    model, told = ClockModel(), []
+    for k in range(100 * int(FPS)):
+        taken_s = 1.7e9 + k / FPS
+        stamp_s = taken_s + (0.2 if 20 < k / FPS < 23 else 0.0)
+        model.captured_s(Stamp(stamp_s, stamp_s), taken_s + 0.03)
+        told.append(model.unproven_s)
+    known = np.array([each == 0.0 for each in told])
+    assert known[: 20 * int(FPS)].all()
+    assert not known[21 * int(FPS) : 52 * int(FPS)].any()
+    assert known[55 * int(FPS) :].all()

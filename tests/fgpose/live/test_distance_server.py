@@ -33,6 +33,7 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.observed import Volume
 from fgpose.live.outputs import Output
 from fgpose.live.rejections import MessageError
+from fgpose.live.robot_poses import RobotPoses
 from fgpose.skeleton import Skeleton
 
 ARM = Link("arm", (Capsule((0.0, 0.0, 0.0), (0.0, 0.0, 0.4), 0.05),))
@@ -113,10 +114,7 @@ def test_a_robot_that_falls_silent_is_a_fault_that_stays(rig: CameraRig, skeleto
     with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
         robot.hear_fault("arm", "no image has come yet")
         server.publish(frame)
-        # The latched fault is of the frame that was missing; without a pose the reset shows the next.
-        robot.poses.send(encode_robot({}, reset=True))
-        robot.hear_fault("arm", "it has no pose")
-        robot.hear_fault("post", "")
+        # The latched fault is of the frame that was missing.
         assert robot.hear()["arm"].distance_m == -math.inf
         robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
         robot.hear_fault("arm", "")
@@ -133,7 +131,7 @@ def test_frames_that_stop_are_a_fault(rig: CameraRig, skeleton: Skeleton, frame:
     now_s = [1000.1]
     with serving(rig, skeleton, now_s=lambda: now_s[0]) as (server, robot):
         server.publish(frame)
-        robot.poses.send(encode_robot({}, reset=True))
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}, reset=True))
         fresh = robot.hear_fault("post", "")
         now_s[0] += 1.0
         old = robot.hear_fault("post", "the data are 1.10 s old")
@@ -206,19 +204,41 @@ def test_where_two_say_where_a_link_is_it_has_no_pose(rig: CameraRig, skeleton: 
         assert robot.hear_fault("arm", "").expected_m > 0.5
 
 
+def test_only_whose_poses_count_may_reset(rig: CameraRig, skeleton: Skeleton, frame: LiveFrame) -> None:
+    with serving(rig, skeleton, now_s=lambda: 1000.1) as (server, robot):
+        robot.poses.send(encode_robot({"arm": WORLD_T_ARM}))
+        robot.hear_fault("arm", "no image has come yet")
+        server.publish(frame)
+        other = Robot(server)
+        try:
+            other.poses.send(encode_robot({}, reset=True))
+            end_s = time.monotonic() + WAITS_S
+            while not server.rejected:
+                assert time.monotonic() < end_s
+                robot.hear()
+        finally:
+            other.close()
+        assert [(each.kind, each.first) for each in server.rejected] == [
+            ("sender", "a reset of a sender whose poses do not count")
+        ]
+        assert robot.hear()["post"].fault is not None
+        robot.poses.send(encode_robot({}, reset=True))
+        robot.hear_fault("arm", "")
+
+
 def test_of_poses_that_wait_only_the_newest_count(
     rig: CameraRig, skeleton: Skeleton, frame: LiveFrame, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They came while nobody read: what the first of them say is not true any more, and takes no time."""
     waits, looked_at = threading.Event(), []
-    take = DistanceServer._take
+    take = RobotPoses.take
 
-    def noted(self: DistanceServer, parts: list[Any], came_s: float) -> None:
+    def noted(self: RobotPoses, parts: list[Any], came_s: float) -> None:
         waits.wait(WAITS_S)
         looked_at.append(parts[0].bytes)
         take(self, parts, came_s)
 
-    monkeypatch.setattr(DistanceServer, "_take", noted)
+    monkeypatch.setattr(RobotPoses, "take", noted)
     with serving(rig, skeleton, now_s=lambda: 1000.1) as (server, robot):
         server.publish(frame)
         for k in range(400):

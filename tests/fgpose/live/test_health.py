@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -199,3 +200,23 @@ def test_no_two_images_have_one_time_whatever_the_stamps_are() -> None:
     assert (np.diff(times_s) > 0).all()
     status = camera.status(clock.now_s())
     assert (len(times_s) + status.n_lost, status.n_images) == (2000, 2000)
+
+
+@pytest.mark.parametrize("pace", ["real time", "fast"])
+def test_an_image_that_is_yet_to_be_taken_is_refused(pace: Literal["real time", "fast"]) -> None:
+    """Not the good ones after it; a recording that is played fast is ahead of the clock all the time."""
+    clock = SimulatedClock(1.7e9)
+    camera = LiveCamera("cam01", CameraSource(source="/dev/video0", pace=pace), clock, LATE_S)
+    camera.connected()
+    taken = []
+    for ahead_s in (0.0, 1.0, 0.0):
+        clock.advance(0.1)
+        taken.append(camera.receive(SourceImage(stamp=Stamp(clock.now_s() + ahead_s, is_host_time=True))))
+    if pace == "fast":
+        assert taken[1] is not None
+        return
+    assert [image is None for image in taken] == [False, True, False]
+    status = camera.status(clock.now_s())
+    assert status.state is CameraState.DOUBTFUL
+    assert "1.00 s ahead of the clock" in status.reason
+    assert status.n_lost == 1

@@ -14,7 +14,7 @@ import zmq
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.packing import packed, unpacked
-from fgpose.live import keypoint_socket
+from fgpose.live import keypoint_checks
 from fgpose.live.keypoint_messages import MAX_BODY_BYTES, MAX_PEOPLE, decode_keypoints, encode_keypoints
 from fgpose.live.keypoint_socket import KeypointSocket
 from fgpose.live.rejections import MessageError
@@ -215,7 +215,7 @@ def test_an_error_that_nobody_has_thought_of_refuses_one_message(
     receiver: KeypointSocket, detector: zmq.Socket[bytes], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patched:
-        patched.setattr(keypoint_socket, "decode_keypoints", Mock(side_effect=TypeError("of the library")))
+        patched.setattr(keypoint_checks, "decode_keypoints", Mock(side_effect=TypeError("of the library")))
         detector.send(message())
         while not receiver.rejected:
             assert receiver.receive(0.01) is None

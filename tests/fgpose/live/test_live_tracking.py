@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import replace
 from functools import cache
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -200,3 +201,46 @@ def test_a_tracker_that_fails_is_replaced(monkeypatch: pytest.MonkeyPatch, caplo
     _, now_s = feed(live, images[64:140])
     assert begun_s < update.images[0].detections.time_s <= live.frame(now_s, statuses()).tracking_since_s < now_s
     assert len(live.frame(now_s, statuses()).people) == 2
+
+
+def test_a_new_start_says_that_it_has_found_nobody_yet() -> None:
+    """Whatever has failed: who is there is not nobody."""
+    live, images = tracking(), list(scene().observations.images)
+    _, now_s = feed(live, images[:60])
+    assert np.isfinite(live.frame(now_s, statuses()).tracking_since_s)
+    live.restart()
+    assert np.isnan(live.frame(now_s, statuses()).tracking_since_s)
+
+
+def test_an_image_that_shows_the_same_again_does_not_make_people_newer() -> None:
+    """All cameras stand still, with new stamps: people are not where they were."""
+    live, images = tracking(), list(scene().observations.images)
+    _, now_s = feed(live, images[:60])
+    newest_s, last = live.newest_s, {image.camera: image for image in images[:60]}
+    again = [replace(image, time_s=image.time_s + 0.1 * k) for k in range(1, 6) for image in last.values()]
+    updates, now_s = feed(live, again)
+    assert all(not image.is_used for update in updates for image in update.images)
+    assert live.newest_s == newest_s
+    assert live.frame(now_s, statuses()).age_s > 0.5 - 0.1
+
+
+def test_after_a_time_without_images_people_may_not_be_found_yet() -> None:
+    live, images = tracking(), list(scene().observations.images)
+    _, now_s = feed(live, images[:60])
+    before_s = live.frame(now_s, statuses()).tracking_since_s
+    gap = [replace(image, time_s=image.time_s + 0.6) for image in images[60:80]]
+    _, now_s = feed(live, gap)
+    since_s = live.frame(now_s, statuses()).tracking_since_s
+    assert since_s > before_s
+    assert since_s == pytest.approx(gap[0].time_s, abs=0.05)  # its moment
+
+
+def test_processes_are_looked_at_while_no_image_comes(monkeypatch: pytest.MonkeyPatch) -> None:
+    live, looked = tracking(), []
+    monkeypatch.setattr(live._tracker, "look", lambda: looked.append(1))
+    for k in range(10):
+        assert live.look(0.05 * k, ()) == []
+    assert 4 <= len(looked) <= 5  # every 0.1 s
+    monkeypatch.setattr(live._tracker, "look", Mock(side_effect=OSError("no memory")))
+    live.look(1.0, ())
+    assert live.n_failures == 1

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import zmq
 from live_frames import live_frame
+from output_frames import wait_until
 from test_live_tracking import CONFIG, scene, statuses
 
 from fgpose.io.live_recordings import RecordedImage
@@ -62,6 +63,73 @@ def test_work_that_ends_is_begun_again_and_counted(
     assert notes[0] in caplog.text
     worker.close(LONG_S)
     assert not worker.is_alive
+
+
+def test_what_ends_again_and_again_says_how_long_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes: list[str] = []
+    monkeypatch.setattr("fgpose.live.worker._FIRST_WAIT_S", 0.2)
+    monkeypatch.setattr("fgpose.live.worker._LAST_WAIT_S", 0.2)
+    ended = threading.Event()
+
+    def note(line: str) -> None:
+        notes.append(line)
+        ended.set()
+
+    worker = Worker("reading", lambda: None, Parts(note=note))
+    worker.start()
+    assert ended.wait(LONG_S)
+    assert notes == ["reading ended (its work returned) and is begun again in 0.2 s; 1 times so far"]
+    worker.close(LONG_S)
+
+
+@pytest.mark.parametrize("is_replaced", [False, True])
+def test_work_that_hangs_is_said_and_replaced_where_it_can_be(*, is_replaced: bool) -> None:
+    notes, hangs, threads = list[str](), threading.Event(), list[threading.Thread]()
+
+    def work() -> None:
+        threads.append(threading.current_thread())
+        if len(threads) == 1:
+            hangs.wait()
+        while not worker.stopped.is_set():
+            worker.stopped.wait(0.001)
+
+    parts = Parts(note=notes.append)
+    worker = Worker("reading", work, parts, hangs_after_s=0.4, is_replaced=is_replaced)
+    worker.start()
+    wait_until(lambda: bool(threads))
+    worker.look(0.1)
+    worker.look(60.0)  # nobody has looked: this process was stopped
+    assert notes == []
+    worker.look(0.3)
+    worker.look(0.3)
+    said = "ended (it hangs: nothing for 0.4 s) and is begun again; 1 times so far"
+    assert notes == [f"reading {said}" if is_replaced else "reading is not well (it hangs: nothing for 0.4 s)"]
+    assert len(parts.so_far()) == is_replaced
+    if is_replaced:
+        wait_until(lambda: len(threads) == 2)
+    hangs.set()
+    if is_replaced:
+        threads[0].join(LONG_S)  # it was left behind, and stops
+        assert not threads[0].is_alive()
+    assert worker.is_alive
+    worker.close(LONG_S)
+    assert not worker.is_alive
+
+
+def test_whoever_hangs_is_looked_at_by_the_system() -> None:
+    parts, looked = Parts(), list[float]()
+
+    class Part:
+        def look(self, elapsed_s: float) -> None:
+            looked.append(elapsed_s)
+
+    part = Part()
+    parts.watch(part.look)
+    parts.look()
+    assert len(looked) == 1
+    del part
+    parts.look()
+    assert len(looked) == 1
 
 
 def test_who_is_told_may_fail_too() -> None:

@@ -12,6 +12,7 @@ import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from fgpose.io.live_recordings import RecordedImage
 from fgpose.io.packing import packed, unpacked
 from fgpose.io.record_files import MAGIC, RecordFile, as_record
 from fgpose.live.frame import LiveFrame, LivePerson
+from fgpose.live.parts import Parts
 from fgpose.live.recorder import Recorder
 from fgpose.live.recording import load_live_recording
 from fgpose.people import Detections
@@ -285,6 +287,28 @@ def test_a_full_disk_is_said_once_and_the_recording_goes_on(tmp_path: Path, monk
     assert numbers == [*range(21), 51]
 
 
+def test_a_thread_that_ends_is_begun_again_and_nothing_is_lost(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    ends, append = {1: SystemExit(3), 2: MemoryError()}, Recorder._append
+
+    def ending(recorder: Recorder, *documents: Any) -> None:
+        if documents[0].get("sequence") in ends:
+            raise ends.pop(documents[0]["sequence"])
+        append(recorder, *documents)
+
+    monkeypatch.setattr(Recorder, "_append", ending)
+    parts = Parts()
+    with Recorder(tmp_path / "live", RIG, SKELETON, parts=parts) as recorder:
+        for number in range(5):
+            recorder.publish(frame(number))
+        wait_until(lambda: recorder.state.n_published == 4)
+    # What ended the thread is written by the next; what a record has done wrong is left out and counted.
+    assert [(each.part, each.reason) for each in parts.so_far()] == [("the recorder", "SystemExit: 3")]
+    assert (recorder.state.n_lost, recorder.state.last_error) == (1, "a record that cannot be written: MemoryError: ")
+    with pytest.warns(UserWarning, match="1 records are missing"):
+        frames = list(load_live_recording(tmp_path / "live").frames())
+    assert [published.sequence for published in frames] == [0, 1, 3, 4]
+
+
 def test_the_disk_has_all_but_the_last_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fgpose.live.recorder._SYNCED_EVERY_S", 0.05)
     path, synced = tmp_path / "live", list[int]()
@@ -311,7 +335,7 @@ def test_closing_ends_a_recording_also_on_a_disk_that_is_broken(
     recorder.close()
     recorder.close()
     recorder.publish(frame(2))
-    assert not recorder._thread.is_alive()
+    assert not recorder._worker.is_alive
     assert recorder.state.n_lost == 1
     with pytest.warns(UserWarning, match="cut off"):
         assert [published.sequence for published in load_live_recording(tmp_path / "live").frames()] == [0]
@@ -351,7 +375,7 @@ def test_a_disk_that_hangs_is_said_at_the_end(tmp_path: Path, monkeypatch: pytes
     assert recorder.state.n_lost == 3
     assert "not taken the rest" in recorder.state.last_error
     works_again.set()
-    recorder._thread.join()
+    recorder._worker.close()
 
 
 _WRITER = """

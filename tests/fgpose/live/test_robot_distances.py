@@ -220,6 +220,19 @@ def test_lost_cameras_are_a_fault_of_what_they_leave_unobserved(monitor: Monitor
     assert monitor.seen()["post"].fault == one_left.fault
 
 
+def test_who_came_while_cameras_were_lost_is_not_found_at_once(monitor: Monitor) -> None:
+    lost = ("ring_0", "ring_1", "ring_3")
+    monitor.seen()
+    monitor.seen(time_s=NOW_S + 1, lost=lost)
+    monitor.reset()
+    back = monitor.seen(time_s=NOW_S + 2)["post"].fault
+    assert back is not None
+    assert "(ring_0 ok again, ring_1 ok again, ring_3 ok again)" in back.reason
+    for after_s, is_fault in ((2.9, True), (3.1, False)):
+        monitor.reset()
+        assert (monitor.seen(time_s=NOW_S + after_s)["post"].fault is not None) == is_fault
+
+
 @pytest.mark.parametrize("state", [state for state in CameraState if state is not CameraState.OK])
 def test_only_cameras_that_are_ok_observe(monitor: Monitor, state: CameraState) -> None:
     frame = monitor.frame()

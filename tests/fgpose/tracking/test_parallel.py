@@ -116,6 +116,18 @@ def test_a_process_that_is_stopped_is_replaced_where_there_is_hurry(scene: Crowd
             os.kill(before, 0)
 
 
+def test_a_process_that_ends_while_no_image_comes_is_started_again(scene: CrowdScene, estimators: ParallelEstimators):
+    estimators.update(newest(scene, 0, (0, 1)))
+    estimators.look()
+    (before,) = process_ids(estimators)
+    os.kill(before, signal.SIGKILL)
+    os.waitid(os.P_PID, before, os.WEXITED | os.WNOWAIT)
+    with pytest.warns(UserWarning, match="ended with status -9 and is started again: the estimates of 1 people begin"):
+        estimators.look()
+    assert (estimators.n_restarts, process_ids(estimators) == [before]) == (1, False)
+    assert [each.frame for each in estimators.update(newest(scene, 1, (0, 1))).values()] == [1, 0]
+
+
 @pytest.mark.slow
 def test_nobody_waits_for_a_process_that_starts_again(scene: CrowdScene, estimators: ParallelEstimators):
     estimators.update(newest(scene, 0, (0, 1)))
