@@ -77,6 +77,24 @@ def test_errors_that_differ_by_the_axis_of_the_image_are_found() -> None:
     np.testing.assert_allclose(found.axes, 1.0, atol=1e-6)
 
 
+def test_what_is_usual_of_hips_counts_where_nothing_tells() -> None:
+    rng = np.random.default_rng(0)
+    errors, names = rng.standard_normal((*SHAPE, 2)), ("left_hip", *"bcdef")
+    lags, known = lags_of(FRAMES, STEP_S), np.ones(SHAPE, dtype=bool)
+    forwards = np.array([[[1.0, 0, 0], [0, 0, 1.0]], [[0, 1.0, 0], [0, 0, 1.0]]])  # two cameras at a right angle
+    level = np.broadcast_to(forwards[None, :, None], (FRAMES, 2, 6, 2, 3))
+    found = []
+    for parity in (Parity.of(errors[:, :2], level, known[:, :2]), Parity.of(errors, jacobians(rng), known)):
+        products = ErrorProducts.of(parity, lags, np.arange(FRAMES))
+        found.append(ErrorComponents.of(products, lags * STEP_S, STEP_S, names).axes)
+    of_two, of_four = found
+    # What is seen, the vertical errors, stays as it is found.
+    np.testing.assert_allclose(of_two[:, 1], 1.0, atol=1e-6)
+    np.testing.assert_allclose(of_two[1:, 0], 1.0, atol=1e-6)
+    assert of_two[0, 0] == pytest.approx(2.0)
+    np.testing.assert_allclose(of_four, 1.0, atol=0.2)
+
+
 def test_joints_that_share_their_errors_are_found() -> None:
     rng = np.random.default_rng(0)
     errors, jacobian = rng.standard_normal((*SHAPE, 2)), jacobians(rng)
