@@ -29,6 +29,8 @@ class Damaged:
     """Those that are damaged; empty: all, or none in particular."""
     at_s: float | None = None
     """When it happened, if it did during the recording."""
+    slower: float = 1.0
+    """Its times are so many times as long as they were."""
 
 
 @dataclass(frozen=True)

@@ -100,7 +100,7 @@ def _slower(factor: float) -> Callable[[Take, np.random.Generator], Damaged]:
 
     def inflict(take: Take, rng: np.random.Generator) -> Damaged:
         given = replace(take.observations, time_s=factor * take.observations.frame_time_s)
-        return Damaged(take.rig, given, take.truth_m)
+        return Damaged(take.rig, given, take.truth_m, slower=factor)
 
     return inflict
 

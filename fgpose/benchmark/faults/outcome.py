@@ -218,7 +218,7 @@ def _differences_m(
 ) -> tuple[Bool[np.ndarray, "frame joint"], Float[np.ndarray, "frame joint 3"]]:
     """Which joints are given, and how far they are from the truth; NaN where nobody is."""
     known = result.status != Status.UNOBSERVABLE
-    at_s = result.time_s + shift_s
+    at_s = result.time_s / given.slower + shift_s
     last_s = (len(given.truth_m) - 1) / FPS  # images may be taken before or after those of the truth
     known &= ((at_s >= 0) & (at_s <= last_s))[:, None]
     return known, result.positions_m - _at(given.truth_m, at_s)
