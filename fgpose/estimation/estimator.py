@@ -192,8 +192,7 @@ class Estimator:
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
-        gathered, bodies = self._gathered(frame, frame)
-        self._plausibility.count(bodies)
+        gathered, _ = self._gathered(frame, frame)
         self._arrivals.took(image_time_s)
         if not self._is_tidy:
             self._learn()
@@ -208,10 +207,14 @@ class Estimator:
         return self._estimate()
 
     def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:
-        """Of a frame, of which some images are new."""
-        self._credibility.add(new.confidence, float(new.frame_time_s[0]))
-        credible = self._credibility.credible(frame.confidence)
-        return gather_frame(frame, self._rig, self.config, credible, may_leave_out=self._plausibility.may_leave_out)
+        """Of a frame, of which some images are new. Raises ValueError as update."""
+        credibility = self._credibility.plus(new.confidence, float(new.frame_time_s[0]))
+        credible, may_leave_out = credibility.credible(frame.confidence), self._plausibility.may_leave_out
+        gathered, bodies = gather_frame(frame, self._rig, self.config, credible, may_leave_out=may_leave_out)
+        if frame is new:
+            self._plausibility.count(bodies)
+        self._credibility = credibility
+        return gathered, bodies
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
