@@ -202,7 +202,7 @@ class Estimator:
         self._is_tidy = False
         self._graph.add(state, self._rig, changes)
         self._window.append(self._graph.read(state))
-        self._judge(np.isfinite(image_time_s))
+        self._judge()
         self._marginalise_old(state.at.time_s)
         return self._estimate()
 
@@ -241,7 +241,7 @@ class Estimator:
         self._move(at, state)
         self._window[at] = self._graph.read(state)
         if is_newest:
-            self._judge(is_own)
+            self._judge()
         else:
             self._last.note(state)
             self._window[-1] = self._graph.read(self._window[-1])
@@ -259,12 +259,13 @@ class Estimator:
         if moved:
             self._graph.move(at, current, moved, guess_m, self._rig)
 
-    def _judge(self, is_new: Bool[np.ndarray, " camera"]) -> None:
-        """Judge the detections of the newest frame, some of whose images are new."""
+    def _judge(self) -> None:
+        """Judge the detections of the newest frame."""
         newest = self._window[-1]
+        has_image = np.isfinite(newest.image_time_s)
         # What was given up is found again where its detections fit each other.
         positions_m = np.where(newest.active[:, None], newest.positions_m, newest.evidence.guess_m[0])
-        self._visibility.add(positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
+        self._visibility.add(positions_m, newest.velocities_mps, newest.unjudged, self._rig, has_image)
         self._window[-1] = newest.judged(self._visibility.probability)
         self._last.note(self._window[-1])
 
