@@ -215,7 +215,8 @@ class RunningVisibility:
             return
         step_s, detected = oldest.time_s - before.time_s, np.concatenate([before.detected, oldest.detected])
         visibility = np.concatenate([before.visibility, oldest.visibility])
-        self._stays = self._stays.plus(Stays.of(visibility, np.append(np.inf, step_s), detected))
+        stays = Stays.of(visibility, np.append(np.inf, step_s), detected)
+        self._stays = self._stays.then(stays, float(step_s[0]))
         self._chain = Chain(self._config.visibility, self._stays)
         if self._config.visibility.bias == "constant":
             moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
