@@ -1,7 +1,8 @@
 """The parameters of each part: every number in physical units, with the effect of raising it.
 
 The defaults live here and nowhere else; ``configs/default.toml`` is tested equal to them. The field docstrings are
-what ``--help`` prints.
+what ``--help`` prints. Pixels are those of an image with a focal length of 1145 px; in other images they are more or
+fewer in proportion to the focal length, so that the resolution does not matter.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ class FusionConfig:
     """reprojection: eq. 1-2. covariance: by the covariance that each view states, with a robust kernel; where there is
     none, eq. 1-2."""
     inlier_px: float = 20.0
-    """Views whose detection lies farther than this from a triangulated point are outliers. Raising it keeps more views,
-    also worse ones."""
+    """Views whose detection lies farther than this from a triangulated point are outliers, in pixels at a focal length
+    of 1145 px. Raising it keeps more views, also worse ones."""
     anchor_sigma_m: float = 0.3
     """Standard deviation of the fused per-view 3D, metres: a joint that cannot be triangulated is held near it. Raising
     it trusts motion and bones more."""
@@ -35,8 +36,9 @@ class ProjectionConfig:
     """Reprojection factors: one per camera, joint and frame."""
 
     sigma_px: float = 6.0
-    """Standard deviation of a good detection: with visibility.model none, before anything is learned from the
-    recording, and when cameras are calibrated. Raising it trusts motion and bones more."""
+    """Standard deviation of a good detection, in pixels at a focal length of 1145 px: with visibility.model
+    none, before anything is learned from the recording, and when cameras are calibrated. Raising it trusts motion and
+    bones more."""
     kernel: Kernel = "cauchy"
     """Robust kernel on the reprojection error."""
     kernel_scale: float = 2.2
@@ -46,10 +48,11 @@ class ProjectionConfig:
     confidence alone, or none."""
     confirming_px: float = 20.0
     """Distance between a detection and the nearest candidate of another view at which the agreement makes up for half
-    of the missing confidence (weighting = fusion). Raising it uses the detector's confidence less."""
+    of the missing confidence (weighting = fusion), in pixels at a focal length of 1145 px. Raising it uses the
+    detector's confidence less."""
     agreement_px: float = 100.0
     """Distance between a detection and the nearest candidate of another view at which its weight is halved (weighting =
-    fusion). Raising it trusts detections that no other view confirms."""
+    fusion), in pixels at a focal length of 1145 px. Raising it trusts detections that no other view confirms."""
 
 
 @dataclass(frozen=True)

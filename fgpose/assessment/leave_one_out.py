@@ -42,14 +42,20 @@ def compare_with_others(
     rig: CameraRig,
     inlier_px: float,
 ) -> tuple[HeldOutView, ...]:
-    """Every camera against all others; nothing is expected where there are fewer than two others."""
+    """Every camera against all others; nothing is expected where there are fewer than two others.
+
+    Args:
+        inlier_px: see CameraRig.in_own_px.
+    """
     views = []
     for c, camera in enumerate(rig.cameras):
         others = [other for other in range(rig.n_cameras) if other != c]
         expected_px = np.full_like(undistorted_px[:, c], np.nan)
         if len(others) >= 2:
             rest = rig.subset(rig.names[other] for other in others)
-            triangulation = triangulate_robust(undistorted_px[:, others], confidence[:, others], rest, inlier_px)
+            triangulation = triangulate_robust(
+                undistorted_px[:, others], confidence[:, others], rest, rest.in_own_px(inlier_px)
+            )
             expected_px = camera.project(triangulation.positions_m)
         views.append(HeldOutView(undistorted_px[:, c], expected_px))
     return tuple(views)

@@ -25,7 +25,8 @@ _MAX_FRAMES = 2000  # bounds the time; the medians need no more
 # A camera turned by 5 degrees is off by ten times as much as real cameras are; its neighbours by up to twice, since it
 # takes part in their comparison.
 _CALIBRATION_RATIO = 2.5
-# Below this, detections rather than the calibration may cause the difference. Lower, good rigs are reported too.
+# Below this, detections rather than the calibration may cause the difference. Lower, good rigs are reported too. Pixels
+# are those of CameraRig.in_own_px.
 _MIN_CALIBRATION_PX = 20.0
 # Clearly swapped: the swapped labels fit at least twice as well, and the two joints lie well apart in the image.
 _SWAP_RATIO = 0.5
@@ -117,7 +118,7 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
     observations.check_cameras(rig.names)
     sampled = spread_evenly(observations.n_frames, _MAX_FRAMES)
     undistorted_px, confidence = rig.undistort(observations.points2d_px[sampled]), observations.confidence[sampled]
-    positions_m = triangulate_robust(undistorted_px, confidence, rig, _INLIER_PX).positions_m
+    positions_m = triangulate_robust(undistorted_px, confidence, rig, rig.in_own_px(_INLIER_PX)).positions_m
     residual_px = np.linalg.norm(rig.project(positions_m) - undistorted_px, axis=-1)
     views = compare_with_others(undistorted_px, confidence, rig, _INLIER_PX)
     cameras = tuple(
@@ -135,7 +136,7 @@ def recording_info(observations: Observations, rig: CameraRig, min_gap_s: float 
         joint_frames_by_views=tuple(int(np.sum(n_seen == views)) for views in range(rig.n_cameras + 1)),
         gaps=_gaps(observations, np.asarray(n_seen >= 2), min_gap_s),
         never_seen=tuple(np.array(observations.skeleton.joints)[~np.any(n_seen >= 2, axis=0)].tolist()),
-        suspected_calibration=_suspected_calibration(cameras),
+        suspected_calibration=_suspected_calibration(cameras, rig),
         suspected_swaps=tuple(camera.name for camera in cameras if camera.share_swapped > _SUSPECT_SWAPS),
         implausible=_implausible(cameras, _person_size_m(positions_m)),
     )
@@ -150,6 +151,7 @@ def _camera_info(
     positions_m: Float[np.ndarray, "frame joint 3"],
 ) -> CameraInfo:
     seen = observations.seen[:, c]
+    least_apart_px = float(rig.in_own_px(_MIN_SWAP_SEPARATION_PX)[c, 0])
     return CameraInfo(
         name=rig.names[c],
         share_seen=float(seen.mean()),
@@ -158,7 +160,7 @@ def _camera_info(
         residual_q90_px=_quantile(residual_px, 0.9),
         left_out_px=left_out.error_px(),
         constant_px=float(np.linalg.norm(left_out.constant_px)),
-        share_swapped=_share_swapped(left_out, observations.skeleton.left_right),
+        share_swapped=_share_swapped(left_out, observations.skeleton.left_right, least_apart_px),
         distance_m=_quantile(np.linalg.norm(positions_m - rig.cameras[c].position_m, axis=-1), 0.5),
     )
 
@@ -168,18 +170,19 @@ def _quantile(values: Float[np.ndarray, "*shape"], q: float) -> float:
     return float(np.quantile(known, q)) if known.size else np.nan
 
 
-def _suspected_calibration(cameras: tuple[CameraInfo, ...]) -> str | None:
+def _suspected_calibration(cameras: tuple[CameraInfo, ...], rig: CameraRig) -> str | None:
     """The worst camera, if it is much worse than the others are."""
     known = [camera for camera in cameras if np.isfinite(camera.left_out_px)]
     if len(known) < 3:
         return None
     worst = max(known, key=lambda camera: camera.left_out_px)
     others_px = np.median([camera.left_out_px for camera in known if camera is not worst])
-    clear = worst.left_out_px > max(_CALIBRATION_RATIO * others_px, _MIN_CALIBRATION_PX)
+    least_px = float(rig.in_own_px(_MIN_CALIBRATION_PX)[cameras.index(worst), 0])
+    clear = worst.left_out_px > max(_CALIBRATION_RATIO * others_px, least_px)
     return worst.name if clear else None
 
 
-def _share_swapped(left_out: HeldOutView, left_right: tuple[tuple[int, int], ...]) -> float:
+def _share_swapped(left_out: HeldOutView, left_right: tuple[tuple[int, int], ...], least_apart_px: float) -> float:
     """Of the left/right pairs that lie apart in the image, those that fit better when exchanged."""
     left, right = np.array(left_right, dtype=int).reshape(-1, 2).T
     expected, detected = left_out.expected_px, left_out.detected_px
@@ -188,7 +191,7 @@ def _share_swapped(left_out: HeldOutView, left_right: tuple[tuple[int, int], ...
         return np.linalg.norm(expected[:, a] - detected[:, b], axis=-1)
 
     direct, exchanged = distance(left, left) + distance(right, right), distance(left, right) + distance(right, left)
-    apart = np.linalg.norm(expected[:, left] - expected[:, right], axis=-1) > _MIN_SWAP_SEPARATION_PX
+    apart = np.linalg.norm(expected[:, left] - expected[:, right], axis=-1) > least_apart_px
     judged = apart & np.isfinite(direct)
     return float(mean_known(np.where(judged, exchanged < _SWAP_RATIO * direct, np.nan)))
 

@@ -214,7 +214,8 @@ def _oracle(recording: Recording) -> Result:
     """
     if recording.oracle_observations is None or recording.sigma_px is None:
         raise ValueError(f"nobody knows what is occluded in {recording.clip} ({recording.variant}): there is no oracle")
-    known = ProjectionConfig(weighting="uniform", sigma_px=recording.sigma_px)
+    own_px = float(recording.true_rig.in_own_px(1.0).mean())
+    known = ProjectionConfig(weighting="uniform", sigma_px=recording.sigma_px / own_px)
     config = Config(projection=known, visibility={"model": "none"})
     return _smoothed(recording.oracle_observations, recording.true_rig, config)
 

@@ -51,6 +51,7 @@ class BundleProblem:
     def __init__(self, rig: CameraRig, sightings: Sightings, config: Config, *, poses: bool, clocks: bool) -> None:
         self._rig, self._sightings, self._config = rig, sightings, config
         self._sigmas = prior_sigmas(config)
+        self._sigma_px = rig.in_own_px(config.projection.sigma_px)
         free = np.zeros((rig.n_cameras, _N_UNKNOWNS), dtype=bool)
         free[:, _POSE], free[1:, _CLOCK] = poses, clocks
         self.free: Bool[np.ndarray, " unknown"] = free.ravel()
@@ -119,7 +120,7 @@ class BundleProblem:
         squared, known = self._squared(residual_px)
         projection = self._config.projection
         robust = robust_weight(squared, projection.kernel, projection.kernel_scale)
-        weights = np.where(known, self._sightings.weights * robust, 0.0) / projection.sigma_px**2
+        weights = np.where(known, self._sightings.weights * robust, 0.0) / self._sigma_px**2
         return np.nan_to_num(residual_px), np.nan_to_num(by_joint), np.nan_to_num(by_camera), weights
 
     def _residual_px(self, state: Calibration) -> Float[np.ndarray, "frame camera joint 2"]:
@@ -139,7 +140,7 @@ class BundleProblem:
         behind_px2 = np.array([2 * (2 * camera.K[0, 0]) ** 2 for camera in self._rig.cameras])[:, None]
         squared_px2 = np.sum(residual_px**2, axis=-1)
         squared_px2 = np.where(np.isfinite(squared_px2), squared_px2, behind_px2)
-        return squared_px2 / self._config.projection.sigma_px**2, self._sightings.weights > 0
+        return squared_px2 / self._sigma_px**2, self._sightings.weights > 0
 
     def _of_camera(self, c: int, state: Calibration) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Residuals (T, J, 2) of one camera and their Jacobians by the joints (3) and by the changes (7)."""

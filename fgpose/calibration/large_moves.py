@@ -65,7 +65,8 @@ def _growth(before: CameraRig, found: Adjusted, skeleton: Skeleton, config: Conf
     start, end = np.array(bones).T
     lengths_m = []
     for rig in (before, found.rig):
-        joints_m = triangulate_robust(found.undistorted_px, found.confidence, rig, config.fusion.inlier_px).positions_m
+        inlier_px = rig.in_own_px(config.fusion.inlier_px)
+        joints_m = triangulate_robust(found.undistorted_px, found.confidence, rig, inlier_px).positions_m
         length_m = np.linalg.norm(joints_m[:, start] - joints_m[:, end], axis=-1)
         length_m[:, np.isfinite(length_m).sum(axis=0) == 0] = np.inf  # never known
         lengths_m.append(np.nanmedian(length_m, axis=0))

@@ -147,6 +147,7 @@ def _on_time_px(
 def _residual_px(
     undistorted_px: np.ndarray, confidence: np.ndarray, rig: CameraRig, config: Config
 ) -> Float[np.ndarray, " camera"]:
-    points_m = triangulate_robust(undistorted_px, confidence, rig, config.fusion.inlier_px).positions_m
+    inlier_px = rig.in_own_px(config.fusion.inlier_px)
+    points_m = triangulate_robust(undistorted_px, confidence, rig, inlier_px).positions_m
     errors_px = np.linalg.norm(rig.project(points_m) - undistorted_px, axis=-1).swapaxes(0, 1)
     return np.array([np.nanmedian(errors) if np.isfinite(errors).any() else np.nan for errors in errors_px])

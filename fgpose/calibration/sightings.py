@@ -124,7 +124,7 @@ def agreed_joints_m(
     Raises:
         ValueError: there is none.
     """
-    threshold_px = _INLIER_FACTOR * config.fusion.inlier_px
+    threshold_px = _INLIER_FACTOR * rig.in_own_px(config.fusion.inlier_px)
     joints_m = triangulate_robust(undistorted_px, confidence, rig, threshold_px).positions_m
     if not np.isfinite(joints_m).all(axis=-1).any():
         raise ValueError("the calibration cannot be refined: no joint is seen by two cameras that agree")

@@ -131,10 +131,11 @@ def offset_information(
         undistorted_px: detections, moved to the times of their frames with the offsets so far.
     """
     residual_px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
+    sigma_px = rig.in_own_px(config.sigma_px)
     by_offset = by_joint @ velocities_mps[:, None, ..., None]
     known = projected & np.isfinite(by_offset).all(axis=(-1, -2))
-    squared = np.where(known, np.sum(residual_px**2, axis=-1), 0.0) / config.sigma_px**2
+    squared = np.where(known, np.sum(residual_px**2, axis=-1), 0.0) / sigma_px**2
     weights = np.where(known, weights * robust_weight(squared, config.kernel, config.kernel_scale), 0.0)
     jacobians = np.nan_to_num(by_joint), np.nan_to_num(by_offset)
-    reduced = eliminate_joints(np.nan_to_num(residual_px), *jacobians, weights / config.sigma_px**2)
+    reduced = eliminate_joints(np.nan_to_num(residual_px), *jacobians, weights / sigma_px**2)
     return reduced.information, reduced.gradient

@@ -10,6 +10,8 @@ says less than seconds of it: a joint that is seen has its better images.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from jaxtyping import Float
 
@@ -53,17 +55,18 @@ class RunningCredibility:
         self._time_s = -np.inf
         self._total, self._images = np.zeros((2, n_cameras, n_joints))
 
-    def add(self, confidence: Float[np.ndarray, "1 camera joint"], time_s: float) -> None:
-        """Those of one frame or image, 0 where there is none."""
-        own = usual_confidence(confidence)
+    def plus(self, confidence: Float[np.ndarray, "1 camera joint"], time_s: float) -> RunningCredibility:
+        """With those of one frame or image, 0 where there is none; this one stays as it is."""
+        own, after = usual_confidence(confidence), copy(self)
         if np.isfinite(own):
-            self._frames += 1
+            after._frames += 1
             before = own if np.isnan(self._usual) else self._usual
-            self._usual = before + (own - before) / min(self._frames, _MEMORY_FRAMES)
+            after._usual = before + (own - before) / min(after._frames, _MEMORY_FRAMES)
         keep = np.exp(-max(time_s - self._time_s, 0.0) / _LONG_S)
-        self._total = keep * self._total + confidence[0]
-        self._images = keep * self._images + (confidence[0] > 0)
-        self._time_s = max(time_s, self._time_s)
+        after._total = keep * self._total + confidence[0]
+        after._images = keep * self._images + (confidence[0] > 0)
+        after._time_s = max(time_s, self._time_s)
+        return after
 
     def credible(self, confidence: Float[np.ndarray, "1 camera joint"]) -> Float[np.ndarray, "1 joint"]:
         """Of the joints of a frame; 1 where nothing is detected, or nothing known of what is usual."""

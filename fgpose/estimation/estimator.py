@@ -192,8 +192,7 @@ class Estimator:
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""
-        gathered, bodies = self._gathered(frame, frame)
-        self._plausibility.count(bodies)
+        gathered, _ = self._gathered(frame, frame)
         self._arrivals.took(image_time_s)
         if not self._is_tidy:
             self._learn()
@@ -203,15 +202,19 @@ class Estimator:
         self._is_tidy = False
         self._graph.add(state, self._rig, changes)
         self._window.append(self._graph.read(state))
-        self._judge(np.isfinite(image_time_s))
+        self._judge()
         self._marginalise_old(state.at.time_s)
         return self._estimate()
 
     def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:
-        """Of a frame, of which some images are new."""
-        self._credibility.add(new.confidence, float(new.frame_time_s[0]))
-        credible = self._credibility.credible(frame.confidence)
-        return gather_frame(frame, self._rig, self.config, credible, may_leave_out=self._plausibility.may_leave_out)
+        """Of a frame, of which some images are new. Raises ValueError as update."""
+        credibility = self._credibility.plus(new.confidence, float(new.frame_time_s[0]))
+        credible, may_leave_out = credibility.credible(frame.confidence), self._plausibility.may_leave_out
+        gathered, bodies = gather_frame(frame, self._rig, self.config, credible, may_leave_out=may_leave_out)
+        if frame is new:
+            self._plausibility.count(bodies)
+        self._credibility = credibility
+        return gathered, bodies
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
@@ -238,7 +241,7 @@ class Estimator:
         self._move(at, state)
         self._window[at] = self._graph.read(state)
         if is_newest:
-            self._judge(is_own)
+            self._judge()
         else:
             self._last.note(state)
             self._window[-1] = self._graph.read(self._window[-1])
@@ -256,12 +259,13 @@ class Estimator:
         if moved:
             self._graph.move(at, current, moved, guess_m, self._rig)
 
-    def _judge(self, is_new: Bool[np.ndarray, " camera"]) -> None:
-        """Judge the detections of the newest frame, some of whose images are new."""
+    def _judge(self) -> None:
+        """Judge the detections of the newest frame."""
         newest = self._window[-1]
+        has_image = np.isfinite(newest.image_time_s)
         # What was given up is found again where its detections fit each other.
         positions_m = np.where(newest.active[:, None], newest.positions_m, newest.evidence.guess_m[0])
-        self._visibility.add(positions_m, newest.velocities_mps, newest.unjudged, self._rig, is_new)
+        self._visibility.add(positions_m, newest.velocities_mps, newest.unjudged, self._rig, has_image)
         self._window[-1] = newest.judged(self._visibility.probability)
         self._last.note(self._window[-1])
 

@@ -319,7 +319,10 @@ def _gather(
     far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px = rig.undistort(observations.points2d_px)
     triangulated_m = triangulate_robust(
-        np.where(far_outside[..., None], np.nan, undistorted_px), observations.confidence, rig, config.fusion.inlier_px
+        np.where(far_outside[..., None], np.nan, undistorted_px),
+        observations.confidence,
+        rig,
+        rig.in_own_px(config.fusion.inlier_px),
     ).positions_m
     triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
     fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
@@ -331,8 +334,8 @@ def _gather(
         undistorted_px=undistorted_px,
         bias_px=np.zeros_like(undistorted_px),
         bias_share=np.ones(triangulated_m.shape[:2]),
-        weights=detection_weights(fusion, observations.confidence, config.projection),
-        sigma_px=np.full(observations.confidence.shape, config.projection.sigma_px),
+        weights=detection_weights(fusion, observations.confidence, rig, config.projection),
+        sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), observations.confidence.shape).copy(),
         visibility=np.ones(observations.confidence.shape),
         credible=credible,
         n_views=observations.seen.sum(axis=1),

@@ -49,7 +49,8 @@ def fuse(observations: Observations, rig: CameraRig, config: Config | None = Non
     fusion = (config or Config()).fusion
     observations.check_cameras(rig.names)
     undistorted_px = rig.undistort(observations.points2d_px)
-    triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, fusion.inlier_px).positions_m
+    inlier_px = rig.in_own_px(fusion.inlier_px)
+    triangulated_m = triangulate_robust(undistorted_px, observations.confidence, rig, inlier_px).positions_m
     return fuse_undistorted(observations, triangulated_m, undistorted_px, rig, fusion)
 
 

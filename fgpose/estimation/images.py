@@ -49,7 +49,7 @@ def _image_error(
     positions_m: Float[np.ndarray, "joint 3"], evidence: Evidence, rig: CameraRig, config: ProjectionConfig
 ) -> Float[np.ndarray, " joint"]:
     """Robust (Geman-McClure) reprojection error per joint, in units of the kernel's scale; inf without a point."""
-    scale_px = config.sigma_px * config.kernel_scale
+    scale_px = evidence.sigma_px[0] * config.kernel_scale
     squared = np.sum((rig.project(positions_m) - evidence.undistorted_px[0]) ** 2, axis=-1) / scale_px**2
     # A point behind a camera that sees the joint has no image there: as bad as the farthest outlier.
     robust = np.where(np.isfinite(squared), squared / (1 + squared), 1.0)

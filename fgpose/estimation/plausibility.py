@@ -28,6 +28,9 @@ class Bodies:
 
     size_m: Float[np.ndarray, " frame"]
     """Median distance of the joints from their middle; NaN where fewer than two are known."""
+    large: Bool[np.ndarray, " frame"]
+    """Where the joints are as far apart as if metres were millimetres. Two may be a hallucination that meets another by
+    chance."""
     implausible: Bool[np.ndarray, " frame"]
     """Where most joints are metres from their middle, most bones longer than anybody's, most detections far outside
     their images, or no two cameras agree on most joints."""
@@ -56,7 +59,8 @@ class Bodies:
         implausible = outside | (size_m > np.where(n_known < _MIN_JOINTS, _MILLIMETRES_M, _LARGEST_BODY_M))
         implausible |= (n_bones >= _MIN_JOINTS) & (2 * n_long > n_bones)
         implausible |= (n_seen >= _MIN_JOINTS) & (n_known < _LEAST_AGREEMENT * n_seen)
-        return Bodies(size_m, implausible, (n_known > 1) | implausible)
+        large = (size_m > _MILLIMETRES_M) & (n_known >= min(_MIN_JOINTS, skeleton.n_joints))
+        return Bodies(size_m, large, implausible, (n_known > 1) | implausible)
 
     @property
     def are_mostly_implausible(self) -> bool:
@@ -64,9 +68,9 @@ class Bodies:
 
     def refuse_millimetres(self) -> None:
         """Raise ValueError where so many bodies are so large that the lengths of the rig are millimetres."""
-        n_large, n_known = np.count_nonzero(self.size_m > _MILLIMETRES_M), np.count_nonzero(self.known)
+        n_large, n_known = np.count_nonzero(self.large), np.count_nonzero(self.known)
         if n_large > _MANY_IMPLAUSIBLE * n_known:
-            size_m = float(np.median(self.size_m[self.size_m > _MILLIMETRES_M]))
+            size_m = float(np.median(self.size_m[self.large]))
             raise ValueError(
                 f"the joints are {size_m:.0f} m apart in {n_large} of {n_known} frames: the calibration looks like "
                 "millimetres; divide its lengths by 1000"

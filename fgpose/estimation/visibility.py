@@ -10,7 +10,7 @@ expectation-maximisation, in fgpose.estimation.smoother).
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -90,6 +90,23 @@ def judged(
     return _known(evidence, *residuals.of_seen, spread_m, probability, step_s[:, None, None], priors)
 
 
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """What the images of each camera tell."""
+
+    probability: Float[np.ndarray, "camera joint"]
+    """That each joint is visible in the last."""
+    last_s: Float[np.ndarray, "camera 1"]
+    """When that was taken."""
+    spread_m: Float[np.ndarray, " camera"]
+    measurements: Float[np.ndarray, " camera"]
+    """From which that was learned, as far as they count still."""
+
+    def since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
+        """Time from the last image of each camera to a frame."""
+        return np.maximum(evidence.time_s[0] - self.last_s, _LEAST_STEP_S)
+
+
 class RunningVisibility:
     """The same online: forward for the newest frame, forward and backward for the window, the spread of each camera
     from the last seconds.
@@ -106,6 +123,7 @@ class RunningVisibility:
         self._last_s = np.full((n_cameras, 1), -np.inf)
         self._spread_m = np.full(n_cameras, config.visibility.sigma_m)
         self._measurements = np.zeros(n_cameras)
+        self._newest_s, self._before_newest = -np.inf, self._known_of_images()
         self._bias = RunningBias(n_cameras, skeleton.n_joints)
         self._oldest: Evidence | None = None
         # Time and filtered probability of every frame in the window, and of the one before it.
@@ -122,9 +140,13 @@ class RunningVisibility:
         """Learned so far."""
         return self._bias.bias
 
-    def _since_s(self, evidence: Evidence) -> Float[np.ndarray, "camera 1"]:
-        """Time since the last image of each camera."""
-        return np.maximum(evidence.time_s[0] - self._last_s, _LEAST_STEP_S)
+    def _known_of_images(self) -> _Known:
+        """As they are; no array of them changes."""
+        return _Known(self._probability, self._last_s, self._spread_m, self._measurements)
+
+    def _known_before(self, evidence: Evidence) -> _Known:
+        """What the images before those of a frame tell, which is the newest or a new one."""
+        return self._before_newest if evidence.time_s[0] == self._newest_s else self._known_of_images()
 
     def add(
         self,
@@ -132,21 +154,25 @@ class RunningVisibility:
         velocities_mps: Float[np.ndarray, "joint 3"],
         evidence: Evidence,
         rig: CameraRig,
-        is_new: Bool[np.ndarray, " camera"],
+        has_image: Bool[np.ndarray, " camera"],
     ) -> None:
-        """Take the pose of the newest frame and its detections; only those of new images are evidence."""
+        """Take the pose of the newest frame and its detections, or take it again where another image has joined it:
+        the first image of a frame is judged when there is another to compare it with."""
         if not self._on:
             return
+        before = self._known_before(evidence)
+        self._newest_s, self._before_newest = float(evidence.time_s[0]), before
+        self._spread_m, self._measurements = before.spread_m, before.measurements
         residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
-        since_s = self._since_s(evidence)
+        since_s = before.since_s(evidence)
         odds = self._log_odds(residuals, velocities_mps[None], rig)[0] * _independent(since_s, _CORRELATION_S)
-        updated = self._chain.updated(self._chain.predicted(self._probability, since_s), odds)
-        self._probability = np.where(is_new[:, None], updated, self._probability)
-        self._last_s = np.where(is_new[:, None], evidence.time_s[0], self._last_s)
+        updated = self._chain.updated(self._chain.predicted(before.probability, since_s), odds)
+        self._probability = np.where(has_image[:, None], updated, before.probability)
+        self._last_s = np.where(has_image[:, None], evidence.time_s[0], before.last_s)
         if self._window and self._window[-1][0] == evidence.time_s[0]:
             self._window.pop()
         self._window.append((float(evidence.time_s[0]), self._probability))
-        self._learn_spread(since_s, residuals, is_new)
+        self._learn_spread(since_s, residuals, has_image)
 
     def judged(
         self,
@@ -189,7 +215,8 @@ class RunningVisibility:
             return
         step_s, detected = oldest.time_s - before.time_s, np.concatenate([before.detected, oldest.detected])
         visibility = np.concatenate([before.visibility, oldest.visibility])
-        self._stays = self._stays.plus(Stays.of(visibility, np.append(np.inf, step_s), detected))
+        stays = Stays.of(visibility, np.append(np.inf, step_s), detected)
+        self._stays = self._stays.then(stays, float(step_s[0]))
         self._chain = Chain(self._config.visibility, self._stays)
         if self._config.visibility.bias == "constant":
             moved_m = _moved_m(np.linalg.norm(velocities_mps, axis=-1))
@@ -210,12 +237,15 @@ class RunningVisibility:
         return Agreement.of(*given, _SURE_ONLINE, rig, self._skeleton, priors)
 
     def _learn_spread(
-        self, since_s: Float[np.ndarray, "camera 1"], residuals: DetectionResiduals, is_new: Bool[np.ndarray, " camera"]
+        self,
+        since_s: Float[np.ndarray, "camera 1"],
+        residuals: DetectionResiduals,
+        has_image: Bool[np.ndarray, " camera"],
     ) -> None:
         """Robbins and Monro's estimate of the weighted median that the batch takes."""
-        tells = residuals.tells[0] & is_new[:, None]
+        tells = residuals.tells[0] & has_image[:, None]
         measurements = np.where(tells, _independent(since_s, CORRELATION_S) * residuals.weights[0], 0.0)
-        keep = np.where(is_new, np.exp(-since_s[:, 0] / _SPREAD_MEMORY_S), 1.0)
+        keep = np.where(has_image, np.exp(-since_s[:, 0] / _SPREAD_MEMORY_S), 1.0)
         self._measurements = keep * self._measurements + measurements.sum(axis=1)
         larger = np.sum(measurements * np.sign(residuals.single_spread_m[0] - self._spread_m[:, None]), axis=1)
         logs = _MEDIAN_GAIN * larger / (PRIOR_MEASUREMENTS_OF_CAMERA + self._measurements)
@@ -243,26 +273,31 @@ class RunningVisibility:
         if not self._on:
             return evidence
         probability = np.where(is_own[:, None], self._window[at][1], judged.visibility[0])
-        return self._with_probability(probability[None], evidence, positions_m, rig)
+        before_s = self._window[at - 1][0] if at else self._before[0]
+        since_s = np.full((len(probability), 1), max(float(evidence.time_s[0]) - before_s, _LEAST_STEP_S))
+        return self._with_probability(probability[None], evidence, positions_m, rig, since_s)
 
     def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:
-        """The evidence of the next frame with what is known of it before it is solved.
+        """The evidence of the next frame, or of the newest that another image joins, with what is known of it before
+        it is solved.
 
         Args:
-            evidence: of the next frame.
+            evidence: of the frame.
             positions_m: the predicted pose.
             rig: the cameras.
         """
         if not self._on:
             return evidence
-        probability = self._chain.predicted(self._probability, self._since_s(evidence))
+        before = self._known_before(evidence)
+        since_s = before.since_s(evidence)
+        probability = self._chain.predicted(before.probability, since_s)
         if is_doubtful(positions_m, evidence.undistorted_px[0], self._spread_m, rig):
             residuals = DetectionResiduals.of(positions_m[None], evidence, rig, self._config)
             said = self._said(residuals, self._spread_m[None, :, None], rig)
             is_off = np.isfinite(said.off_path_m[0]).all(axis=-1)
             probability = np.where(is_off, self._chain.updated(probability, said.log_odds[0]), probability)
             evidence = replace(evidence, off_path_m=said.off_path_m)
-        return self._with_probability(probability[None], evidence, positions_m, rig)
+        return self._with_probability(probability[None], evidence, positions_m, rig, since_s)
 
     def _with_probability(
         self,
@@ -270,11 +305,11 @@ class RunningVisibility:
         evidence: Evidence,
         positions_m: Float[np.ndarray, "joint 3"],
         rig: CameraRig,
+        since_s: Float[np.ndarray, "camera 1"],
     ) -> Evidence:
         px_per_m = rig.px_per_m(positions_m)[None]
         length_m = np.linalg.norm(rig.project(positions_m) - evidence.undistorted_px, axis=-1) / px_per_m
-        since_s, priors = self._since_s(evidence), self._config.visibility
-        return _known(evidence, length_m, px_per_m, self._spread_m, probability, since_s, priors)
+        return _known(evidence, length_m, px_per_m, self._spread_m, probability, since_s, self._config.visibility)
 
 
 def _residual_sums(

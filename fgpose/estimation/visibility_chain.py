@@ -11,6 +11,8 @@ from fgpose.parameters import VisibilityConfig
 
 # So much time of one joint in one camera outweighs what is usual.
 _PRIOR_S = 30.0
+# With three occluded cameras after an hour of none, errors on a tuning clip are 22.1 mm, as with 10 s; 23.0 for ever.
+_MEMORY_S = 60.0
 _LONGEST_STEP_S = 0.25  # over a longer one a joint may have come and gone
 _MOST_LOG_ODDS = 30.0  # keeps the exponential finite
 
@@ -55,6 +57,12 @@ class Stays:
 
     def plus(self, others: Stays) -> Stays:
         return Stays(*(own + other for own, other in zip(astuple(self), astuple(others), strict=True)))
+
+    def then(self, others: Stays, passed_s: float) -> Stays:
+        """With these, which came so much later: a stream forgets, for a camera may see well for an hour and then no
+        more."""
+        keep = float(np.exp(-passed_s / _MEMORY_S))
+        return Stays(*(keep * own + other for own, other in zip(astuple(self), astuple(others), strict=True)))
 
 
 class Chain:

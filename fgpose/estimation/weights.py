@@ -7,13 +7,14 @@ from jaxtyping import Float
 
 from fgpose.config import ProjectionConfig
 from fgpose.estimation.fusion import Fusion
+from fgpose.geometry.camera import CameraRig
 
 LEAST_WEIGHT = 0.001
 """Of a detection before its visibility is judged."""
 
 
 def detection_weights(
-    fusion: Fusion, confidence: Float[np.ndarray, "frame camera joint"], config: ProjectionConfig
+    fusion: Fusion, confidence: Float[np.ndarray, "frame camera joint"], rig: CameraRig, config: ProjectionConfig
 ) -> Float[np.ndarray, "frame camera joint"]:
     """Weight of every detection, from LEAST_WEIGHT to 1: its information relative to a good detection.
 
@@ -34,13 +35,15 @@ def detection_weights(
         error_px2 = _error_of_other_views_px2(fusion)
         several = np.asarray(confidence > 0).sum(axis=1, keepdims=True) > 2
         compared = several & np.isfinite(error_px2)
-        confirmed = np.where(compared, _agreement(error_px2, config.confirming_px), 0.0)
-        near = np.where(compared, _agreement(error_px2, config.agreement_px), 1.0)
+        confirmed = np.where(compared, _agreement(error_px2, rig.in_own_px(config.confirming_px)), 0.0)
+        near = np.where(compared, _agreement(error_px2, rig.in_own_px(config.agreement_px)), 1.0)
         weights = (1.0 - (1.0 - confidence) * (1.0 - confirmed)) * near
     return np.clip(weights, LEAST_WEIGHT, 1.0)
 
 
-def _agreement(error_px2: Float[np.ndarray, "*views"], scale_px: float) -> Float[np.ndarray, "*views"]:
+def _agreement(
+    error_px2: Float[np.ndarray, "frame camera joint"], scale_px: Float[np.ndarray, "camera 1"]
+) -> Float[np.ndarray, "frame camera joint"]:
     """From 1 down; 1/2 where the error is the scale."""
     return 1.0 / (1.0 + error_px2 / scale_px**2)
 

@@ -15,6 +15,9 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
+REFERENCE_FOCAL_PX = 1145.0
+"""Of the cameras of Human3.6M. Parameters in pixels are those of an image with this focal length."""
+
 LensModel = Literal["pinhole", "fisheye"]
 # The numbers of coefficients that OpenCV takes for each lens, without those of tilted sensors and thin prisms.
 _DISTORTION_SIZES = {"pinhole": (0, 4, 5, 8), "fisheye": (4,)}
@@ -342,6 +345,11 @@ class CameraRig:
     def focal_px(self) -> Float[np.ndarray, " camera"]:
         """Of each camera: the geometric mean over the two axes of the image."""
         return np.sqrt(self._focal_px.prod(axis=-1))[:, 0]
+
+    def in_own_px(self, reference_px: float) -> Float[np.ndarray, "camera 1"]:
+        """A distance in an image with a focal length of REFERENCE_FOCAL_PX, in pixels of the image of each camera: the
+        same angle, so that nothing depends on the resolution."""
+        return (reference_px / REFERENCE_FOCAL_PX) * self.focal_px[:, None]
 
     @cached_property
     def _centre_px(self) -> Float[np.ndarray, "camera 1 2"]:

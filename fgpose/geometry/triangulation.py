@@ -14,6 +14,7 @@ from fgpose.sampling import spread_evenly
 # Below this angle between all rays the depth of a point is not determined: 1 degree at 4 m and 5 px / 1145 px of
 # detection error leaves a metre of depth error.
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
+_INLIER_PX = 20.0  # see CameraRig.in_own_px
 _MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
 
 
@@ -79,12 +80,15 @@ def triangulate_robust(
     undistorted_px: Float[np.ndarray, "*frames camera joint 2"],
     confidence: Float[np.ndarray, "*frames camera joint"],
     rig: CameraRig,
-    inlier_px: float | Float[np.ndarray, "*frames camera joint"] = 20.0,
+    inlier_px: float | Float[np.ndarray, "*#frames camera #joint"] | None = None,
 ) -> Triangulation:
     """Confidence-weighted DLT over the best subset of views; holds when a minority of views is grossly wrong.
 
     Every pair of views proposes a point; the proposal with the largest sum of confidences within the threshold wins
     (MSAC: nearer counts more), and its inliers are triangulated together.
+
+    Args:
+        inlier_px: the threshold, in pixels of each image; None: the default of fusion.inlier_px.
 
     Returns:
         Triangulation with shapes (*frames, joint, 3) and (*frames, joint, camera).
@@ -96,6 +100,7 @@ def triangulate_robust(
         shape = points_px.shape[:-2]
         return Triangulation(np.full((*shape, 3), np.nan), np.zeros((*shape, rig.n_cameras), dtype=bool))
     proposals_m = triangulate(points_px[..., pairs, :], weights[..., pairs], rig.projection_matrices[pairs])
+    inlier_px = rig.in_own_px(_INLIER_PX) if inlier_px is None else inlier_px
     inlier_px = np.moveaxis(np.broadcast_to(inlier_px, undistorted_px.shape[:-1]), -2, -1)
     scores, inliers = _score(proposals_m, points_px, weights, rig, inlier_px)
     best = np.argmax(scores, axis=-1)

@@ -23,6 +23,7 @@ from fgpose.skeleton import Skeleton
 # Limbs of views that agree miss each other by 10 to 40 mm, calibration errors included; left and right are 200 to 400
 # mm apart. A detection that misses by this or more makes a state less probable by the factor e, whatever its distance.
 _AGREEMENT_M = 0.10
+_INLIER_PX = 40.0  # see CameraRig.in_own_px
 _STILL_M = 0.05
 _SPEED_M_PER_S = 1.5
 """A joint is expected within _STILL_M + _SPEED_M_PER_S * dt of where it was; after 0.3 s this no longer tells the sides
@@ -130,7 +131,7 @@ def _metres_per_px(
     rig: CameraRig,
 ) -> Float[np.ndarray, "frame camera"]:
     """Size of a pixel at the person, from the middles between left and right, which a flip does not move."""
-    middle = triangulate_robust(points_px.mean(axis=3), weights.min(axis=3), rig, inlier_px=40.0).positions_m
+    middle = triangulate_robust(points_px.mean(axis=3), weights.min(axis=3), rig, rig.in_own_px(_INLIER_PX)).positions_m
     depth_m = np.stack([camera.to_camera_frame(middle)[..., 2] for camera in rig.cameras], axis=1)
     depth_m = _median(np.where(depth_m > 0, depth_m, np.nan), axis=2)
     depth_m = np.where(np.isfinite(depth_m), depth_m, _median(depth_m, axis=0))

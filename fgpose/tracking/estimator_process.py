@@ -26,6 +26,8 @@ from fgpose.trajectory import Estimate
 _TIDY, _READY = "tidy", "ready"
 # On a computer that is busy starting other things.
 _STARTS_WITHIN_S = 30.0
+ANSWERS_WITHIN_S = 60.0
+"""Where there is no hurry."""
 
 Clocks = tuple[np.ndarray, OffsetEvidence]
 """Standard deviations of the prior of each camera's offset, seconds, and what the motion of other people tells."""
@@ -39,13 +41,15 @@ class EstimatorProcess:
 
     Args:
         rig, skeleton, config: as of Estimators.
-        answers_within_s: it hangs if it does not; a finite time finds out at once where it is stopped.
+        answers_within_s: it hangs if it does not, or is stopped.
 
     Raises:
         OSError: it cannot be started.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, answers_within_s: float = math.inf) -> None:
+    def __init__(
+        self, rig: CameraRig, skeleton: Skeleton, config: Config, answers_within_s: float = ANSWERS_WITHIN_S
+    ) -> None:
         self._needs, self._answers_within_s = (rig, skeleton, config), answers_within_s
         self.n_restarts = 0
         self._began_s = time.monotonic()

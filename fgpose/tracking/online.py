@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
@@ -16,7 +15,9 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import refuse_millimetres
 from fgpose.people import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
+from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import Newest
+from fgpose.tracking.jumps import Jumps
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
@@ -35,7 +36,7 @@ class Tracker:
         rig, skeleton: of the images.
         config: None: the default.
         answers_within_s: a process that does not is replaced, as one that has ended is, and one that is stopped at
-            once. Of recordings there is no hurry.
+            once. By default a minute: no busy machine takes so long.
     """
 
     def __init__(
@@ -44,11 +45,13 @@ class Tracker:
         skeleton: Skeleton,
         config: Config | None = None,
         *,
-        answers_within_s: float = math.inf,
+        answers_within_s: float = ANSWERS_WITHIN_S,
     ) -> None:
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)
+        self._people: list[Tracked] = []
+        self._jumps = Jumps()
         self._image_s: dict[str, float] = {}
         self._has_covariance: bool | None = None
         """Whether per-view 3D comes with covariance; None: there was none yet."""
@@ -71,7 +74,11 @@ class Tracker:
 
         Images of different cameras that are given together make one frame, each at its own time: one update of each
         estimator. An image that is given alone joins the frame of those before it, as Estimator.update_camera says,
-        which costs an update of its own.
+        which costs an update of its own. One that is more than a minute later than all before waits until another
+        camera says so too: its clock may be wrong.
+
+        Returns:
+            Everybody at the time of the newest image that was used.
 
         Raises:
             ValueError: a camera is not in the rig, an image has another number of joints, is not later than the one
@@ -82,12 +89,13 @@ class Tracker:
         Warns:
             UserWarning: a process of estimators ended or did not answer; the estimates of its people begin anew.
         """
-        self._check(images)
-        people: list[Tracked] = []
-        for moment in _moments(images):
-            people = self._update(moment)
+        taken = self._taken(images)
+        if not images:
+            self._people = []
+        for moment in _moments(taken):
+            self._people = self._update(moment)
         del self._follower.events[:-_MOST_EVENTS]
-        return people
+        return list(self._people)
 
     @property
     def n_restarts(self) -> int:
@@ -119,9 +127,10 @@ class Tracker:
         events, self._follower.events = self._follower.events, []
         return events
 
-    def _check(self, images: Sequence[Detections]) -> None:
+    def _taken(self, images: Sequence[Detections]) -> list[Detections]:
+        """Those of the images, and of those before, that are to be used now. Raises ValueError as update."""
         newest, has_covariance = dict(self._image_s), self._has_covariance
-        for image in sorted(images, key=lambda image: image.time_s):
+        for image in images:
             if image.camera not in self.rig.names:
                 raise ValueError(f"{image}: the rig has no such camera, only {', '.join(self.rig.names)}")
             if image.points2d_px.shape[1] != self.skeleton.n_joints:
@@ -129,6 +138,8 @@ class Tracker:
                     f"{image}: {image.points2d_px.shape[1]} joints, skeleton {self.skeleton.name} has "
                     f"{self.skeleton.n_joints}"
                 )
+        images, jumps = self._jumps.taken(images, newest)
+        for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
                 raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:g} s")
             if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
@@ -145,7 +156,8 @@ class Tracker:
         with_appearance = [*self._with_appearance, *(image for image in images if image.appearance is not None)]
         refuse_mixed_appearance(with_appearance)
         self._image_s, self._with_appearance = newest, with_appearance[:1]
-        self._has_covariance = has_covariance
+        self._has_covariance, self._jumps = has_covariance, jumps
+        return images
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
         sightings = self._follower.see(images)

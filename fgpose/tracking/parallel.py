@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 import weakref
 from collections import Counter
 from collections.abc import Collection, Mapping
+from contextlib import ExitStack
 
 from fgpose.config import Config
 from fgpose.cores import n_cores
 from fgpose.estimation.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.tracking.estimator_process import EstimatorProcess
+from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S, EstimatorProcess
 from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.trajectory import Estimate
 
@@ -24,7 +24,9 @@ class ParallelEstimators:
     one ends, or does not answer within a time, its people are estimated here.
     """
 
-    def __init__(self, rig: CameraRig, skeleton: Skeleton, config: Config, answers_within_s: float = math.inf) -> None:
+    def __init__(
+        self, rig: CameraRig, skeleton: Skeleton, config: Config, answers_within_s: float = ANSWERS_WITHIN_S
+    ) -> None:
         needs = rig, skeleton, config
         self._here, self._nothing = Estimators(*needs), OffsetEvidence.nothing(rig.n_cameras)
         n_processes = min(config.tracking.max_processes, n_cores())
@@ -62,9 +64,12 @@ class ParallelEstimators:
             for process, share in zip(self._others, shares[1:], strict=True)
             if process.send(share, (self.offsets.sigma_s, self._told_elsewhere(process)))
         ]
-        estimates = self._here.update(shares[0])
-        for process in asked:
-            estimates |= process.receive()
+        estimates: dict[int, Estimate] = {}
+        # Every answer is read, whatever is raised: one that stays in its pipe would be taken for the next.
+        with ExitStack() as answers:
+            for process in asked:
+                answers.callback(lambda process=process: estimates.update(process.receive()))
+            estimates |= self._here.update(shares[0])
         self.offsets.elsewhere = sum((process.told for process in self._others), self._nothing)
         estimates |= self._taken_here({number: new for number, new in newest.items() if number not in estimates})
         return {number: estimates[number] for number in newest}

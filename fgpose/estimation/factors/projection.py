@@ -56,8 +56,9 @@ class Projections:
         config: ProjectionConfig,
     ) -> Iterator[Projections]:
         """One table per camera."""
-        steps = np.round(_SIGMAS_PER_E_FOLD * np.log(sigma_px))
-        sigma_px = np.exp(steps / _SIGMAS_PER_E_FOLD)
+        unit_px = rig.in_own_px(1.0)
+        steps = np.round(_SIGMAS_PER_E_FOLD * np.log(sigma_px / unit_px))
+        sigma_px = unit_px * np.exp(steps / _SIGMAS_PER_E_FOLD)
         sigma_px[np.isnan(undistorted_px).any(axis=-1)] = np.inf
         measured_px = np.nan_to_num(undistorted_px)
         for number, camera in enumerate(rig.cameras):

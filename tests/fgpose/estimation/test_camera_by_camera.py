@@ -219,3 +219,34 @@ def test_a_bad_image_changes_nothing(scene: Scene) -> None:
     arrays = (array[6, 0] for array in (seen.points2d_px, seen.confidence, seen.points3d_m, seen.covariance3d_m2))
     estimate = estimator.update_camera(scene.rig.names[0], time_s, *arrays)
     np.testing.assert_array_equal(estimate.positions_m, expected[-1].positions_m)
+
+
+ORDERS = {
+    "first to last": np.tile(np.arange(4), (16, 1)),
+    "last to first": np.tile(np.arange(4)[::-1], (16, 1)),
+    "shuffled": np.random.default_rng(2).permuted(np.tile(np.arange(4), (16, 1)), axis=1),
+}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_all_images_are_judged_in_any_order(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton, order: str) -> None:
+    """What is learned of each camera and each detection is what whole frames tell: no image is judged before there is
+    another to compare it with, and none that joins makes the others forget what they knew."""
+    noise, n_frames = DetectionNoise(correlated_px=0.0), len(ORDERS[order])
+    scene = simulate(walking(n_frames, 30.0), skeleton, rig, 30.0, noise, NO_OCCLUSION, seed=0)
+    seen = scene.observations
+    points2d_px = seen.points2d_px.copy()
+    points2d_px[:, 1, 13] += 60.0  # hallucinated all the time
+    by_frames, by_images = (fgpose.Estimator(rig, skeleton, ONLY_POSES) for _ in range(2))
+    for frame, time_s in enumerate(seen.frame_time_s.tolist()):
+        by_frames.update_arrays(time_s, points2d_px[frame], seen.confidence[frame])
+        for c in ORDERS[order][frame].tolist():
+            by_images.update_camera(rig.names[c], time_s, points2d_px[frame, c], seen.confidence[frame, c])
+    ours, whole = by_images._visibility, by_frames._visibility
+    # The poses differ by where the graphs were linearised.
+    np.testing.assert_allclose(ours._measurements, whole._measurements, rtol=0.05)
+    np.testing.assert_allclose(ours._spread_m, whole._spread_m, rtol=0.1)
+    visibility = [each._window[-1].evidence.visibility for each in (by_images, by_frames)]
+    np.testing.assert_allclose(visibility[0], visibility[1], atol=0.1)
+    weights = [each._window[-1].evidence.weights[0, 1, 13] for each in (by_images, by_frames)]
+    assert weights[0] == pytest.approx(weights[1], rel=0.2)

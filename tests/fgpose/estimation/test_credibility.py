@@ -33,7 +33,7 @@ def at_once(confidence: np.ndarray) -> np.ndarray:
 def of_stream(confidence: np.ndarray, time_s: np.ndarray) -> np.ndarray:
     running, said = RunningCredibility(*confidence.shape[1:]), []
     for frame, now_s in zip(confidence, time_s, strict=True):
-        running.add(frame[None], float(now_s))
+        running = running.plus(frame[None], float(now_s))
         said.append(running.credible(frame[None])[0])
     return np.array(said)
 

@@ -233,11 +233,11 @@ def test_camera_by_camera_the_spread_is_that_of_whole_frames(rig: CameraRig, ske
     truth_m, evidence = exact(rig, skeleton, STEP_S * np.arange(60))
     evidence = with_noise(evidence, 10.0)
     sigma_px = []
-    for groups in (NEW[None], np.eye(4, dtype=bool)):
+    for groups in (NEW[None], np.tri(4, dtype=bool)):
         running = RunningVisibility(4, skeleton, CONFIG)
         for frame, position_m in enumerate(truth_m):
-            for is_new in groups:
-                running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, is_new)
+            for has_image in groups:
+                running.add(position_m, STILL, evidence.frames(slice(frame, frame + 1)), rig, has_image)
         sigma_px.append(running.predicted(evidence.frames(slice(-1, None)), truth_m[-1], rig).sigma_px)
     np.testing.assert_allclose(sigma_px[0], sigma_px[1], rtol=2e-3)  # one detection may change sides of the median
 

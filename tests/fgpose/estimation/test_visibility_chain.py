@@ -124,3 +124,12 @@ def test_half_a_change_of_the_probability_is_half_a_transition() -> None:
     stays = Stays.of(probability, np.array([np.inf, 0.1, 0.2, 3600.0]), detected)
     expected = Stays(visible_s=0.1 + 0.1, hidden_s=0.1 + 0.1, to_hidden=0.5, to_visible=0.25 + 0.2)
     assert astuple(stays) == pytest.approx(astuple(expected))
+
+
+def test_an_hour_without_occlusion_is_forgotten() -> None:
+    """What is usual after it is what was usual after ten minutes."""
+    stays, usual = Stays(), dict[int, float]()
+    for frame in range(36_000):
+        stays = stays.then(Stays(visible_s=68 * 0.1), 0.1)
+        usual[frame] = stays.visible_s
+    assert usual[35_999] == pytest.approx(usual[5_999], rel=1e-4)

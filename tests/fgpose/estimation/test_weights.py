@@ -11,12 +11,12 @@ from fgpose.config import ProjectionConfig
 from fgpose.estimation.fusion import Fusion, fuse
 from fgpose.estimation.weights import LEAST_WEIGHT, detection_weights
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import Scene
+from fgpose.synthetic import Scene, ring_rig
 
 
 def weights_of(scene: Scene, rig: CameraRig, **settings: str) -> np.ndarray:
     config = replace(ProjectionConfig(), **settings)
-    return detection_weights(fuse(scene.observations, rig), scene.observations.confidence, config)
+    return detection_weights(fuse(scene.observations, rig), scene.observations.confidence, rig, config)
 
 
 @pytest.mark.parametrize("weighting", ["fusion", "confidence", "uniform"])
@@ -48,7 +48,7 @@ def test_the_nearest_other_view_decides() -> None:
     blank = np.ones((1, 3, 1))
     fusion = Fusion(np.zeros((1, 1, 3)), blank, blank, by_view_px2)
     config = ProjectionConfig(confirming_px=10.0, agreement_px=30.0)
-    weights = detection_weights(fusion, np.full((1, 3, 1), 0.6), config)
+    weights = detection_weights(fusion, np.full((1, 3, 1), 0.6), ring_rig(3), config)
     nearest_px2 = np.array([400.0, 900.0, 100.0])
     trust = 1 - 0.4 * (1 - 1 / (1 + nearest_px2 / 100.0))
     np.testing.assert_allclose(weights[0, :, 0], trust / (1 + nearest_px2 / 900.0))
@@ -57,7 +57,7 @@ def test_the_nearest_other_view_decides() -> None:
 def test_what_another_view_confirms_needs_no_confidence() -> None:
     fusion = Fusion(np.zeros((1, 1, 3)), np.ones((1, 3, 1)), np.ones((1, 3, 1)), np.full((1, 3, 3, 1), 1.0))
     confidence = np.array([0.05, 0.5, 1.0])[None, :, None]
-    weights = detection_weights(fusion, confidence, ProjectionConfig())
+    weights = detection_weights(fusion, confidence, ring_rig(3), ProjectionConfig())
     np.testing.assert_allclose(weights, 1.0, atol=4e-3)  # off by 1 px of 20: 1 / 400 is lacking
 
 
@@ -71,12 +71,14 @@ def test_of_two_views_that_contradict_each_other_neither_is_confirmed() -> None:
     confidence = np.full((1, 3, 2), 0.5)
     confidence[0, 2, 1] = 0.0
     fusion = Fusion(np.zeros((1, 2, 3)), np.ones((1, 3, 2)), np.ones((1, 3, 2)), by_view_px2)
-    weights = detection_weights(fusion, confidence, ProjectionConfig(confirming_px=1e-3, agreement_px=100.0))
+    weights = detection_weights(
+        fusion, confidence, ring_rig(3), ProjectionConfig(confirming_px=1e-3, agreement_px=100.0)
+    )
     np.testing.assert_allclose(weights[0, :, 0], 0.25)  # off by agreement_px: half
     np.testing.assert_allclose(weights[0, :2, 1], 0.5)
 
 
 def test_a_lone_view_keeps_its_confidence() -> None:
     fusion = Fusion(np.zeros((1, 1, 3)), np.ones((1, 1, 1)), np.ones((1, 1, 1)), np.zeros((1, 1, 1, 1)))
-    weights = detection_weights(fusion, np.full((1, 1, 1), 0.8), ProjectionConfig())
+    weights = detection_weights(fusion, np.full((1, 1, 1), 0.8), ring_rig(1), ProjectionConfig())
     np.testing.assert_allclose(weights, 0.8)

@@ -10,6 +10,7 @@ import fgpose
 from fgpose.assessment.people import evaluate_people
 from fgpose.people import Detections
 from fgpose.synthetic import CrowdScene
+from tests.states import state_of
 
 FAST = fgpose.Config(online={"lag_s": 0.2, "covariance": False}, tracking={"max_processes": 1})
 
@@ -132,13 +133,44 @@ def test_bad_per_view_3d_is_named_and_changes_nothing(scene: CrowdScene):
     first, second = (in_3d(image, scene.rig) for image in moments(scene)[0][:2])
     assert second.points3d_m is not None
     tracker.update([first])
+    before = state_of(tracker)
     message = "camera ring_1, image at 0 s: points3d_m has a median coordinate of .* millimetres"
     with pytest.raises(ValueError, match=message):
         tracker.update([replace(second, points3d_m=1e5 * second.points3d_m)])
     message = "camera ring_1, image at 0 s: give a covariance3d_m2 with all points3d_m or with none"
     with pytest.raises(ValueError, match=message):
         tracker.update([replace(second, covariance3d_m2=None)])
+    assert state_of(tracker) == before
     tracker.update([second])
+
+
+@pytest.mark.parametrize("n_wrong", [1, 3])
+def test_one_wrong_stamp_changes_nothing(scene: CrowdScene, n_wrong: int):
+    """Whoever is tracked is tracked on, and the other cameras are heard."""
+    trackers = [fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST) for _ in range(2)]
+    before: list[list[fgpose.Tracked]] = []
+    for images in moments(scene)[:12]:
+        before = [tracker.update(images) for tracker in trackers]
+    wrong = [replace(moments(scene)[12][0], time_s=1e6 + n) for n in range(n_wrong)]
+    assert len(before[0]) == 2
+    for image in wrong:
+        assert [each.person for each in trackers[0].update([image])] == [each.person for each in before[0]]
+    for images in moments(scene)[12:14]:
+        people, others = (tracker.update(images) for tracker in trackers)
+        for each, other in zip(people, others, strict=True):
+            np.testing.assert_array_equal(each.estimate.positions_m, other.estimate.positions_m)
+
+
+def test_after_a_pause_all_are_heard_again(scene: CrowdScene):
+    """One by one too: the second camera confirms the time of the first."""
+    tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
+    people: list[fgpose.Tracked] = []
+    for images in moments(scene)[:2]:
+        tracker.update(images)
+    for images in moments(scene)[2:12]:
+        for image in images:
+            people = tracker.update([replace(image, time_s=image.time_s + 1000.0)])
+    assert len(people) == 2
 
 
 @pytest.mark.parametrize(
@@ -156,6 +188,8 @@ def test_bad_images_are_named_and_change_nothing(
     tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
     first = moments(scene)[0]
     tracker.update([image for image in first if image.camera != "ring_1"])
+    before = state_of(tracker)
     with pytest.raises(ValueError, match=message):
         tracker.update([Detections(camera, time_s, np.zeros((1, n_joints, 2)), np.ones((1, n_joints)))])
+    assert state_of(tracker) == before
     tracker.update([image for image in first if image.camera == "ring_1"])

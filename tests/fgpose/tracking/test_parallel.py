@@ -102,9 +102,9 @@ def test_a_process_that_ends_is_started_again(scene: CrowdScene, estimators: Par
     assert [each.frame for each in estimators.update(newest(scene, 3, (0, 1))).values()] == [3, 1]
 
 
-def test_a_process_that_is_stopped_is_replaced_where_there_is_hurry(scene: CrowdScene):
-    # Longer than the test may take: it is found out otherwise.
-    with contextlib.closing(ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG, 1e3)) as estimators:
+def test_a_process_that_is_stopped_is_replaced(scene: CrowdScene):
+    # Not because the time is over, which would be longer than the test may take.
+    with contextlib.closing(ParallelEstimators(scene.rig, scene.motion.skeleton, CONFIG)) as estimators:
         estimators.update(newest(scene, 0, (0, 1)))
         (before,) = process_ids(estimators)
         os.kill(before, signal.SIGSTOP)
@@ -167,6 +167,17 @@ def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
         process.receive()
     process.close()
     process.close()
+
+
+def test_what_one_estimator_raises_delays_nobody(scene: CrowdScene, estimators: ParallelEstimators):
+    """An answer that is not read would be taken for that of the next update, for ever."""
+    estimators.update(newest(scene, 0, (0, 1)))
+    wrong = Newest("door", 0.0, {"points2d_px": np.zeros((17, 2))})
+    with pytest.raises(ValueError, match="door"):
+        estimators.update(newest(scene, 1, (0, 1)) | {0: wrong})
+    after = newest(scene, 2, (0, 1))
+    times_s = {person: estimate.time_s for person, estimate in estimators.update(after).items()}
+    assert times_s == {person: float(np.mean(new.time_s)) for person, new in after.items()}
 
 
 def test_one_core_starts_no_process(scene: CrowdScene, monkeypatch: pytest.MonkeyPatch):
