@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config, DepthConfig
 from fgpose.estimation.credibility import credible
-from fgpose.estimation.delays import delays_s, image_shift_px
+from fgpose.estimation.delays import by_mean_clock, delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
 from fgpose.estimation.plausibility import Bodies, far_outside_images
@@ -239,7 +239,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
 
     Args:
         observations: of one person.
-        rig: cameras of the observations, in their order.
+        rig: cameras of the observations, in their order. What all are late by counts as the time of the frames.
         config: the parameters.
 
     Raises:
@@ -247,6 +247,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     """
     observations.check_cameras(rig.names)
     refuse_changing(rig)
+    observations, rig = by_mean_clock(observations, rig)
     said = credible(observations.confidence, observations.frame_time_s)
     starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
     parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
