@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.common_clock import on_common_clock
+from fgpose.association.common_clock import are_single_images, on_common_clock
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
@@ -31,8 +31,8 @@ _CARRIED_ON_S = 0.1
 
 
 def of_one_moment(observations: Observations, rig: CameraRig) -> tuple[Observations, CameraRig]:
-    """The same by the mean clock of the cameras; where one of them is far from it, the images that were taken together
-    make other frames (on_common_clock).
+    """The same by the mean clock of the cameras; where one of them is far from it, or each frame is one image, the
+    images that were taken together make other frames (on_common_clock).
 
     Raises:
         ValueError: the cameras differ, or a clock or a pose changes.
@@ -40,7 +40,7 @@ def of_one_moment(observations: Observations, rig: CameraRig) -> tuple[Observati
     observations.check_cameras(rig.names)
     refuse_changing(rig)
     observations, rig = by_mean_clock(observations, rig)
-    is_near = np.abs(rig.time_offsets_s).max() <= _CARRIED_ON_S
+    is_near = np.abs(rig.time_offsets_s).max() <= _CARRIED_ON_S and not are_single_images(observations)
     return (observations, rig) if is_near else on_common_clock(observations, rig)
 
 

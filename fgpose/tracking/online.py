@@ -130,7 +130,7 @@ class Tracker:
                     f"{self.skeleton.n_joints}"
                 )
             if image.time_s <= newest.get(image.camera, -np.inf):
-                raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:g} s")
+                raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
             if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
                 raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
             newest[image.camera] = image.time_s
