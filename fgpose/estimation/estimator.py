@@ -407,6 +407,7 @@ class Estimator:
             visibility=state.evidence.detection_visibility[0],
             is_implausible=bool(state.evidence.implausible[0]),
             smoothed=self._lagged(state.at.time_s),
+            n_repairs=self.repairs,
         )
 
     def _lagged(self, time_s: float) -> Estimate | None:
