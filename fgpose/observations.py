@@ -141,8 +141,8 @@ class Observations:
         if backward.size:
             frame = backward[0] + 1
             raise ValueError(
-                f"time_s must increase: frame {frame} is at {frame_time_s[frame]:g} s, "
-                f"the one before at {frame_time_s[frame - 1]:g} s"
+                f"time_s must increase: frame {frame} is at {frame_time_s[frame]:.13g} s, "
+                f"the one before at {frame_time_s[frame - 1]:.13g} s"
             )
         return time_s
 

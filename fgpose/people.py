@@ -95,7 +95,7 @@ class Detections:
             raise ValueError(f"{self}, person {person}, joint number {joint}: {what}")
 
     def __str__(self) -> str:
-        return f"camera {self.camera}, image at {self.time_s:g} s"
+        return f"camera {self.camera}, image at {self.time_s:.13g} s"
 
     @property
     def n_people(self) -> int:

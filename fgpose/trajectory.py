@@ -207,6 +207,8 @@ class Estimate:
     is_implausible: bool = False
     """Whether the detections of the newest frame, or those that came last, make no body (joints tens of metres apart)
     and were left out."""
+    n_repairs: int = 0
+    """How often GTSAM has failed so far, and the window was eliminated anew (Estimator.repairs)."""
 
     def __getitem__(self, joint: str) -> Float[np.ndarray, 3]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""

@@ -21,8 +21,8 @@ Recording = TypeVar("Recording", Observations, PeopleObservations)
 
 
 def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, CameraRig]:
-    """The recording by the clock of the rig, if a camera's time offset is more than half a frame or if a clock or a
-    pose changes; else as it is.
+    """The recording by the clock of the rig, if a camera's time offset is more than half a frame, if a clock or a pose
+    changes or if no frame has images of two cameras; else as it is.
 
     The estimators correct small offsets by the motion of the joints. Videos that began seconds apart must have the
     right images put together first: the clocks of the rig are applied to the times of the images, and its offsets are
@@ -40,7 +40,8 @@ def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, Camer
     if isinstance(people, PeopleObservations):
         step_s = min(usual_step_s(people.times_s(name)) for name in rig.names)
         return _together(people, rig) if is_changing(rig) or is_far_off(rig, step_s) else (people, rig)
-    if not is_changing(rig) and not is_far_off(rig, usual_step_s(people.frame_time_s)):
+    is_far = is_far_off(rig, usual_step_s(people.frame_time_s))
+    if not is_changing(rig) and not is_far and not are_single_images(people):
         return people, rig
     together, on_clock = _together(PeopleObservations.of_one(replace(people, camera_names=rig.names)), rig)
     return together.of_person(together.only()), on_clock
@@ -76,6 +77,12 @@ def _on_clock(image: Detections, camera: Camera) -> Detections:
 def _without_doubles(images: tuple[Detections, ...]) -> tuple[Detections, ...]:
     """Where a clock jumps back, images before and after have the same time: the later ones count."""
     return tuple({(image.camera, round(image.time_s, 9)): image for image in images}.values())
+
+
+def are_single_images(observations: Observations) -> bool:
+    """Whether each of several cameras has frames of its own: images that come one by one."""
+    time_s = observations.time_s
+    return time_s.ndim == 2 and time_s.shape[1] > 1 and bool((np.isfinite(time_s).sum(axis=1) <= 1).all())
 
 
 def is_far_off(rig: CameraRig, step_s: float) -> bool:

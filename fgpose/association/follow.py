@@ -42,7 +42,7 @@ _HARDLY, _TENTATIVE_S = -2.0, 0.2
 # How far from where they are predicted somebody who coasts is found again: the body may have turned round.
 _FOUND_AGAIN_M, _WALKS_MPS = 0.3, 1.0
 _COASTING_S = 0.1  # without a detection for longer, the pose is called predicted
-# Two tracks whose middles stay this near for this long are one person, found twice.
+# Two tracks whose middles stay this near for this long are one person, found twice; unless they were seen apart.
 _ONE_BODY_M, _ONE_BODY_S = 0.2, 0.3
 
 
@@ -116,6 +116,7 @@ class Follower:
         moment = Moment.of(images, self.rig)
         tracks = np.array([track.number for track in self.tracks], dtype=int)
         matches = self._match(moment)
+        self._tell_apart(matches)
         self._look(images, matches)
         free = moment.without(~matches.is_free)
         self._free |= {name: free.of_camera(c) for c, name in enumerate(moment.cameras.names)}
@@ -138,6 +139,19 @@ class Follower:
         people, matches = follow(people, priority, moment, self._skeleton.mirror)
         self._score(people, matches, moment)
         return matches
+
+    def _tell_apart(self, matches: Matches) -> None:
+        """Who are seen in one image, each at a place of their own, are two, however near they come to each other."""
+        is_seen = matches.chosen != NOBODY
+        numbers = {track.number for track in self.tracks}
+        for k, track in enumerate(self.tracks):
+            track.apart_from &= numbers
+            if track.is_confirmed:
+                track.apart_from |= {
+                    other.number
+                    for n, other in enumerate(self.tracks)
+                    if other.is_confirmed and (is_seen[:, k] & is_seen[:, n]).any() and not _at_one_place(track, other)
+                }
 
     def _look(self, images: Sequence[Detections], matches: Matches) -> None:
         for c, image in enumerate(images):
@@ -267,7 +281,8 @@ class Follower:
                 elder
                 for elder in live[:n]
                 if elder.state is not TrackState.ENDED
-                and np.linalg.norm(elder.middle_m - younger.middle_m) <= _ONE_BODY_M
+                and elder.number not in younger.apart_from
+                and _at_one_place(elder, younger)
             ]
             younger.near_s = {elder.number: younger.near_s.get(elder.number, now_s) for elder in elders}
             for elder in elders:
@@ -280,3 +295,7 @@ class Follower:
 
     def _note(self, time_s: float, track: Track, what: str, reason: str) -> None:
         self.events.append(TrackEvent(time_s, track.person, what, reason))
+
+
+def _at_one_place(one: Track, other: Track) -> bool:
+    return bool(np.linalg.norm(one.middle_m - other.middle_m) <= _ONE_BODY_M)

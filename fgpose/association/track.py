@@ -66,6 +66,8 @@ class Track:
     """When each camera last told for or against them."""
     near_s: dict[int, float] = field(default_factory=dict)
     """Since when they are at the place of another track, by its number."""
+    apart_from: set[int] = field(default_factory=set)
+    """Numbers of those who were seen beside them in one image."""
 
     def __post_init__(self) -> None:
         self.founded_m = self.middle_m

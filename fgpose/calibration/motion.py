@@ -5,18 +5,20 @@ from __future__ import annotations
 import warnings
 
 from fgpose.config import Config
-from fgpose.estimation.smoother import smooth
+from fgpose.estimation.evidence import gather
+from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.trajectory import Trajectory
 
 
 def smoothed_motion(observations: Observations, rig: CameraRig, config: Config) -> Trajectory:
-    """fgpose.smooth without covariances, and without its warning: whether it has converged is part of every result."""
+    """fgpose.smooth of the frames as they are, without covariances, and without its warning: whether it has converged
+    is part of every result."""
     config = config.replace(solver={"covariance": False})
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*converge")
-        return smooth(observations, rig, config)
+        return smooth_evidence(gather(observations, rig, config), observations.skeleton, rig, config)
 
 
 def has_converged(trajectory: Trajectory) -> bool:

@@ -24,7 +24,7 @@ from fgpose.calibration.sightings import (
     sighting_weights,
 )
 from fgpose.config import Config
-from fgpose.estimation.delays import delays_s, on_time_px
+from fgpose.estimation.delays import by_mean_clock, delays_s, on_time_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
@@ -138,7 +138,7 @@ def _on_time_px(
 ) -> tuple[Float[np.ndarray, "frame camera joint 2"], bool]:
     """The detections of all frames, undistorted, and whether what they rest on has converged; the motion is only
     estimated where there are delays to be undone."""
-    if not delays_s(observations, rig).any():
+    if not delays_s(*by_mean_clock(observations, rig)).any():
         return rig.undistort(observations.points2d_px), True
     trajectory = smoothed_motion(observations, rig, config)
     return on_time_px(observations, rig, trajectory.positions_m), has_converged(trajectory)

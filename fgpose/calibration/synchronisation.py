@@ -61,7 +61,7 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
         raise ValueError(f"it is not found when the cameras began: {in_words(failed)}")
     names = [name for name, is_trusted in zip(rig.names, starts.trusted.tolist(), strict=True) if is_trusted]
     offsets_s = _offsets_s(starts, [track for track in tracks if track.camera in names])
-    own = rig.subset(names).with_time_offsets(offsets_s - offsets_s[0])
+    own = rig.subset(names).with_starts(offsets_s - offsets_s[0])
     findings = tuple(_with_remedy(each) for each in starts.findings)
     return Synchronised(own, starts.sigma_s[starts.trusted], findings)
 

@@ -81,10 +81,10 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
     """Calibrate cameras from nothing but people who walk through the scene.
 
     No board, no common start: one person walks for half a minute where all cameras look (docs/calibrate.md says how).
-    Writes the rig, with the start of each camera (time_offset_s), and a scene for the viewer beside it; prints what is
-    known of each camera and how well, and a verdict with reasons and remedies. The world has z up, the floor at z = 0
-    and its origin under the first camera. If the calibration fails, no rig is written and the exit code is 1; it is 2
-    if the input allows none.
+    Writes the rig, with the start of each camera (time_offset_s and start_s), and a scene for the viewer beside it;
+    prints what is known of each camera and how well, and a verdict with reasons and remedies. The world has z up, the
+    floor at z = 0 and its origin under the first camera. If the calibration fails, no rig is written and the exit code
+    is 1; it is 2 if the input allows none.
 
     With --from a rig that was right is corrected instead: the cameras that were bumped get new poses.
 

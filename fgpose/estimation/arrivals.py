@@ -63,7 +63,7 @@ class Arrivals:
         """
         own_s, name = image_time_s[:, camera], self._names[camera]
         if (own_s == time_s).any():
-            raise ValueError(f"camera {name} gave an image at {time_s:g} s before; this one was not used")
+            raise ValueError(f"camera {name} gave an image at {time_s:.13g} s before; this one was not used")
         newer_s = time_s - frame_time_s[-1] if len(frame_time_s) else np.inf
         if (
             np.isinf(newer_s)
@@ -74,8 +74,8 @@ class Arrivals:
         apart_s = np.where(np.isnan(own_s), np.abs(frame_time_s - time_s), np.nan)
         if not (apart_s <= self.usual_step_s).any():
             raise TooLateError(
-                f"camera {name}: no frame near {time_s:g} s waits for its image; the window begins at "
-                f"{frame_time_s[0]:g} s; the image was not used"
+                f"camera {name}: no frame near {time_s:.13g} s waits for its image; the window begins at "
+                f"{frame_time_s[0]:.13g} s; the image was not used"
             )
         return int(np.nanargmin(apart_s))
 
@@ -110,7 +110,7 @@ def check_frame(frame: Observations, skeleton: Skeleton, newest_s: float) -> Non
         raise ValueError(f"the frame has skeleton {frame.skeleton.name}, the estimator {skeleton.name}")
     if frame.frame_time_s[0] <= newest_s:
         raise TooLateError(
-            f"time must increase: got a frame at {frame.frame_time_s[0]:g} s after one at {newest_s:g} s; "
+            f"time must increase: got a frame at {frame.frame_time_s[0]:.13g} s after one at {newest_s:.13g} s; "
             "it was not used"
         )
 

@@ -46,7 +46,8 @@ _FASTEST_MPS = 1e4  # frames that are microseconds apart hardly tell velocities
 
 
 class Estimator:
-    """The pose of one person, live: each update takes the newest frame and returns the pose at its time.
+    """The pose of one person, live: each update takes the newest frame and returns the pose at its time, which is the
+    mean time at which the cameras took it: time stamps, and the mean time offset of the rig.
 
     The window holds online.lag_s. Bone lengths are learned as it runs (RunningLengths) and enter as GTSAM's native
     range factors, so that no Python callback is left in iSAM2. With online.estimate_time_offsets it also learns how
@@ -65,7 +66,8 @@ class Estimator:
     ) -> None:
         refuse_changing(rig)
         self.rig, self.skeleton, self.config = rig, skeleton, config or Config()
-        self._rig = rig
+        # The time of a frame is by the mean clock, as in the batch (by_mean_clock): only what leaves has the true time.
+        self._late_s, self._rig = rig.common_offset_s, rig.without_common_offset()
         self._lengths = RunningLengths(skeleton, self.config)
         self._window: deque[FrameState] = deque()
         self._last = LastSeen(skeleton.n_joints)
@@ -91,7 +93,7 @@ class Estimator:
     @property
     def rig_with_offsets(self) -> CameraRig:
         """The rig with the time offsets learned so far; as it was given unless online.estimate_time_offsets."""
-        return self._rig
+        return self._rig.with_time_offsets(self._rig.time_offsets_s + self._late_s) if self._late_s else self._rig
 
     @property
     def newest(self) -> Estimate | None:
@@ -312,9 +314,11 @@ class Estimator:
             return
         state = self._window[-1]
         detections, time_s = (state.evidence.measured_px[0], state.evidence.weights[0]), state.at.time_s
-        self._offsets.add(time_s, state.step_s, state.positions_m, state.velocities_mps, *detections, self._rig)
+        motion = state.step_s, state.positions_m, state.velocities_mps
+        self._offsets.add(time_s, *motion, *detections, self.rig_with_offsets)
         if time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
-            self._rig, self._offsets_applied_s = self._offsets.rig(), time_s
+            learned, self._offsets_applied_s = self._offsets.rig(), time_s
+            self._rig = learned.with_time_offsets(learned.time_offsets_s - self._late_s)
 
     def _predicted(
         self, frame: Observations, gathered: Evidence, image_time_s: Float[np.ndarray, " camera"]
@@ -399,7 +403,7 @@ class Estimator:
         return Estimate(
             skeleton=self.skeleton,
             frame=state.at.frame,
-            time_s=state.at.time_s,
+            time_s=state.at.time_s + self._late_s,
             positions_m=state.positions_m,
             status=state.status,
             covariance_m2=covariance_m2,
@@ -407,6 +411,7 @@ class Estimator:
             visibility=state.evidence.detection_visibility[0],
             is_implausible=bool(state.evidence.implausible[0]),
             smoothed=self._lagged(state.at.time_s),
+            n_repairs=self.repairs,
         )
 
     def _lagged(self, time_s: float) -> Estimate | None:
@@ -416,8 +421,8 @@ class Estimator:
             return None
         oldest = self._graph.read(oldest)
         covariance_m2 = self._lagged_covariance_m2(oldest) if self.config.online.smoothed_covariance else None
-        frame, time_s = oldest.at.frame, oldest.at.time_s
-        return Estimate(self.skeleton, frame, time_s, oldest.positions_m, oldest.status, covariance_m2)
+        frame, taken_s = oldest.at.frame, oldest.at.time_s + self._late_s
+        return Estimate(self.skeleton, frame, taken_s, oldest.positions_m, oldest.status, covariance_m2)
 
     def _lagged_covariance_m2(self, oldest: FrameState) -> np.ndarray:
         later_s = [state.since_seen_s(oldest.at.time_s) for state in self._window]

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config, DepthConfig
 from fgpose.estimation.credibility import credible
-from fgpose.estimation.delays import delays_s, image_shift_px
+from fgpose.estimation.delays import by_mean_clock, delays_s, image_shift_px
 from fgpose.estimation.detection_bias import Bias
 from fgpose.estimation.fusion import fuse_undistorted
 from fgpose.estimation.plausibility import Bodies, far_outside_images
@@ -239,7 +239,7 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
 
     Args:
         observations: of one person.
-        rig: cameras of the observations, in their order.
+        rig: cameras of the observations, in their order. What all are late by counts as the time of the frames.
         config: the parameters.
 
     Raises:
@@ -247,10 +247,9 @@ def gather(observations: Observations, rig: CameraRig, config: Config) -> Eviden
     """
     observations.check_cameras(rig.names)
     refuse_changing(rig)
+    observations, rig = by_mean_clock(observations, rig)
     said = credible(observations.confidence, observations.frame_time_s)
-    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
-    parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
-    evidence = concatenated([_gather(observations.frames(part), rig, config, said[part]) for part in parts])
+    evidence = _gather(observations, rig, config, said)
     bodies = _bodies(evidence, observations.skeleton)
     bodies.refuse_millimetres()
     if not bodies.implausible.any() or bodies.are_mostly_implausible:
@@ -316,6 +315,28 @@ def _without(
 def _gather(
     observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
 ) -> Evidence:
+    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
+    parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
+    gathered = [_without_depths(observations.frames(part), rig, config, credible[part]) for part in parts]
+    triangulated_m = np.concatenate([part_m for _, part_m in gathered])
+    evidence = concatenated([part for part, _ in gathered])
+    if config.depth.use == "never" or observations.points3d_m is None:
+        return evidence
+    # Of all frames together: the whole recording tells how good the depths are.
+    rays, depth_sigma_m = _depths(observations, observations.points3d_m, rig, triangulated_m, config.depth)
+    return replace(
+        evidence,
+        views_m=observations.points3d_m,
+        rays=rays,
+        depth_sigma_m=depth_sigma_m,
+        anchored=evidence.anchored & ~np.isfinite(depth_sigma_m).any(axis=1),
+    )
+
+
+def _without_depths(
+    observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
+) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
+    """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
     far_outside = far_outside_images(observations.points2d_px, rig)
     undistorted_px = rig.undistort(observations.points2d_px)
     triangulated_m = triangulate_robust(
@@ -327,9 +348,9 @@ def _gather(
     triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
     fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
     guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
-    views_m, rays, depth_sigma_m = _depths(observations, rig, triangulated_m, config.depth)
-    has_depth = np.isfinite(depth_sigma_m).any(axis=1)
-    return Evidence(
+    no_view = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
+    nowhere = no_view[..., None].repeat(3, axis=-1)
+    evidence = Evidence(
         time_s=observations.frame_time_s,
         undistorted_px=undistorted_px,
         bias_px=np.zeros_like(undistorted_px),
@@ -342,25 +363,25 @@ def _gather(
         fused_m=fusion.positions_m,
         guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
         off_path_m=np.full_like(triangulated_m, np.nan),
-        anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1) & ~has_depth,
-        views_m=views_m,
-        rays=rays,
-        depth_sigma_m=depth_sigma_m,
+        anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1),
+        views_m=nowhere,
+        rays=nowhere,
+        depth_sigma_m=no_view,
         from_bones=np.zeros(triangulated_m.shape[:2], dtype=bool),
         delay_s=delays_s(observations, rig),
         implausible=2 * far_outside.sum(axis=(1, 2)) > observations.seen.sum(axis=(1, 2)),
     )
+    return evidence, triangulated_m
 
 
 def _depths(
-    observations: Observations, rig: CameraRig, triangulated_m: Float[np.ndarray, "frame joint 3"], config: DepthConfig
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Evidence.views_m, rays and depth_sigma_m."""
-    views_m = observations.points3d_m
-    if config.use == "never" or views_m is None:
-        nothing = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
-        nowhere = nothing[..., None].repeat(3, axis=-1)
-        return nowhere, nowhere, nothing
+    observations: Observations,
+    views_m: Float[np.ndarray, "frame camera joint 3"],
+    rig: CameraRig,
+    triangulated_m: Float[np.ndarray, "frame joint 3"],
+    config: DepthConfig,
+) -> tuple[Float[np.ndarray, "frame camera joint 3"], Float[np.ndarray, "frame camera joint"]]:
+    """Evidence.rays and depth_sigma_m of these observations with per-view 3D."""
     position_m = np.array([camera.position_m for camera in rig.cameras])[:, None]
     depth = ViewDepth.of(views_m, observations.covariance3d_m2, position_m)
     rays, distance_m, sigma_m = depth.rays, depth.distance_m, depth.sigma_m
@@ -371,7 +392,7 @@ def _depths(
     if config.use == "few_views":
         few = observations.seen.sum(axis=1, keepdims=True) <= _FEW_VIEWS
         sigma_m = np.where(few, sigma_m, np.nan)
-    return views_m, rays, sigma_m
+    return rays, sigma_m
 
 
 def _relative_sigma(error: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
+from fgpose.estimation.delays import of_one_moment
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
@@ -39,6 +40,7 @@ def refine(
         ValueError: the cameras of the observations and of the rig differ.
     """
     config = config or Config()
+    observations, rig = of_one_moment(observations, rig)
     return refine_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
 
 

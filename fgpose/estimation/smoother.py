@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.delays import image_motion_px, motion_m
+from fgpose.estimation.delays import image_motion_px, motion_m, of_one_moment
 from fgpose.estimation.error_components import covariance_of_errors_m2
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.few_view_errors import widened
@@ -63,9 +63,11 @@ def smooth(
         progress: told after each window.
 
     Returns:
-        The trajectory of all frames; its convergence says whether the optimiser settled in every window. Where nobody
-        is there (before the first and after the last sighting, and between sightings farther apart than
-        tracking.coast_s, see fgpose.estimation.presence) it is NaN: Trajectory.absent.
+        The trajectory of all frames, each at the mean time at which the cameras took it: by time stamps and time
+        offsets. Where a camera's clock is more than 0.1 s from their mean, the images that were taken together make
+        other frames than in the observations (on_common_clock). Its convergence says whether the optimiser settled in
+        every window. Where nobody is there (before the first and after the last sighting, and between sightings farther
+        apart than tracking.coast_s, see fgpose.estimation.presence) it is NaN: Trajectory.absent.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.
@@ -74,6 +76,7 @@ def smooth(
         UserWarning: a window did not converge within solver.max_iterations.
     """
     config = config or Config()
+    observations, rig = of_one_moment(observations, rig)
     return smooth_evidence(gather(observations, rig, config), observations.skeleton, rig, config, progress)
 
 

@@ -59,6 +59,8 @@ class Camera:
     lens: LensModel = "pinhole"
     time_offset_s: float = 0.0
     """How much later than its time stamps say the camera takes its images."""
+    start_s: float = 0.0
+    """The part of time_offset_s that is not of the camera but of a recording: when that began."""
     clock_drift: float = 0.0
     """How much later still for each second of the time stamps: 0.001 if 29.97 Hz were taken for 30. What changes in
     time is accounted for by fgpose.on_common_clock, which the commands call."""
@@ -74,7 +76,7 @@ class Camera:
             object.__setattr__(self, name, array)
             if not np.isfinite(array).all():
                 raise ValueError(f"camera {self.name}: {name} contains a number that is not finite")
-        if not np.isfinite([self.time_offset_s, self.clock_drift, *np.ravel(self.clock_jumps)]).all():
+        if not np.isfinite([self.time_offset_s, self.start_s, self.clock_drift, *np.ravel(self.clock_jumps)]).all():
             raise ValueError(f"camera {self.name}: the time offset, a drift or a jump of the clock is not finite")
         self._check_shapes()
         self._check_intrinsics()
@@ -286,11 +288,44 @@ class CameraRig:
         """How much later than its time stamps say each camera takes its images."""
         return np.array([camera.time_offset_s for camera in self.cameras])
 
+    @cached_property
+    def common_offset_s(self) -> float:
+        """What all cameras are late by: the mean of their time offsets."""
+        return float(self.time_offsets_s.mean())
+
+    def without_common_offset(self) -> CameraRig:
+        """The same cameras, late or early by their mean clock: theirs is the time of a frame, common_offset_s after the
+        time that its stamps say."""
+        return self.with_time_offsets(self.time_offsets_s - self.common_offset_s) if self.common_offset_s else self
+
     def with_time_offsets(self, offsets_s: Float[np.ndarray, " camera"]) -> CameraRig:
         """The same cameras with other time offsets."""
         offsets = np.asarray(offsets_s, dtype=float).tolist()
         pairs = zip(self.cameras, offsets, strict=True)
         return CameraRig(tuple(replace(camera, time_offset_s=offset_s) for camera, offset_s in pairs))
+
+    def with_starts(self, starts_s: Float[np.ndarray, " camera"]) -> CameraRig:
+        """The same cameras in a recording that began at these times, with clocks that are not off otherwise."""
+        pairs = zip(self.cameras, np.asarray(starts_s, dtype=float).tolist(), strict=True)
+        return CameraRig(tuple(replace(camera, time_offset_s=start_s, start_s=start_s) for camera, start_s in pairs))
+
+    def after_recording(self) -> CameraRig:
+        """The same cameras as they are since: without the start, the rate and the lost images of a recording, and where
+        they were left."""
+        return CameraRig(
+            tuple(
+                replace(
+                    camera,
+                    world_T_camera=camera.moves[-1][1] if camera.moves else camera.world_T_camera,
+                    time_offset_s=camera.time_offset_s - camera.start_s,
+                    start_s=0.0,
+                    clock_drift=0.0,
+                    clock_jumps=(),
+                    moves=(),
+                )
+                for camera in self.cameras
+            )
+        )
 
     def project_each(
         self, points_m: Float[np.ndarray, "*points camera joint 3"]

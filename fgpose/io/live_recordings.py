@@ -199,7 +199,7 @@ def _start(document: Any) -> RecordingStart:
         config = config_from_dict(parse_toml(document["config"]))
         started_s = _number(document, "started_s")
         if not 0 <= started_s < _LAST_S:
-            raise ValueError(f"it began at {started_s:g} s, which is no Unix time")
+            raise ValueError(f"it began at {started_s:.13g} s, which is no Unix time")
         return RecordingStart(started_s, skeleton, tuple(map(str, cameras)), config)
     except (TypeError, KeyError, AttributeError, IndexError, OverflowError) as error:
         raise ValueError(f"a damaged first record: {type(error).__name__}: {error}") from None

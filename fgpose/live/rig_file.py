@@ -61,7 +61,8 @@ def load_live_rig(path: str | Path) -> LiveRig:
         sources = _sources(tables, path.parent)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    rig = load_rig(path if calibration is None else path.parent / calibration)
+    # A rig that was found from a recording has the starts of its videos.
+    rig = load_rig(path if calibration is None else path.parent / calibration).after_recording()
     try:
         return LiveRig(rig, _matched(sources, rig.names))
     except ValueError as error:

@@ -141,7 +141,7 @@ class Tracker:
         images, jumps = self._jumps.taken(images, newest)
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
-                raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:g} s")
+                raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
             if image.time_s < max(newest.values(), default=-np.inf) - self.config.online.lag_s:
                 raise ValueError(f"{image}: older than the newest image by more than online.lag_s")
             newest[image.camera] = image.time_s

@@ -40,7 +40,9 @@ def test_the_starts_are_printed_and_written(
     printed = capsys.readouterr().out
     assert "began later than the first [s]" in printed
     assert f"wrote {tmp_path / 'take.toml'}" in printed
-    offsets_s = load_rig(tmp_path / "take.toml").time_offsets_s
+    found = load_rig(tmp_path / "take.toml")
+    offsets_s = found.time_offsets_s
+    assert not found.after_recording().time_offsets_s.any()
     # Half an image; sigmas are 5 ms.
     np.testing.assert_allclose(offsets_s, true.time_offsets_s - true.time_offsets_s[0], atol=15e-3)
 

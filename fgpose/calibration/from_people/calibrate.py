@@ -275,4 +275,4 @@ def _unused(walk: Walk, adjusted: Adjusted) -> Bool[np.ndarray, " frame"]:
 def _with_starts(rig: CameraRig, starts: Starts, walk: Walk) -> CameraRig:
     """With what turns the clock of each camera into the common one: as it is in the middle of the walk."""
     middle_s = 0.5 * (walk.time_s[0] + walk.time_s[-1])
-    return rig.with_time_offsets(starts.offsets_at_s(rig.names, middle_s) + rig.time_offsets_s)
+    return rig.with_starts(starts.offsets_at_s(rig.names, middle_s) + rig.time_offsets_s)

@@ -45,6 +45,7 @@ class CalibratedView:
     time_offset_s: float = 0.0
     """How much later than its time stamps say the camera takes its images; only our own files know it,
     and what changes in time. See Camera."""
+    start_s: float = 0.0
     clock_drift: float = 0.0
     clock_jumps: tuple[tuple[float, float], ...] = ()
     moves: tuple[tuple[float, np.ndarray, np.ndarray], ...] = ()
@@ -58,6 +59,7 @@ class CalibratedView:
         return replace(
             camera,
             time_offset_s=self.time_offset_s,
+            start_s=self.start_s,
             clock_drift=self.clock_drift,
             clock_jumps=self.clock_jumps,
             moves=moves,

@@ -25,8 +25,9 @@ _NUMBERS = {
     "world_T_camera": (4, 4),
     "distortion": (_MAX_COEFFICIENTS,),
     "time_offset_s": (),
+    "start_s": (),
 }
-_ADDED = ("time_offset_s",)
+_ADDED = ("time_offset_s", "start_s")
 """Arrays that older files lack; zero there."""
 _CHANGES = {"clock_drift": 1, "clock_jumps": 2, "moves": 17}
 """What changes in time, where something does: rows of the number of the camera and so many numbers. Since when and how
@@ -87,6 +88,7 @@ def _view(
     world_T_camera: np.ndarray,
     distortion: np.ndarray,
     time_offset_s: float,
+    start_s: float,
 ) -> CalibratedView:
     if lens not in ("pinhole", "fisheye"):
         raise ValueError(f"camera {name}: lens must be pinhole or fisheye, got {lens}")
@@ -101,6 +103,7 @@ def _view(
         distortion=distortion[~np.isnan(distortion)],
         lens="fisheye" if lens == "fisheye" else "pinhole",
         time_offset_s=float(time_offset_s),
+        start_s=float(start_s),
     )
 
 
@@ -135,6 +138,7 @@ def rig_arrays(rig: CameraRig) -> dict[str, np.ndarray]:
         "distortion": distortion,
         "lens": np.array([camera.lens for camera in rig.cameras]),
         "time_offset_s": rig.time_offsets_s,
+        "start_s": np.array([camera.start_s for camera in rig.cameras]),
     } | _change_arrays(rig)
 
 

@@ -6,8 +6,9 @@ All have ``matrix``, ``distortions``, ``rotation`` (Rodrigues vector, in some ve
 - Pose2Sim: any table names, ``fisheye`` in every table, metres, cameras in the order of the file.
 - aniposelib: ``[cam_0]``, ``[cam_1]``, ..., the unit of the calibration board (often mm), cameras in natural order.
 - fgpose: writes any of these, with ``time_offset_s`` in the table of a camera whose clock is off; others read by name
-  and take no notice of it. The same with what changes in time: ``clock_drift``, ``clock_jumps`` (pairs: since when, how
-  much later) and ``moves`` (tables with since_s, rotation and translation).
+  and take no notice of it. The same with ``start_s``, the part of it that tells when a recording began, and with what
+  changes in time: ``clock_drift``, ``clock_jumps`` (pairs: since when, how much later) and ``moves`` (tables with
+  since_s, rotation and translation).
 - fgpose: in the table ``[metadata.fgpose]`` of Pose2Sim's and aniposelib's files, which these do not read, how the
   cameras became what they are, where that is known.
 - caliscope: tables ``[cameras.0]``, or ``[cam_0]`` with a ``port``; metres; a camera that is ``ignore``d or has no pose
@@ -37,6 +38,7 @@ _METADATA = {"adjusted": False, "error": 0.0}
 _OWN = "fgpose"
 """Table of the metadata that is ours."""
 _NULL = "null"
+_CLOCK = ("time_offset_s", "start_s", "clock_drift")
 _KEYS = ("matrix", "distortions", "rotation", "translation", "size")
 
 
@@ -149,8 +151,7 @@ def _view(key: str, table: dict[str, Any]) -> CalibratedView:
         t=numbers(name, "translation", table["translation"], 3),
         distortion=numbers(name, "distortions", table["distortions"]).ravel(),
         lens="fisheye" if table.get("fisheye", False) else "pinhole",
-        time_offset_s=float(numbers(name, "time_offset_s", table.get("time_offset_s", 0.0), 1)[0]),
-        clock_drift=float(numbers(name, "clock_drift", table.get("clock_drift", 0.0), 1)[0]),
+        **{key: float(numbers(name, key, table.get(key, 0.0), 1)[0]) for key in _CLOCK},
         clock_jumps=_jumps(name, table.get("clock_jumps", [])),
         moves=_moves(name, table.get("moves", [])),
     )
@@ -256,8 +257,7 @@ def _in_time(camera: Camera) -> dict[str, Any]:
     """What of it depends on time, where something does."""
     moved = [replace(camera, world_T_camera=pose, moves=()) for _, pose in camera.moves]
     table = {
-        "time_offset_s": camera.time_offset_s,
-        "clock_drift": camera.clock_drift,
+        **{key: getattr(camera, key) for key in _CLOCK},
         "clock_jumps": [list(jump) for jump in camera.clock_jumps],
         "moves": [{"since_s": since_s} | _pose(at) for (since_s, _), at in zip(camera.moves, moved, strict=True)],
     }

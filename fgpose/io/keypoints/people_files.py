@@ -99,8 +99,8 @@ def _check_3d(images: _Images, skeleton: Skeleton) -> None:
             image = int(np.searchsorted(ends, detection, side="right"))
             person = detection - int(ends[image] - images.n_people[image])
             raise ValueError(
-                f"camera {images.cameras[images.camera[image]]}, image at {images.time_s[image]:g} s, person {person}, "
-                f"joint {skeleton.joints[joint]}: {what}"
+                f"camera {images.cameras[images.camera[image]]}, image at {images.time_s[image]:.13g} s, "
+                f"person {person}, joint {skeleton.joints[joint]}: {what}"
             )
 
 

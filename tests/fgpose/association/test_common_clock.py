@@ -8,6 +8,7 @@ from calibrated_walks import FPS, SKELETON, joints_m, true_rig
 
 import fgpose
 from fgpose.association.common_clock import on_common_clock
+from fgpose.association.recording import associate
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import PeopleObservations
 
@@ -64,3 +65,11 @@ def test_small_offsets_are_left_to_the_estimator() -> None:
 def test_the_cameras_must_be_the_same() -> None:
     with pytest.raises(ValueError, match="lacks camera ring_2"):
         on_common_clock(recorded(true_rig(), range(20)), true_rig().subset(["ring_0", "ring_1"]))
+
+
+def test_people_are_told_apart_by_the_clock_of_the_rig() -> None:
+    people = recorded(true_rig(), range(-10, 60))
+    association = associate(people, true_rig().with_time_offsets(LATE / FPS))
+    assert not association.rig.time_offsets_s.any()
+    (person,) = association.people
+    assert np.asarray(association.of(person).seen.all(axis=(1, 2))).sum() >= 25

@@ -397,3 +397,24 @@ def test_the_state_does_not_grow(skeleton: Skeleton) -> None:
     assert free.max() <= 2
     # One in 2.5 s, 8 in 20 s, and who has just gone.
     assert lost.max() <= 10
+
+
+@pytest.mark.parametrize("are_both_detected", [True, False])
+def test_who_come_near_each_other_stay_two(
+    are_both_detected: bool, follower: Follower, rig: CameraRig, skeleton: Skeleton
+) -> None:
+    """0.15 m from each other for 0.8 s; if the detectors take them for one there, one is lost, and was there before."""
+
+    def scene(camera: int, time_s: float) -> list[np.ndarray]:
+        half_m = float(np.interp(time_s, [0.5, 1.2, 2.0, 2.7], [0.6, 0.075, 0.075, 0.6]))
+        people_m = [body_m(skeleton, (side * half_m, 0.0)) for side in (-1, 1)]
+        return people_m if are_both_detected or not 1.2 <= time_s <= 2.0 else people_m[:1]
+
+    run(follower, rig, scene, 0.0, 1.0)
+    assert people_of(follower) == [0, 1]
+    first = dict(follower.person_of_track)
+    run(follower, rig, scene, 1.0, 2.7, seed=1)
+    assert {number: follower.person_of_track[number] for number in first} == first
+    assert "merged" not in what_happened(follower)
+    if are_both_detected:
+        assert people_of(follower) == [0, 1]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import fgpose
 from fgpose.estimation.arrivals import Arrivals
 
 STEP_S = 0.02
@@ -92,3 +93,22 @@ def test_without_any_frame_the_first_image_begins_one() -> None:
     assert window.take(0, -0.5) == 0
     assert window.take(1, -1.2) == 0
     assert window.take(3, -0.98) == 1
+
+
+def test_a_time_of_day_is_told_to_the_millisecond(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    now_s, nothing = 1753000000.125, np.full((2, rig.n_cameras, skeleton.n_joints, 2), np.nan)
+    with pytest.raises(ValueError, match=r"frame 1 is at 1753000000\.025 s, the one before at 1753000000\.125 s"):
+        fgpose.Observations(skeleton, np.array([now_s, now_s - 0.1]), nothing)
+    estimator = fgpose.Estimator(rig, skeleton)
+    estimator.update_arrays(now_s, nothing[0])
+    with pytest.raises(ValueError, match=r"got a frame at 1753000000\.025 s after one at 1753000000\.125 s"):
+        estimator.update_arrays(now_s - 0.1, nothing[0])
+    no_pixel = np.zeros((0, skeleton.n_joints))
+    assert str(fgpose.Detections("cam", now_s, np.zeros((0, skeleton.n_joints, 2)), no_pixel)).count("1753000000.125 s")
+
+
+def test_failures_of_gtsam_are_told_with_each_estimate(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
+    estimator, nothing = fgpose.Estimator(rig, skeleton), np.full((rig.n_cameras, skeleton.n_joints, 2), np.nan)
+    assert estimator.update_arrays(0.0, nothing).n_repairs == 0
+    estimator._graph._smoother.repairs += 3
+    assert estimator.update_arrays(0.1, nothing).n_repairs == estimator.repairs == 3

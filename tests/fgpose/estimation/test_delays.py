@@ -165,7 +165,7 @@ def test_a_detection_and_its_depth_are_moved_to_the_time_of_the_frame() -> None:
     """A point that moves along a straight line; each camera sees it later than the frame, by its own delay."""
     rig, skeleton = ring_rig(n_cameras=3), fgpose.Skeleton("point", ("point",), (), root=(0,))
     delay_s, time_s = np.array([[0.0, 0.05, 0.12]]), np.array([0.0, 0.1, 0.2])
-    at_m = sideways(rig, time_s, 1.6)
+    at_m = sideways(rig, time_s + delay_s.mean(), 1.6)
     late_m = np.stack([sideways(rig, time_s + by, 1.6) for by in delay_s[0].tolist()], axis=1)
     observations = fgpose.Observations(
         skeleton, time_s, rig.project_each(late_m), points3d_m=late_m, camera_names=rig.names

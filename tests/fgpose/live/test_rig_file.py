@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import is_changing
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.live.rig_file import load_live_rig
 from fgpose.live.sources import CameraSource
@@ -121,3 +124,26 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match=r"rig\.toml: "):
         load_live_rig(tmp_path / "rig.toml")
+
+
+@pytest.mark.parametrize("suffix", ["toml", "npz"])
+def test_which_recording_a_rig_was_found_from_changes_nothing(tmp_path: Path, rig: CameraRig, suffix: str) -> None:
+    """Its starts, its rate, its lost images: live, they would put together images of different moments. How late a
+    camera is stays."""
+    late_s, starts_s = np.array([0.0, 0.02, 0.0, -0.01]), np.array([0.0, 1.3, -0.8, 2.1])
+    begun = rig.with_starts(starts_s)
+    begun = begun.with_time_offsets(begun.time_offsets_s + late_s)
+    moved = replace(begun.cameras[1], world_T_camera=np.eye(4), moves=((3.0, rig.cameras[1].world_T_camera),))
+    lossy = replace(begun.cameras[2], clock_drift=1e-3, clock_jumps=((2.0, 0.2),))
+    recorded = CameraRig((begun.cameras[0], moved, lossy, begun.cameras[3]))
+    save_rig(recorded, tmp_path / f"calibration.{suffix}")
+    live = f'[live]\ncalibration = "calibration.{suffix}"\n' + "".join(
+        f'[cameras.{name}]\nsource = "zmq"\n' for name in rig.names
+    )
+    (tmp_path / "live.toml").write_text(live)
+    read = load_live_rig(tmp_path / "live.toml").rig
+    np.testing.assert_allclose(read.time_offsets_s, late_s, atol=1e-12)
+    assert not is_changing(read)
+    assert not any(camera.start_s for camera in read.cameras)
+    for camera, still in zip(read.cameras, rig.cameras, strict=True):
+        np.testing.assert_allclose(camera.world_T_camera, still.world_T_camera, atol=1e-9)

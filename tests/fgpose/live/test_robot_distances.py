@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -325,3 +327,17 @@ def test_a_body_has_no_gap(skeleton: Skeleton) -> None:
     along = np.clip(np.sum((inside_m[:, None] - ends_m[:, 0]) * step_m, axis=-1) / length2_m2, 0.0, 1.0)
     distance_m = np.linalg.norm(inside_m[:, None] - ends_m[:, 0] - along[..., None] * step_m, axis=-1)
     assert (distance_m <= body.radius_m).any(axis=1).all()
+
+
+def test_the_program_of_the_documentation(
+    rig: CameraRig, skeleton: Skeleton, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a cell of that page; without a frame there is a fault."""
+    page = (Path(__file__).parents[3] / "docs" / "live_distances.md").read_text(encoding="utf-8")
+    program, cell = (page.partition(f"```{kind}\n")[2].partition("```")[0] for kind in ("python", "toml"))
+    (tmp_path / "cell.toml").write_text(cell, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    slowed: list[bool] = []
+    given = {"rig": rig, "skeleton": skeleton, "time": time, "world_T_forearm": np.eye(4)}
+    exec(program, given | {"slow_down": lambda: slowed.append(True)})
+    assert slowed == [True, True]
