@@ -17,10 +17,11 @@ from fgpose.assessment.metrics import mean_known
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
-from fgpose.parameters import FusionConfig
 from fgpose.sampling import frames_per_second, spread_evenly
 
-_INLIER_PX = FusionConfig.inlier_px  # the report judges views as the estimator does
+# See CameraRig.in_own_px. At 20, as the estimator has it, one of eight turned cameras of real recordings is taken for
+# its neighbour.
+_INLIER_PX = 14.0
 _MAX_FRAMES = 2000  # bounds the time; the medians need no more
 # A camera turned by 5 degrees is off by ten times as much as real cameras are; its neighbours by up to twice, since it
 # takes part in their comparison.
