@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fgpose.association.common_clock import on_common_clock
 from fgpose.association.follow import Follower
 from fgpose.association.identity import Passage
 from fgpose.association.linking import EverybodyLost, links
@@ -89,7 +88,6 @@ def associate(
     """Follow everybody through all images of a recording.
 
     Images of different cameras that belong together make a frame (see PeopleObservations.frames), each at its own time.
-    Which do is told by the clocks of the rig (on_common_clock).
 
     Args:
         observations: of the rig's cameras, or some of them.
@@ -100,8 +98,7 @@ def associate(
     Raises:
         ValueError: a camera of the observations is not in the rig.
     """
-    observations, rig = on_common_clock(observations, rig.subset(observations.camera_names))
-    recording = _Frames(rig, observations.frames, observations.by_camera)
+    recording = _Frames(rig.subset(observations.camera_names), observations.frames, observations.by_camera)
     lost = EverybodyLost()
     follower = Follower(recording.rig, observations.skeleton, config, lost)
     seen: dict[int, list[SeenInImage]] = {}

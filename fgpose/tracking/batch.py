@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
@@ -39,7 +40,8 @@ def smooth_people(
         config: see fgpose.config; the section [tracking] says how people are told apart.
         progress: told after every frame of the association and of each person; of how many in all changes once it is
             known how many people there are.
-        association: who is who in these observations, where that is known; by default see associate.
+        association: who is who in these observations, where that is known; by default see associate, of the
+            observations by the clock of the rig (on_common_clock).
 
     Raises:
         ValueError: a camera of the observations is not in the rig.
@@ -48,7 +50,9 @@ def smooth_people(
         UserWarning: as fgpose.smooth.
     """
     config = config or Config()
-    association = association or associate(observations, rig, config.tracking, progress)
+    if association is None:
+        on_time = on_common_clock(observations, rig.subset(observations.camera_names))
+        association = associate(*on_time, config.tracking, progress)
     n_done = n_frames = len(association.frames.image)
     n_frames += sum(len(seen.detection) for seen in association.people.values())
     trajectories: dict[int, Trajectory] = {}

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from turned_cameras import turned
 
 import fgpose
@@ -14,8 +15,10 @@ from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.calibration.sightings import best_seen
 from fgpose.config import CalibrationConfig, Config, SolverConfig
+from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.solvers.levenberg_marquardt import Solution
 from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
+from fgpose.trajectory import Trajectory
 from tests.conftest import MOCAP
 from tests.fgpose.calibration.test_rig_refinement import direction_error_deg
 
@@ -39,7 +42,10 @@ def filmed(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
 
 
 def error_m(observations: fgpose.Observations, rig: fgpose.CameraRig, scene: Scene) -> float:
-    return float(np.mean(np.linalg.norm(fgpose.smooth(observations, rig).positions_m - scene.truth_m, axis=-1)))
+    """A frame has the mean time at which its images were taken."""
+    smoothed = fgpose.smooth(observations, rig)
+    truth_m = CubicSpline(scene.observations.frame_time_s, scene.truth_m)(smoothed.time_s)
+    return float(np.mean(np.linalg.norm(smoothed.positions_m - truth_m, axis=-1)))
 
 
 @pytest.mark.slow
@@ -77,13 +83,13 @@ def test_per_view_3d_moves_with_its_camera(filmed: Scene, rig: fgpose.CameraRig)
 @pytest.fixture
 def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Config]:
     """The configurations that motions have been smoothed with."""
-    configs, smooth = [], motion.smooth
+    configs, smooth = [], motion.smooth_evidence
 
-    def counted(observations: fgpose.Observations, rig: fgpose.CameraRig, config: Config) -> fgpose.Trajectory:
+    def counted(evidence: Evidence, skeleton: fgpose.Skeleton, rig: fgpose.CameraRig, config: Config) -> Trajectory:
         configs.append(config)
-        return smooth(observations, rig, config)
+        return smooth(evidence, skeleton, rig, config)
 
-    monkeypatch.setattr(motion, "smooth", counted)
+    monkeypatch.setattr(motion, "smooth_evidence", counted)
     return configs
 
 
