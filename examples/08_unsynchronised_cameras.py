@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.assessment.metrics import mpjpe_m
@@ -21,8 +22,10 @@ FPS = 50.0
 
 
 def error_mm(trajectory: fgpose.Trajectory, truth_m: np.ndarray) -> float:
-    """Mean distance of the joints from their true positions at the times of the frames."""
-    return 1000 * mpjpe_m(trajectory.positions_m, truth_m)
+    """Mean distance of the joints from their true positions at the times of the frames: the mean times at which the
+    images were taken."""
+    true_at_m = CubicSpline(np.arange(len(truth_m)) / FPS, truth_m)(trajectory.time_s)
+    return 1000 * mpjpe_m(trajectory.positions_m, true_at_m)
 
 
 def main(

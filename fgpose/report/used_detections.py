@@ -104,7 +104,8 @@ class _Images:
 
     def _frames_of(self, trajectory: Trajectory) -> Int[np.ndarray, " frame"]:
         """Of the recording."""
-        recorded_s = self.people.frames.frame_time_s
+        # A frame of a result has the mean time at which its images were taken.
+        recorded_s = self.people.frames.frame_time_s + self.offsets_s.mean()
         frames = nearest(trajectory.time_s, recorded_s)
         apart_s = np.abs(recorded_s[frames] - trajectory.time_s)
         if apart_s.max() > usual_step_s(trajectory.time_s) / 2 or (np.diff(frames) <= 0).any():
