@@ -104,14 +104,22 @@ class _Images:
 
     def _frames_of(self, trajectory: Trajectory) -> Int[np.ndarray, " frame"]:
         """Of the recording."""
-        # A frame of a result has the mean time at which its images were taken.
-        recorded_s = self.people.frames.frame_time_s + self.offsets_s.mean()
-        frames = nearest(trajectory.time_s, recorded_s)
-        apart_s = np.abs(recorded_s[frames] - trajectory.time_s)
+        # A frame of a result has the mean time at which its images were taken; in older ones that of its stamps.
+        shifts_s = (float(self.offsets_s.mean()), 0.0)
+        matched = [self._matched(trajectory.time_s - shift_s) for shift_s in shifts_s]
+        frames, apart_s = min(matched, key=lambda each: float(each[1].max()))
         if apart_s.max() > usual_step_s(trajectory.time_s) / 2 or (np.diff(frames) <= 0).any():
             at_s = trajectory.time_s[int(apart_s.argmax())]
             raise ValueError(f"no frame at {at_s:.3f} s, where the result has one: are they of one recording?")
         return frames
+
+    def _matched(
+        self, time_s: Float[np.ndarray, " frame"]
+    ) -> tuple[Int[np.ndarray, " frame"], Float[np.ndarray, " frame"]]:
+        """The nearest frames of the recording, and how far off they are."""
+        recorded_s = self.people.frames.frame_time_s
+        frames = nearest(time_s, recorded_s)
+        return frames, np.abs(recorded_s[frames] - time_s)
 
     @cached_property
     def _candidates(self) -> list[_Candidates]:
