@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from fgpose.association.track import TrackEvent
 from fgpose.calibration.from_people.calibrated import Finding as CalibrationFinding
-from fgpose.estimation.delays import on_time_px
+from fgpose.estimation.delays import image_motion_px
 from fgpose.finding import Finding
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -95,8 +95,14 @@ class FinishedRecording:
     def on_time_px(self, person: int) -> Float[np.ndarray, "frame camera joint 2"]:
         """The detections of a person who has observations, undistorted, where they would be if every image had been
         taken at the time of its frame: those of a camera that is known to be late are moved by the motion."""
-        assert self.rig is not None
-        return on_time_px(self.observations[person], self.rig, self.people[person].positions_m)
+        trajectory, seen, rig = self.people[person], self.observations[person], self.rig
+        assert rig is not None
+        undistorted_px = rig.undistort(seen.points2d_px)
+        if seen.time_s.ndim == 1:
+            return undistorted_px
+        # The times are by the clock of the rig: they hold its offsets already.
+        delay_s = np.nan_to_num(seen.time_s - trajectory.time_s[:, None])
+        return undistorted_px - image_motion_px(trajectory.positions_m, trajectory.time_s, delay_s, rig)
 
     def number(self, person: int) -> int | None:
         """Of a person, where there are several."""

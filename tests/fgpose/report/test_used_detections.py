@@ -120,3 +120,16 @@ def test_a_camera_that_is_known_to_be_late_is_not_suspicious(rig: CameraRig, ske
     time_s[:, 1] += late_s
     known = replace(whole, observations={0: replace(seen, points2d_px=points2d_px, time_s=time_s)})
     assert not late_cameras(known)
+
+
+def test_offsets_that_times_hold_already_are_not_counted_twice(walk: FinishedRecording) -> None:
+    """The rig says 20 ms, and so do the times of the images, which are by its clock."""
+    assert walk.rig is not None
+    rig, late_s = walk.rig.with_time_offsets(np.array([0.0, 0.02, 0.0, 0.0])), np.array([0.0, 0.02, 0.0, 0.0])
+    trajectory, seen = walk.main, walk.observations[0]
+    taken_s = trajectory.time_s[:, None] + late_s
+    moved_px = image_motion_px(trajectory.positions_m, trajectory.time_s, taken_s - trajectory.time_s[:, None], rig)
+    exact_px = rig.project(trajectory.positions_m) + moved_px
+    given = replace(seen, time_s=taken_s, points2d_px=exact_px, confidence=np.ones_like(seen.confidence))
+    on_time_px = FinishedRecording("walk", {0: trajectory}, rig, {0: given}).on_time_px(0)
+    np.testing.assert_allclose(on_time_px, rig.project(trajectory.positions_m), atol=1e-6)
