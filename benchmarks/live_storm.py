@@ -128,14 +128,7 @@ class _Session:
         """See Feed."""
         if self._active.pop("tracking fails", None):
             raise RuntimeError("a fault of the storm")
-        taken: list[RecordedImage] = []
-
-        def is_any() -> bool:
-            taken.extend(self._arrivals.take(0.0))
-            return bool(taken)
-
-        self._timeline.advance(self._clock.now_s() + timeout_s, is_any)
-        return taken or self._arrivals.take(0.0)
+        return self._timeline.until_any(self._arrivals, timeout_s)
 
     def go_on(self, camera_names: object) -> None:
         """See Feed."""

@@ -98,14 +98,7 @@ class SimulatedCameras:
 
     def take(self, timeout_s: float) -> list[RecordedImage]:
         """See Feed."""
-        taken: list[RecordedImage] = []
-
-        def is_any() -> bool:
-            taken.extend(self._arrivals.take(0.0))
-            return bool(taken)
-
-        self._timeline.advance(self._clock.now_s() + timeout_s, is_any)
-        return taken or self._arrivals.take(0.0)
+        return self._timeline.until_any(self._arrivals, timeout_s)
 
     def go_on(self, camera_names: Collection[str]) -> None:
         """See Feed."""

@@ -6,6 +6,8 @@ import heapq
 import itertools
 from collections.abc import Callable
 
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.arrivals import Arrivals
 from fgpose.live.clock import SimulatedClock
 
 
@@ -33,6 +35,17 @@ class Timeline:
                 heapq.heappop(self._coming)[2]()
             if self.clock.now_s() >= until_s:
                 return
+
+    def until_any(self, arrivals: Arrivals, timeout_s: float) -> list[RecordedImage]:
+        """Let everything happen until an image arrives, or for a time: those that have."""
+        taken: list[RecordedImage] = []
+
+        def is_any() -> bool:
+            taken.extend(arrivals.take(0.0))
+            return bool(taken)
+
+        self.advance(self.clock.now_s() + timeout_s, is_any)
+        return taken or arrivals.take(0.0)
 
     def pause(self, duration_s: float) -> None:
         """Nothing happens for a while; what should have, does next."""

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 MAX_JOINTS = 4096  # so many numbers are reserved for each frame in the keys of the graph (estimation/keys.py)
-_CONTROL = re.compile("[\x00-\x1f\x7f\x85\u2028\u2029]")  # what would be several cells or lines of a file
+CONTROL = re.compile("[\x00-\x1f\x7f\x85\u2028\u2029]")
+"""What would make several cells or lines of a name in a file."""
 LIMBS = ("upper_arm", "lower_arm", "upper_leg", "lower_leg")
 """The four limb pairs of the paper's symmetry cost (eq. 4)."""
 
@@ -45,7 +46,7 @@ class Skeleton:
         if len(self.joints) > MAX_JOINTS:
             raise ValueError(f"skeleton {self.name}: {len(self.joints)} joints, at most {MAX_JOINTS} are possible")
         for joint in self.joints:
-            if not joint or joint != joint.strip() or _CONTROL.search(joint):
+            if not joint or joint != joint.strip() or CONTROL.search(joint):
                 raise ValueError(
                     f"skeleton {self.name}: {joint!r} is no name of a joint: it is empty, begins or ends with a blank, "
                     "or has a tab or a line break"

@@ -62,7 +62,7 @@ class Stays:
         """With these, which came so much later: a stream forgets, for a camera may see well for an hour and then no
         more."""
         keep = float(np.exp(-passed_s / _MEMORY_S))
-        return Stays(*(keep * own + other for own, other in zip(astuple(self), astuple(others), strict=True)))
+        return Stays(*(keep * own for own in astuple(self))).plus(others)
 
 
 class Chain:

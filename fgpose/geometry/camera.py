@@ -113,6 +113,10 @@ class Camera:
         if not np.allclose(world_T_camera[3], (0, 0, 0, 1)):
             raise ValueError(f"camera {self.name}: the last row of the pose must be 0 0 0 1")
 
+    def unchanging(self) -> Camera:
+        """The same with an even clock that is not off, where it was first."""
+        return replace(self, time_offset_s=0.0, start_s=0.0, clock_drift=0.0, clock_jumps=(), moves=())
+
     @classmethod
     def from_world_to_camera(
         cls,
@@ -315,13 +319,9 @@ class CameraRig:
         return CameraRig(
             tuple(
                 replace(
-                    camera,
+                    camera.unchanging(),
                     world_T_camera=camera.moves[-1][1] if camera.moves else camera.world_T_camera,
                     time_offset_s=camera.time_offset_s - camera.start_s,
-                    start_s=0.0,
-                    clock_drift=0.0,
-                    clock_jumps=(),
-                    moves=(),
                 )
                 for camera in self.cameras
             )

@@ -63,7 +63,7 @@ def _stamp_s(camera: Camera, taken_s: float) -> float:
 
 def pieces_of(camera: Camera) -> tuple[Camera, ...]:
     """One camera for each pose, with an even clock that is not off."""
-    still = replace(camera, time_offset_s=0.0, start_s=0.0, clock_drift=0.0, clock_jumps=(), moves=())
+    still = camera.unchanging()
     moved = (replace(still, name=_name(camera, n), world_T_camera=pose) for n, (_, pose) in enumerate(camera.moves))
     return (still, *moved)
 

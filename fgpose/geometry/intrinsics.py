@@ -22,10 +22,7 @@ _MAX_OFF_CENTRE, _MAX_OFF_BOTH = 0.25, 0.1
 
 def without_pose(camera: Camera) -> Camera:
     """The camera at the origin of its own frame (x right, y down, z forward), with a clock that is not off."""
-    pose = np.eye(4)
-    return replace(
-        camera, world_T_camera=pose, time_offset_s=0.0, start_s=0.0, clock_drift=0.0, clock_jumps=(), moves=()
-    )
+    return replace(camera.unchanging(), world_T_camera=np.eye(4))
 
 
 def zoomed(camera: Camera, factor: float) -> Camera:

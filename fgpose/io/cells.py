@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import re
 
+from fgpose.skeleton import CONTROL
+
 # A table program runs a cell that begins so, which could send the table elsewhere.
 _FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
-_CONTROL = re.compile("[\x00-\x1f\x7f\x85\u2028\u2029]+")
+_CONTROLS = re.compile(f"{CONTROL.pattern}+")
 
 
 def as_cell(name: str) -> str:
@@ -21,4 +23,4 @@ def name_in_cell(cell: str) -> str:
 
 def one_line(text: str) -> str:
     """A text with blanks for tabs, line breaks and other control characters, and none at its ends."""
-    return _CONTROL.sub(" ", text).strip()
+    return _CONTROLS.sub(" ", text).strip()

@@ -105,7 +105,7 @@ class _Images:
     def _frames_of(self, trajectory: Trajectory) -> Int[np.ndarray, " frame"]:
         """Of the recording."""
         # A frame of a result has the mean time at which its images were taken; in older ones that of its stamps.
-        shifts_s = (float(self.offsets_s.mean()), 0.0)
+        shifts_s = dict.fromkeys((float(self.offsets_s.mean()), 0.0))
         matched = [self._matched(trajectory.time_s - shift_s) for shift_s in shifts_s]
         frames, apart_s = min(matched, key=lambda each: float(each[1].max()))
         if apart_s.max() > usual_step_s(trajectory.time_s) / 2 or (np.diff(frames) <= 0).any():

@@ -76,8 +76,11 @@ def _frames_kept(limb_m: Float[np.ndarray, "frame 3"]) -> float | None:
 
 
 def _smoothed(path_m: Float[np.ndarray, "frame 3"], sigma: int) -> Float[np.ndarray, "whole 3"]:
-    kernel = np.exp(-0.5 * (np.arange(-3 * sigma, 3 * sigma + 1) / sigma) ** 2)
-    return np.stack([np.convolve(axis, kernel / kernel.sum(), mode="valid") for axis in path_m.T], axis=-1)
+    """Of the frames around which all of the filter lies."""
+    from scipy.ndimage import gaussian_filter1d
+
+    reach = 3 * sigma
+    return np.asarray(gaussian_filter1d(path_m, sigma, axis=0, radius=reach))[reach:-reach]
 
 
 def _half_width(velocities: Float[np.ndarray, "frame 3"]) -> float:

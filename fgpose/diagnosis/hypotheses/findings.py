@@ -19,7 +19,6 @@ from fgpose.diagnosis.hypotheses.search import Explanation
 from fgpose.finding import Code, Finding, Severity
 
 _USUAL = "2 to 6 cm are usual"
-_FRAMES = 120
 _FEWEST_EQUAL, _MOSTLY_EQUAL = 20, 0.9
 _UNSURE = 0.6  # of the confidence of the other cameras: below, a camera hallucinates rather than sees somebody else
 
