@@ -61,7 +61,7 @@ check: lint
 	$(MAKE) --no-print-directory -j2 quick-types quick-tests
 
 quick-types: $(STAMP)
-	$(BIN)/basedpyright --level error fgpose factors
+	$(BIN)/basedpyright --level error fgpose factors benchmarks
 
 quick-tests: $(STAMP)
 	$(PYTEST) -m "not slow and not network" $(UNCHECKED)
@@ -128,17 +128,17 @@ format: $(STAMP)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-$(STAMP): pyproject.toml constraints.txt
+$(STAMP): pyproject.toml benchmarks/pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "fgpose needs Python 3.11 or newer: make PYTHON=python3.11")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(PIP) --require-hashes --only-binary :all: -r constraints.txt
-	$(PIP) --no-index --no-deps --no-build-isolation -e .
+	$(PIP) --no-index --no-deps --no-build-isolation -e . -e benchmarks
 	touch $@
 
 # The pins of constraints.txt for what pyproject.toml asks for now, with the hashes of all their files. Raises what has to be
 # raised; all of it with UPGRADE=--upgrade. Needs uv.
 constraints:
-	uv pip compile --quiet pyproject.toml --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
+	uv pip compile --quiet pyproject.toml benchmarks/pyproject.toml --no-emit-package fgpose --all-extras --group dev --universal --python-version 3.11 --generate-hashes \
 		--no-annotate --no-header $(UPGRADE) --output-file constraints.txt
 
 clean:

@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from metric import Metric
-from scenario import POSITIONS_ONLY, scene
-from timing import timed
 
 import fgpose
 from fgpose.assessment.metrics import mpjpe_m
-from fgpose.benchmark.peer import Peer, PeerSettings, running_peer
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.accuracy.peer import Peer, PeerSettings, running_peer
+from fgpose_benchmarks.synthetic import Scene
+from metric import Metric
+from scenario import POSITIONS_ONLY, scene
+from timing import timed
 
 _PEER = Path(__file__).parents[1] / ".venv" / "bench" / "bin" / "python"
 DEFAULT = PeerSettings()

@@ -23,14 +23,14 @@ from scipy.ndimage import uniform_filter1d
 from scipy.spatial.distance import cdist
 
 import fgpose
-from fgpose.benchmark.families import Variant, find_variant
-from fgpose.benchmark.recording import Recording
-from fgpose.benchmark.variants import MAX_FRAMES, TEST_CLIPS, TUNING_CLIPS, record
 from fgpose.io.skeletons import load_skeleton
 from fgpose.kinematics import joint_angles
 from fgpose.kinematics.definitions import angles_of
-from fgpose.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_rig, simulate
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.accuracy.families import Variant, find_variant
+from fgpose_benchmarks.accuracy.variants import MAX_FRAMES, TEST_CLIPS, TUNING_CLIPS, record
+from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_rig, simulate
 from fgpose_factors import projection_residual
 
 _LEG, _BONES = ("hip", "knee", "ankle"), ((0, 1), (1, 2))

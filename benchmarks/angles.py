@@ -19,13 +19,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fgpose.benchmark.families import find_variant
-from fgpose.benchmark.methods import find_methods, methods
-from fgpose.benchmark.recording import Recording, Result
-from fgpose.benchmark.variants import TEST_CLIPS, record
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.segments import across, unit
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.accuracy.families import find_variant
+from fgpose_benchmarks.accuracy.methods import find_methods, methods
+from fgpose_benchmarks.accuracy.variants import TEST_CLIPS, record
+from fgpose_benchmarks.comparison.recording import Recording, Result
 
 _LOST_M = 0.1  # a joint that is farther off was lost for a while, and would count for all others
 

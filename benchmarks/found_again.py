@@ -18,7 +18,7 @@ import numpy as np
 import fgpose
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections
-from fgpose.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
+from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
 
 _STARTS, _LONGEST_S, _NEAR_M = 12, 3.0, 0.3
 _ROOM_M = (5.0, 5.0)

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scenario import POSITIONS_ONLY
-from timing import peak_memory_mb, resident_memory_mb, timed
 
 import fgpose
 from fgpose.io.keypoints import save_observations
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
+from scenario import POSITIONS_ONLY
+from timing import peak_memory_mb, resident_memory_mb, timed
 
 _SHORT_FRAMES = 300
 _SHORT_RUNS = 3

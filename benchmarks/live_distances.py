@@ -19,16 +19,16 @@ from typing import Any
 
 import numpy as np
 import tyro
-from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
-from live_soak_plan import Plan
-from live_soak_run import START_S, Soak
 from rich.progress import track
-from simulated_visitors import made_clips, room_rig
 
 import fgpose
+from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
 from fgpose.live.assurance import FOUND_S
 from fgpose.live.distances import DistanceMonitor
 from fgpose.live.frame import LiveFrame
+from live_soak_plan import Plan
+from live_soak_run import START_S, Soak
+from simulated_visitors import made_clips, room_rig
 
 _VISIT_S, _RATE_HZ, _LOCKED_UP_S = 12.0, 8.0, 300.0
 _ROBOT_FAULTS = ("none", "stops", "late", "ahead", "scaled")

@@ -29,7 +29,7 @@ from fgpose.live.frame import LiveFrame
 from fgpose.live.frame_messages import decode_frame
 from fgpose.live.keypoint_messages import encode_keypoints
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdPlan,
     CrowdScene,

@@ -21,14 +21,14 @@ from pathlib import Path
 
 import numpy as np
 import tyro
-from live_soak_plan import KINDS, Plan
-from live_soak_run import START_S, Comparison, Outcome, Soak, Usual
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-from simulated_visitors import Clip, made_clips, room_rig
-from timing import resident_memory_mb
 
 import fgpose
+from live_soak_plan import KINDS, Plan
+from live_soak_run import START_S, Comparison, Outcome, Soak, Usual
+from simulated_visitors import Clip, made_clips, room_rig
+from timing import resident_memory_mb
 
 _VISIT_S = 12.0
 # A simulated minute takes some seconds; the process ends if one takes this long.

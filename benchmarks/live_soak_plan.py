@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TypeGuard, get_args
 
 import numpy as np
+
 from live_soak_consumer import ConsumerFault
 from simulated_cameras import CameraFault, Fault
 from simulated_visitors import Clip, Visit

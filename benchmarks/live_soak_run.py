@@ -11,10 +11,6 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from live_soak_consumer import Consumer
-from live_soak_plan import Plan, Trouble
-from simulated_cameras import Fault, SimulatedCameras
-from simulated_visitors import Clip, Visitors
 
 import fgpose
 from fgpose.association.tracked import Tracked
@@ -25,6 +21,10 @@ from fgpose.live.observed import volume_points_m
 from fgpose.live.system import LiveSystem
 from fgpose.live.tracking import LiveTracking
 from fgpose.people import Detections
+from live_soak_consumer import Consumer
+from live_soak_plan import Plan, Trouble
+from simulated_cameras import Fault, SimulatedCameras
+from simulated_visitors import Clip, Visitors
 
 START_S = 1.7e9
 # After a fault is over, estimates must be as good as without it.

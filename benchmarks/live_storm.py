@@ -20,16 +20,10 @@ from typing import Any
 
 import numpy as np
 import tyro
-from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
 from rich.progress import track
-from simulated_visitors import Clip, Visit, room_rig
-from storm_plan import GROUPS, Fault, Session, session
-from storm_reception import Reception
-from storm_senders import Senders
-from storm_visitors import StandInTracker, StandInTracking, StormVisitors
-from timeline import Timeline
 
 import fgpose
+from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.arrivals import Arrivals
 from fgpose.live.assurance import FOUND_S
@@ -39,6 +33,12 @@ from fgpose.live.frame import CameraStatus, LiveFrame
 from fgpose.live.observed import volume_points_m
 from fgpose.live.robot_poses import measured
 from fgpose.live.system import LiveSystem
+from simulated_visitors import Clip, Visit, room_rig
+from storm_plan import GROUPS, Fault, Session, session
+from storm_reception import Reception
+from storm_senders import Senders
+from storm_visitors import StandInTracker, StandInTracking, StormVisitors
+from timeline import Timeline
 
 _START_S = 1.7e9
 _RATE_HZ, _VISIT_S, _N_PEOPLE = 5.0, 50.0, (1, 2)

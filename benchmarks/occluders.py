@@ -2,7 +2,7 @@
 
 That rule is for single images: of four views three are drawn; each gets two cut-outs, their short side a share from
 0.5 to 1 of that of the person's box, their centre anywhere in it, clipped where the image ends. In a video an occluder
-moves with the box, as in fgpose.synthetic, for as long as the rule says.
+moves with the box, as in fgpose_benchmarks.synthetic, for as long as the rule says.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.benchmark.cutouts import Cutout, Occluder
-from fgpose.benchmark.cutouts import load_cutouts as cutouts_in
 from fgpose.monocular.clips import Clip, Picture
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.sources import Sources
-from fgpose.synthetic import Occlusion
+from fgpose_benchmarks.human36m.cutouts import Cutout, Occluder
+from fgpose_benchmarks.human36m.cutouts import load_cutouts as cutouts_in
+from fgpose_benchmarks.synthetic import Occlusion
 
 RULE = Occlusion()
 """Of the rule only the numbers about views, occluders, scales and durations are used."""
 
 _FOLDER = Path(__file__).parent / "data" / "occluders"
-# Landmarks lie inside the body: 3 % of a standing person's height is about 5 cm of flesh. As in fgpose.synthetic.
+# Landmarks lie inside the body: 3 % of a standing person's height is about 5 cm of flesh. As in synthetic.
 _BOX_MARGIN = 0.03
 
 

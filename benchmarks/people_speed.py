@@ -8,16 +8,16 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from metric import Metric
-from timing import resident_memory_mb, timed
 
 import fgpose
 from fgpose.association.follow import Sighting
 from fgpose.association.recording import associate
-from fgpose.benchmark.people.recording import PeopleRecording
-from fgpose.benchmark.people.variants import PeopleVariant, record
 from fgpose.estimation.evidence import gather
 from fgpose.people import Detections
+from fgpose_benchmarks.people.recording import PeopleRecording
+from fgpose_benchmarks.people.variants import PeopleVariant, record
+from metric import Metric
+from timing import resident_memory_mb, timed
 
 _WARM_UP = 60
 """Frames: by then everybody is confirmed and the processes run."""

@@ -11,10 +11,10 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 import fgpose
-from fgpose.benchmark.families import find_variant
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.synthetic import NO_OCCLUSION, Occlusion, embedded_motion, real_errors, ring_rig, simulate
+from fgpose_benchmarks.accuracy.families import find_variant
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, Occlusion, embedded_motion, real_errors, ring_rig, simulate
 
 TUNING_CLIPS = ("cmu_01_04_a", "cmu_02_01_short", "cmu_02_05", "cmu_03_03_b")
 """Climbing, walking, punching, over obstacles."""

@@ -2,8 +2,8 @@
 
     .venv/bin/python benchmarks/real_residuals.py [OUTPUT.npz]    # about two minutes
 
-Writes fgpose/data/detection_errors/errors.npz from recordings of one man with four cameras: OpenPose and BlazePose as
-they come with fgpose, BlazePose on the demonstration videos (fetched once), and on these videos with cut-outs pasted
+Writes data/detection_errors/errors.npz from recordings of one man with four cameras: OpenPose and BlazePose as they
+come with fgpose, BlazePose on the demonstration videos (fetched once), and on these videos with cut-outs pasted
 over the man by the rule of benchmarks/occluders.py, which stay for 1 to 2 s.
 
 The error of a detection is its distance from the projected result of fgpose.smooth on the *other* cameras, which never
@@ -24,8 +24,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
-from occluders import load_cutouts, occluded
-from scenario import demo_sources
 
 import fgpose
 from fgpose.calibration.moved_views import moved_with_cameras
@@ -36,8 +34,10 @@ from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detection import detect
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
-from fgpose.synthetic.real_errors import Block
 from fgpose.trajectory import Status
+from fgpose_benchmarks.synthetic.real_errors import Block
+from occluders import load_cutouts, occluded
+from scenario import demo_sources
 
 _OUTPUT = Path(__file__).parents[1] / "fgpose" / "data" / "detection_errors" / "errors.npz"
 _NETWORKS = ("blazepose-full", "blazepose-heavy")

@@ -15,8 +15,8 @@ import numpy as np
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.report import FinishedRecording, write_report
-from fgpose.synthetic import ring_rig, walking
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.synthetic import ring_rig, walking
 from tests.fgpose.browser import BROWSER, browser
 
 SECONDS, FPS, RUNS = 60, 60.0, 5

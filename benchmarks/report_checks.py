@@ -24,11 +24,10 @@ import warnings
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from planted_faults import FAULTLESS, FAULTY, TEST_CLIPS, TUNING_CLIPS, Seen, real_recordings
-
 import fgpose
 from fgpose.diagnosis.result_checks import RESULT_CHECKS
 from fgpose.report import FinishedRecording
+from planted_faults import FAULTLESS, FAULTY, TEST_CLIPS, TUNING_CLIPS, Seen, real_recordings
 
 KINDS = {**FAULTLESS, **FAULTY}
 Line = dict[str, str | list[str]]

@@ -15,17 +15,17 @@ from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
 import accuracy
 import people_speed
 import speed
 import stage1
-import tyro
 import video
-from metric import Metric, markdown_table
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
 from fgpose.io.atomic import write_text
+from metric import Metric, markdown_table
 
 _RESULTS = Path(__file__).with_name("results.json")
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from fgpose import Config, load_rig, load_skeleton
 from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.sources import Sources, open_sources
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 
 # Punching on the spot: the person stays in all four images, so that every detection there can be is there.
 _CLIP = Path(__file__).parents[1] / "fgpose" / "data" / "mocap_cmu" / "cmu_02_05.npz"

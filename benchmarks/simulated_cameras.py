@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import UInt8
-from timeline import Timeline
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
@@ -21,6 +20,7 @@ from fgpose.live.frame import CameraStatus
 from fgpose.live.image import ArrayPicture, SourceImage
 from fgpose.live.sources import CameraSource
 from fgpose.people import Detections
+from timeline import Timeline
 
 CameraFault = Literal[
     "unplugged", "frozen", "black", "garbled", "damaged", "slow", "late", "moved", "clock", "source", "worker"

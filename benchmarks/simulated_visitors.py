@@ -13,7 +13,7 @@ from jaxtyping import Float
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import LiveFrame
 from fgpose.people import Detections
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CameraTimes,
     CrowdErrors,
     CrowdPlan,

@@ -18,6 +18,7 @@ from pathlib import Path
 import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
 from soak_run import Result
 from soak_scenes import draw
 

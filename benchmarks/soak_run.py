@@ -19,11 +19,11 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from soak_scenes import Soak, draw, parts
-from timing import resident_memory_mb
 
 import fgpose
 from fgpose.trajectory import Estimate, Status
+from soak_scenes import Soak, draw, parts
+from timing import resident_memory_mb
 
 _MOST_FAILURES = 3
 _FRAMES_PER_LOOK = 10

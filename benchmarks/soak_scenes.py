@@ -16,7 +16,7 @@ from jaxtyping import Float
 import fgpose
 from fgpose.config import config_from_dict
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import DetectionNoise, Occlusion, motion_from_npz, ring_rig, simulate
+from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, motion_from_npz, ring_rig, simulate
 
 _CLIPS = Path(fgpose.__file__).parent / "data" / "mocap_cmu"
 _PART_FRAMES = 1000

@@ -6,12 +6,12 @@ import subprocess
 import sys
 
 import numpy as np
+
+import fgpose
 from isolated import run_isolated
 from metric import Metric
 from scenario import POSITIONS_ONLY, scene
 from timing import Timing, timed
-
-import fgpose
 
 _IMPORT = "import time; import numpy, gtsam; t = time.perf_counter(); import fgpose; print(time.perf_counter() - t)"
 _LONG_FRAMES = 10_000

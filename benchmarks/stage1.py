@@ -7,15 +7,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from metric import Metric
-from scenario import demo_sources
-from timing import Timing, timed
 
 from fgpose.geometry.camera import Camera
 from fgpose.monocular.blazepose import BlazePose
 from fgpose.monocular.detection import detect
 from fgpose.monocular.models import pull
 from fgpose.monocular.network import Image
+from metric import Metric
+from scenario import demo_sources
+from timing import Timing, timed
 
 _REFERENCE = Path(__file__).parents[1] / "tests" / "data" / "mediapipe_reference" / "blazepose_full.npz"
 _THREADS = 2

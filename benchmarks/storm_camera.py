@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from storm_plan import Fault
 
 from fgpose.geometry.camera import Camera
 from fgpose.live.sources import CameraSource
 from fgpose.people import Detections
+from storm_plan import Fault
 
 MOST_CONNECTIONS = 500
 """Of cameras; others have larger numbers."""

@@ -8,9 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from storm_camera import StormCamera
-from storm_plan import Session
-from timeline import Timeline
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
@@ -24,6 +21,9 @@ from fgpose.live.rejections import MessageError
 from fgpose.live.robot_poses import MAX_LOOKED_AT, RobotPoses
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
+from storm_camera import StormCamera
+from storm_plan import Session
+from timeline import Timeline
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,15 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+
 from distance_truth import RESET_EVERY_S, world_T_arm
+from fgpose.live.distance_messages import encode_robot
+from fgpose.people import Detections
 from storm_camera import MOST_CONNECTIONS, StormCamera, others
 from storm_plan import Fault, Session
 from storm_reception import Reception
 from storm_visitors import StormVisitors
 from timeline import Timeline
-
-from fgpose.live.distance_messages import encode_robot
-from fgpose.people import Detections
 
 _ROBOT, _OTHER = MOST_CONNECTIONS, MOST_CONNECTIONS + 100
 _ROBOT_HZ, _TRANSIT_S = 10.0, 0.003

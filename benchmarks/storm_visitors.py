@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from simulated_visitors import Clip, Visitors
 
 from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
@@ -17,6 +16,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking import LiveTracking
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
+from simulated_visitors import Clip, Visitors
 
 # Quantiles of the time until somebody is found, as found_again.py has measured them.
 _FOUND_SHARE, _FOUND_AFTER_S = (0.0, 0.5, 0.99, 1.0), (0.03, 0.13, 0.50, 0.62)

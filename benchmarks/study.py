@@ -25,7 +25,7 @@ from fgpose.io.keypoints import save_observations
 from fgpose.io.skeletons import load_skeleton
 from fgpose.study import Plan, Study, run_study
 from fgpose.study.study import study_of
-from fgpose.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_rig, simulate
+from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, embedded_motion, ring_rig, simulate
 
 DATA = {
     "keypoints": "{subject}/{session}/{trial}.npz",

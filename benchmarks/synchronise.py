@@ -18,9 +18,9 @@ from scipy.spatial.transform import Rotation
 from fgpose.calibration.synchronisation import synchronise
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import embedded_motion, ring_rig
-from fgpose.synthetic.crowd_motion import CrowdMotion
-from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
+from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
+from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 
 CLIPS = ("cmu_01_04_a", "cmu_02_05", "cmu_03_03_b", "cmu_01_01_a", "cmu_02_07_a", "cmu_02_10", "cmu_03_03_a")
 WRONG_S = 0.04

@@ -6,9 +6,6 @@ from functools import cache
 
 import numpy as np
 from jaxtyping import Float
-from metric import Metric
-from occluders import load_cutouts, occluded
-from scenario import demo_sources
 
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
@@ -20,7 +17,10 @@ from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
-from fgpose.synthetic import Occlusion
+from fgpose_benchmarks.synthetic import Occlusion
+from metric import Metric
+from occluders import load_cutouts, occluded
+from scenario import demo_sources
 
 _SEED = 42
 _FPS = 60.0

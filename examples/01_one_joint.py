@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 
 from fgpose.geometry.triangulation import triangulate
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 from fgpose_factors import Kernel, noise_model, projection_factor
 
 SIGMA_PX = 3.0

@@ -20,7 +20,7 @@ import fgpose
 from fgpose.monocular.detection import detect
 from fgpose.monocular.network import Image, People
 from fgpose.monocular.sources import open_sources
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 ARM = fgpose.Skeleton("arm", ("shoulder", "elbow", "wrist"), ((0, 1), (1, 2)), (0,), ())
 COLOURS_RGB = ((255, 40, 40), (40, 255, 40), (40, 40, 255))

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.assessment.metrics import mpjpe_m
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 
 FPS = 50.0
 

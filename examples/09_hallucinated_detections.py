@@ -1,7 +1,7 @@
 """Which detections are hallucinated: what the hidden Markov model of visibility says, beside the truth.
 
 What one learns: reading the posterior of each detection, switching the model off, and what that does to a joint.
-Needs fgpose[benchmark]. Makes a figure of the documentation:
+Needs fgpose-benchmarks. Makes a figure of the documentation:
 
     python examples/09_hallucinated_detections.py --output docs/visibility.png
 """
@@ -16,8 +16,8 @@ import tyro
 from jaxtyping import Bool, Float
 
 import fgpose
-from fgpose.benchmark.plot_style import BLUE, GREY, PALE, VERMILLION, make_plain, new_figure
-from fgpose.benchmark.variants import find_variant, record
+from fgpose_benchmarks.accuracy.variants import find_variant, record
+from fgpose_benchmarks.comparison.plot_style import BLUE, GREY, PALE, VERMILLION, make_plain, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from pathlib import Path
 import tyro
 
 import fgpose
-from fgpose.benchmark.plot_style import BLUE, VERMILLION, make_plain, new_figure
-from fgpose.synthetic import (
+from fgpose_benchmarks.comparison.plot_style import BLUE, VERMILLION, make_plain, new_figure
+from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdScene,
     DetectionNoise,

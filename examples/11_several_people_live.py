@@ -15,7 +15,8 @@ from pathlib import Path
 import tyro
 
 import fgpose
-from fgpose.synthetic import (
+from fgpose.viewer import open_people_recording
+from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdScene,
     DetectionNoise,
@@ -25,7 +26,6 @@ from fgpose.synthetic import (
     ring_rig,
     simulate_crowd,
 )
-from fgpose.viewer import open_people_recording
 
 
 def film(n_people: int, n_cameras: int, duration_s: float) -> CrowdScene:

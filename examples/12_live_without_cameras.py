@@ -26,7 +26,7 @@ from fgpose.live.observed import volume_points_m
 from fgpose.live.outputs import ViewerOutput
 from fgpose.live.system import LiveSystem
 from fgpose.live.tracking import LiveTracking
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdPlan,
     CrowdScene,

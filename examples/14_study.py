@@ -15,7 +15,7 @@ import pyarrow.dataset as ds
 import tyro
 
 from fgpose.study import StudyResult, load_study, run_study
-from fgpose.study.demo_data import SESSIONS, write_demo_study
+from fgpose_benchmarks.demo_study import SESSIONS, write_demo_study
 
 
 def describe(result: StudyResult) -> None:

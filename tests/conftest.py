@@ -12,7 +12,7 @@ from tests.shape_checks import pytest_runtest_setup  # noqa: F401
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     NO_OCCLUSION,
     DetectionNoise,
     Occlusion,
@@ -23,7 +23,7 @@ from fgpose.synthetic import (
     walking,
 )
 
-MOCAP = Path(__file__).parents[1] / "fgpose" / "data" / "mocap_cmu"
+MOCAP = Path(__file__).parents[1] / "benchmarks" / "fgpose_benchmarks" / "data" / "mocap_cmu"
 
 
 @pytest.fixture(scope="session")

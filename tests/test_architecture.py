@@ -12,19 +12,23 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SOURCES = {"fgpose": ROOT / "fgpose", "fgpose_factors": ROOT / "factors" / "fgpose_factors"}
+SOURCES = {
+    "fgpose": ROOT / "fgpose",
+    "fgpose_factors": ROOT / "factors" / "fgpose_factors",
+    "fgpose_benchmarks": ROOT / "benchmarks" / "fgpose_benchmarks",
+}
 
 # The house, from the top floor down. A module imports its own room and the floors below, never one above or beside it.
 FLOORS = (
     {"cli"},
-    {"benchmark", "live", "study"},
+    {"live", "study"},
     {"pipeline"},
     {"report"},
     {"diagnosis"},
     {"tracking"},
     {"calibration"},
     {"estimation"},
-    {"monocular", "viewer", "synthetic"},
+    {"monocular", "viewer"},
     {"assessment"},
     {"io"},
     {"kinematics"},
@@ -35,6 +39,7 @@ FLOORS = (
         "plain_files",
         "config",
         "cores",
+        "extensions",
         "finding",
         "frame_matching",
         "observations",
@@ -85,7 +90,7 @@ ESTIMATION_FLOORS = (
 )
 GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}
 MESSAGES = {"fgpose.live.outputs"}
-FILES = {"fgpose.io", "fgpose.config", "fgpose.benchmark"}
+FILES = {"fgpose.io", "fgpose.config", "fgpose_benchmarks"}
 CLUSTER = {"fgpose.study.cluster"}
 STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
@@ -94,7 +99,7 @@ ALLOWED = {
     "rerun": {"fgpose.viewer"},
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
     "av": {"fgpose.live.sources", "fgpose.monocular.sound"},
-    "tyro": {"fgpose.cli"},
+    "tyro": {"fgpose.cli", "fgpose_benchmarks.cli"},
     **dict.fromkeys(("distributed", "dask"), CLUSTER),
     "bokeh": {"fgpose.report"},
     "jinja2": {"fgpose.report"},
@@ -172,6 +177,11 @@ def test_the_factors_know_nothing_of_fgpose() -> None:
     assert not wrong
 
 
+def test_the_core_knows_nothing_of_the_benchmarks() -> None:
+    core = {"fgpose", "fgpose_factors"}
+    assert not [name for name in IMPORTS if within(name, core) and within_any(IMPORTS[name], {"fgpose_benchmarks"})]
+
+
 @pytest.mark.parametrize("library", ALLOWED)
 def test_a_library_is_imported_only_where_it_belongs(library: str) -> None:
     users = {name for name, imported in IMPORTS.items() if within_any(imported, {library})}
@@ -196,7 +206,7 @@ def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) ->
 
 
 def test_only_the_top_knows_the_pipeline_and_the_command_line() -> None:
-    tops = {"fgpose.pipeline", "fgpose.cli", "fgpose.study"}
+    tops = {"fgpose.pipeline", "fgpose.cli", "fgpose.study", "fgpose_benchmarks"}
     users = {name for name, names in IMPORTS.items() if within_any(names, tops)}
     assert not [name for name in users if not within(name, {*tops, "fgpose.__main__"}) and name != "fgpose"]
 
@@ -214,7 +224,7 @@ def test_the_library_never_prints() -> None:
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
     }
-    assert not [name for name in printing if not within(name, {"fgpose.cli"})]
+    assert not [name for name in printing if not within(name, {"fgpose.cli", "fgpose_benchmarks.cli"})]
 
 
 def test_importing_fgpose_stays_light() -> None:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
 import live_distances
 import live_storm
-import pytest
 from distance_truth import Result
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from occluders import draw_periods, load_cutouts
 
-from fgpose.synthetic import Occlusion
+from fgpose_benchmarks.synthetic import Occlusion
+from occluders import draw_periods, load_cutouts
 
 CUTOUT = np.full((4, 4, 4), 255, np.uint8)
 

@@ -21,8 +21,8 @@ KINDS = {"Added", "Changed", "Deprecated", "Removed", "Fixed", "Security"}
 PIN = re.compile(r"(?P<name>[\w.-]+)==(?P<version>[^\s;]+)(?: ; [^#]*?)?(?: +--hash=sha256:[0-9a-f]{64})+")
 
 
-def project() -> dict:
-    return tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+def project(folder: Path = ROOT) -> dict:
+    return tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
 def test_the_newest_version_of_the_changelog_is_that_of_the_package() -> None:
@@ -52,6 +52,12 @@ def test_the_citation_is_of_this_version() -> None:
     assert all(author["family-names"] in readme for author in reference["authors"])
 
 
+def test_the_benchmarks_go_with_this_version() -> None:
+    benchmarks = project(ROOT / "benchmarks")
+    assert benchmarks["version"] == fgpose.__version__
+    assert f"fgpose=={fgpose.__version__}" in benchmarks["dependencies"]
+
+
 def test_the_classifiers_name_the_versions_of_the_matrix() -> None:
     named = re.findall(r"Python :: (3\.\d+)", " ".join(project()["classifiers"]))
     (matrix,) = re.findall(r"^MATRIX := (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
@@ -65,6 +71,7 @@ def test_a_pin_with_hashes_meets_each_requirement() -> None:
     groups = [*settings["project"]["optional-dependencies"].values(), *settings["dependency-groups"].values()]
     wanted = [line for group in groups for line in group if isinstance(line, str)]
     wanted += settings["project"]["dependencies"] + settings["build-system"]["requires"]
+    wanted += [line for line in project(ROOT / "benchmarks")["dependencies"] if not line.startswith("fgpose")]
     pinned = (ROOT / "constraints.txt").read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
     pins = {canonicalize_name(pin["name"]): pin["version"] for pin in map(PIN.fullmatch, pinned) if pin}
     assert len(pinned) >= len(pins) > 100

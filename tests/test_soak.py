@@ -8,11 +8,11 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import pytest
-import soak
-from soak_scenes import TROUBLES, draw, parts
 
 import fgpose
-from fgpose.synthetic import ring_rig
+import soak
+from fgpose_benchmarks.synthetic import ring_rig
+from soak_scenes import TROUBLES, draw, parts
 
 FRAMES = 40
 

@@ -13,8 +13,8 @@ import tyro
 from drawing import BLUE, GREEN, GREY, PALE, VERMILLION, draw_ellipse, draw_rig, make_plain, new_figure, save
 
 import fgpose
-from fgpose.synthetic import film, ring_rig, walkers
-from fgpose.synthetic.walkers import Behaviour, stature_m
+from fgpose_benchmarks.synthetic import film, ring_rig, walkers
+from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour, stature_m
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,7 +13,7 @@ from drawing import BLUE, GREY, PALE, VERMILLION, make_plain, new_figure, save
 
 import fgpose
 from fgpose.assessment.metrics import mpjpe_m
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 
 FPS = 50.0
 LATE_MS = np.array([0.0, 33.0, -13.0, 52.0])

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.benchmark.plot_style import BLUE, GREY, PALE, VERMILLION, make_plain, new_figure
+from fgpose_benchmarks.comparison.plot_style import BLUE, GREY, PALE, VERMILLION, make_plain, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,7 +18,7 @@ from fgpose.estimation.evidence import gather
 from fgpose.estimation.factors.kinds import factors_of
 from fgpose.estimation.keys import length_key, position_key, velocity_key
 from fgpose.estimation.segment import Segment
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ import tyro
 from drawing import BLUE, GREY, VERMILLION, draw_ellipse, make_plain, new_figure, save
 
 import fgpose
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 
 FPS, FRAME = 50.0, 50
 _SHARE = 0.9

@@ -15,10 +15,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, TextIO, Union
+from typing import Annotated, Any, Protocol, TextIO, Union
 
 from fgpose.cli.angles import Angles
-from fgpose.cli.benchmark import Benchmark, with_action
 from fgpose.cli.calibrate import Calibrate
 from fgpose.cli.command_line import set_arguments
 from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
@@ -34,6 +33,7 @@ from fgpose.cli.study import Study
 from fgpose.cli.synchronise import Synchronise
 from fgpose.cli.view import View
 from fgpose.config import Config, load_config
+from fgpose.extensions import added
 from fgpose.io.atomic import NotWrittenError, not_written
 
 _DESCRIPTION = """3D human pose over time from several cameras, and their calibration from the people in their videos.
@@ -70,27 +70,7 @@ _COMMANDS = {
     "report": Report,
     "view": View,
     "models": Models,
-    "benchmark": Benchmark,
 }
-Command = (
-    Demo
-    | Calibrate
-    | Run
-    | Study
-    | Detect
-    | Synchronise
-    | Smooth
-    | Track
-    | Live
-    | Refine
-    | Info
-    | Angles
-    | Evaluate
-    | Report
-    | View
-    | Models
-    | Benchmark
-)
 _ESTIMATORS = ("run", "smooth", "track", "refine")
 # Options whose value is a number: those that end with its unit.
 _OPTION_OF_A_NUMBER = re.compile(r"--(fps|height|[\w.-]+[-_](s|m|px))")
@@ -142,7 +122,7 @@ def _run(arguments: list[str]) -> int:
         return 0
     set_arguments(arguments)
     with _plain_warnings():
-        code: int | None = _parse(arguments).run()
+        code = _parse(arguments).run()
     return code or 0
 
 
@@ -151,16 +131,34 @@ def _is_of_stdout(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None
 
 
+class Command(Protocol):
+    """A dataclass whose fields are the options and whose docstring is the help."""
+
+    def run(self) -> int | None:
+        """Returns: the exit code; None: 0."""
+
+
+def _commands(arguments: list[str]) -> dict[str, type]:
+    """Ours, and those that other packages add, which are imported only if they may be meant."""
+    if arguments[:1] and arguments[0] in _COMMANDS:
+        return _COMMANDS
+    # Nobody replaces one of ours.
+    return _COMMANDS | added("fgpose.commands") | _COMMANDS
+
+
 def _parse(arguments: list[str]) -> Command:
     import tyro
 
-    arguments = with_action(arguments)
+    known = _commands(arguments)
+    completed = getattr(known.get(arguments[0]), "completed", None) if arguments else None
+    if completed is not None:
+        arguments = [arguments[0], *completed(arguments[1:])]
     _check_decimal_points(arguments)
     config = _config_of(arguments)
     # The list of the commands has one line for each; the help of a command says everything.
     brief = arguments[:1] in ([], ["-h"], ["--help"])
     commands = []
-    for name, command in _COMMANDS.items():
+    for name, command in known.items():
         description = (command.__doc__ or "").partition("\n")[0] if brief else None
         if name in _ESTIMATORS:
             # The values of --config become the defaults of the options, so that the command line overrides them.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from tyro.conf import FlagCreatePairsOff, arg
 
 from fgpose.cli.options import first_frames, new_console, progress_bar
+from fgpose.extensions import added
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +36,7 @@ class Demo:
     cameras, over RTSP where GStreamer's server is installed, to the live system; it serves a status page meanwhile, and
     writes demo_live.rrd and demo_live.fgpose. With --calibrate the calibration of these videos but for the lenses is
     thrown away and found again from the man in them; writes demo_calibrated.toml and demo_calibrated.rrd. With --study
-    a small data set is made from motion capture that comes with fgpose, and all its recordings are estimated
+    a small data set is made from motion capture that comes with fgpose-benchmarks, and all its recordings are estimated
     (fgpose study); one of them is damaged on purpose.
 
     Example: fgpose demo --output out
@@ -107,8 +108,10 @@ class Demo:
         from fgpose.cli.report import Report
         from fgpose.cli.study import Study, run_and_print
         from fgpose.study import load_study
-        from fgpose.study.demo_data import write_demo_study
 
+        write_demo_study = added("fgpose.demonstrations").get("study")
+        if write_demo_study is None:
+            raise ImportError("its recordings are simulated: pip install fgpose-benchmarks")
         console = new_console()
         with new_console(stderr=True).status("making recordings from motion capture"):
             file = write_demo_study(self.output / "demo_study")

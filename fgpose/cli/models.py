@@ -44,6 +44,7 @@ class ListModels:
     """
 
     def run(self) -> None:
+        from fgpose.extensions import added
         from fgpose.monocular.models import MODELS
 
         console = new_console()
@@ -53,6 +54,8 @@ class ListModels:
             size = f"{model.n_bytes / 1e6:.1f} MB"
             line = f"{model.name:<16} {model.licence:<11} {size:>8}  {model.skeleton:<13} {where}"
             console.print(line, soft_wrap=True)
+        for name in added("fgpose.detectors"):
+            console.print(f"{name:<16} of another package", soft_wrap=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,7 +21,7 @@ _USUAL_QUANTILE, _HIGHEST_QUANTILE, _SHARE_OF_HIGHEST = 0.75, 0.99, 0.5
 # Relative to the usual: a guess, and a detection like others; of one image, and of the images of so long a time on
 # either side. Of joints that OpenPose and BlazePose put within 10 cm in two views, 0 to 0.7 % are less credible than
 # 0.5 without occluders, 0.1 to 3.7 % with them; of those that no view puts there, 3 to 100 %. By one image alone: 0 to
-# 0.6, 0 to 2.8 and 3 to 88 % (two to four of the views of fgpose/data/detection_errors).
+# 0.6, 0 to 2.8 and 3 to 88 % (two to four of the views of fgpose_benchmarks/data/detection_errors).
 _GUESSED, _LIKE_OTHERS = 0.15, 0.35
 _GUESSED_LONG, _LIKE_OTHERS_LONG, _LONG_S = 0.3, 0.6, 1.0
 # The usual confidence of a stream is that of so many images of all cameras.

@@ -29,7 +29,7 @@ from fgpose.geometry.reprojection import linearized_projection
 _PRIOR_BIASES = 4.0
 USUAL_M = 0.01
 """Standard deviation along each axis of the image that is usual; BlazePose and OpenPose have 9 to 12 mm on a recording
-(fgpose.synthetic.real_errors), calibrations add theirs."""
+(fgpose_benchmarks.synthetic.real_errors), calibrations add theirs."""
 _LEAST_M = 0.002
 _TURNS = 10  # of the re-estimation: three times as many change no error on the tuning clips of the benchmark by 0.1 %
 _LEAST_MEASUREMENTS = 1.0

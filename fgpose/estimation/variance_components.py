@@ -33,7 +33,7 @@ _LEAST_TOTAL_FREEDOM = 4.0
 _USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
 # What is known of networks, where a recording does not tell: of the lasting errors of hips the variance is three times
 # as large horizontally as vertically, of all other joints together as large (OpenPose, BlazePose full and heavy against
-# three other cameras: fgpose/data/detection_errors). Half of it, for that is one man.
+# three other cameras: fgpose_benchmarks/data/detection_errors). Half of it, for that is one man.
 _OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
 _MOST_FRAMES = 1000.0  # of one sum; frames may be nanoseconds apart
 _STEPS = 200  # of the integral over the squared correlation

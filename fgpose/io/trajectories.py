@@ -11,9 +11,10 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, z_up_R_world
-from fgpose.io.atomic import check_replaceable
+from fgpose.io.atomic import check_replaceable, replacing
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
 from fgpose.io.content import first_bytes
+from fgpose.io.formats import trajectory_formats
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.origin import Origin
 from fgpose.io.parquet import read_origin, read_parquet, write_parquet
@@ -24,7 +25,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
 EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
-"""What save_trajectory writes."""
+"""What save_trajectory writes, with the formats that other packages add (fgpose.io.formats)."""
 
 
 def check_output(path: str | Path) -> None:
@@ -72,12 +73,17 @@ def save_trajectory(
         case ".c3d":
             up = resolved_up([trajectory], world_up, path, origin and origin.rig)
             write_c3d(trajectory, path, up, made_by=made_by)
+        case extension:
+            others = trajectory_formats()[extension]
+            with replacing(path, others.check) as temporary:
+                others.write(trajectory, temporary)
 
 
 def _extension(path: Path) -> str:
     extension = path.suffix.lower()
-    if extension not in EXTENSIONS:
-        raise ValueError(f"{path}: a trajectory is written as {', '.join(EXTENSIONS)}, not as {extension or 'nothing'}")
+    if extension not in EXTENSIONS and extension not in (others := trajectory_formats()):
+        known = ", ".join((*EXTENSIONS, *others))
+        raise ValueError(f"{path}: a trajectory is written as {known}, not as {extension or 'nothing'}")
     return extension
 
 
@@ -272,8 +278,10 @@ def _read(path: Path, kind: str, world_up: WorldUp, file_up: UpChoice | WorldUp)
             return {0: read_npz(path)}
         case "TRC":
             return {0: _turned(path, read_trc(path), "+y", world_up, file_up)}
-        case _:
+        case "C3D":
             return {0: _turned(path, *read_c3d(path), world_up, file_up)}
+        case _:
+            return {0: trajectory_formats()[kind].read(path)}
 
 
 def _turned(
@@ -297,6 +305,8 @@ def _kind(path: Path) -> str:
     # The first byte of a C3D file says where its parameters begin, the second is always 0x50.
     if path.suffix.lower() == ".c3d" and start[1:2] == b"\x50":
         return "C3D"
+    if (extension := path.suffix.lower()) in trajectory_formats():
+        return extension
     raise ValueError(f"{path}: not a trajectory: its content is none of parquet, npz, TRC, C3D")
 
 

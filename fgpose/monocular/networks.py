@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
+from fgpose.extensions import added
 from fgpose.monocular.cache import Say
 from fgpose.monocular.network import Network
 
@@ -25,7 +26,8 @@ def open_network(
     """A network with one thread for each run, as cameras are processed in parallel.
 
     Args:
-        model: the name of a model that can be pulled, which is done if it is not in the cache; or an ONNX file.
+        model: the name of a model that can be pulled, which is done if it is not in the cache; of a detector that
+            another package adds (entry point of the group fgpose.detectors, called with max_people); or an ONNX file.
         kind: which network such a file is.
         detector: ONNX file that finds the people: YOLOX, for blazepose its own detector. Needed with a file of any kind
             but blazepose, for which it is pulled.
@@ -38,6 +40,8 @@ def open_network(
             the kind.
         OSError: a file cannot be read, or the weights cannot be fetched; the message says what to do.
     """
+    if (others := added("fgpose.detectors").get(str(model))) is not None:
+        return others(max_people=max_people)
     path = Path(model)
     if path.suffix != ".onnx" and not path.is_file():
         if kind != "blazepose" or detector is not None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import fgpose
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdPlan,
     CrowdScene,

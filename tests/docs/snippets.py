@@ -25,7 +25,7 @@ from fgpose.io.calibration import save_rig
 from fgpose.live.cell import load_cell
 from fgpose.live.rig_file import load_live_rig
 from fgpose.study import load_study
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 ROOT = Path(__file__).parents[2]
 _NOT_RUN = re.compile(r"<!-- not run: (?P<reason>[^>]+) -->\s*\Z")

@@ -18,7 +18,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import PeopleObservations
-from fgpose.synthetic import ring_rig, walking
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 FPS = 20.0
 N_FRAMES = 40

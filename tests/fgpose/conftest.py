@@ -14,7 +14,7 @@ import pytest
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.network import Image, People
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 SKELETON = Skeleton("squares", ("pelvis", "left_hand", "right_hand"), ((0, 1), (0, 2)), (0,), ((1, 2),))
 # One colour per joint, the three of the first person and those of the second: corners of the cube, far from grey.

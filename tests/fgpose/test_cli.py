@@ -32,7 +32,7 @@ from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory, save_trajectory
 from fgpose.live.clock import Clock
 from fgpose.pipeline import Outputs, Source
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 COMMANDS = (
     "demo",

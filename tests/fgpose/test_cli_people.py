@@ -22,7 +22,8 @@ from fgpose.io.trajectories import load_origin, load_people_trajectories, load_t
 from fgpose.observations import Observations
 from fgpose.people import Detections
 from fgpose.pipeline import PeopleSource, run_smooth_people, run_track_people
-from fgpose.synthetic import (
+from fgpose.tracking import Tracked, Tracker
+from fgpose_benchmarks.synthetic import (
     CameraTimes,
     CrowdErrors,
     CrowdScene,
@@ -34,7 +35,6 @@ from fgpose.synthetic import (
     simulate_crowd,
     walking,
 )
-from fgpose.tracking import Tracked, Tracker
 
 FAST_CONFIG = Config(solver={"covariance": False}, online={"covariance": False, "lag_s": 0.2})
 FAST = ["--solver.no-covariance", "--online.no-covariance"]

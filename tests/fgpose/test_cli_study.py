@@ -9,7 +9,7 @@ import pytest
 from fgpose.cli import main
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 STUDY = """
 output = "results"
@@ -80,7 +80,7 @@ def test_a_study_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.slow
 def test_the_demonstration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    from fgpose.study import demo_data
+    import fgpose_benchmarks.demo_study as demo_data
 
     # As it is, but short.
     whole = demo_data.write_demo_study

@@ -10,7 +10,7 @@ import pytest
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     NO_CROWD_ERRORS,
     NO_NOISE,
     Box,
@@ -27,8 +27,8 @@ from fgpose.synthetic import (
     simulate_crowd,
     walking,
 )
-from fgpose.synthetic.bodies import FURNITURE, VISIBLE, Capsules, hidden_by
-from fgpose.synthetic.crowd_errors import spells
+from fgpose_benchmarks.synthetic.crowd.bodies import FURNITURE, VISIBLE, Capsules, hidden_by
+from fgpose_benchmarks.synthetic.crowd.errors import spells
 from tests.conftest import MOCAP
 
 FPS = 25.0
@@ -467,7 +467,7 @@ def test_a_bad_crowd_is_one_clear_error(
         crowd_motion(2, 100, FPS, [gait], [], seed=0)
     with pytest.raises(ValueError, match=r"longer than 0\.96 s, got 0\.40 s"):
         crowd_motion(2, 100, FPS, [(gait[0][:20], 50.0)], [gait], seed=0)
-    monkeypatch.setattr("fgpose.synthetic.routes._RESTARTS", 1)
+    monkeypatch.setattr("fgpose_benchmarks.synthetic.crowd.routes._RESTARTS", 1)
     small = CrowdPlan(room_x_m=2.1, room_y_m=2.1, returning_share=0.0, leaving_share=0.0)
     with pytest.raises(ValueError, match=r"find no way around each other in 2\.1 x 2\.1 m"):
         crowd_motion(4, 100, FPS, [gait], [gait], seed=0, plan=small)

@@ -18,9 +18,9 @@ from fgpose.io.trajectories import save_people, save_trajectory
 from fgpose.observations import Observations
 from fgpose.pipeline import Outputs
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
 from fgpose.trajectory import Status, Trajectory
 from fgpose.viewer import open_recording
+from fgpose_benchmarks.synthetic import ring_rig
 
 STICK = Skeleton("stick", ("hip", "knee"), bones=((0, 1),), root=(0,))
 FORMATS = ("parquet", "npz", "trc", "c3d", "rrd")

@@ -10,8 +10,8 @@ import pytest
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, real_errors, simulate, walking
-from fgpose.synthetic.real_errors import HIDDEN_M, real_blocks
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, real_errors, simulate, walking
+from fgpose_benchmarks.synthetic.real_errors import HIDDEN_M, real_blocks
 from tests.conftest import MOCAP
 
 DATA = MOCAP.parent / "detection_errors"

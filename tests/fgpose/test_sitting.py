@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import Box, CrowdMotion, CrowdPlan, Seat, crowd_motion, motion_from_npz
-from fgpose.synthetic.body_motion import ANKLE_M, Poses, above_legs, gait_of, positions_of, work_of
-from fgpose.synthetic.sitting import seated
-from fgpose.synthetic.snapping import stretches
+from fgpose_benchmarks.synthetic import Box, CrowdMotion, CrowdPlan, Seat, crowd_motion, motion_from_npz
+from fgpose_benchmarks.synthetic.body_motion import ANKLE_M, Poses, above_legs, gait_of, positions_of, work_of
+from fgpose_benchmarks.synthetic.crowd.sitting import seated
+from fgpose_benchmarks.synthetic.snapping import stretches
 from tests.conftest import MOCAP
 
 FPS = 25.0

@@ -11,7 +11,7 @@ import pytest
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     NO_OCCLUSION,
     DetectionNoise,

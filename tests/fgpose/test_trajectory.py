@@ -11,8 +11,8 @@ from fgpose.config import Config
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import Scene
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory
+from fgpose_benchmarks.synthetic import Scene
 
 FRAMES = 4
 

@@ -13,7 +13,7 @@ from fgpose.finding import Code, Finding, Severity
 
 # Of the usual confidence of the recording. Joints that a network sees have 0.7 to 1.2 times it, ears and toes that are
 # half of the time on the far side of the body 0.4 (balance_openpose). Throughout: three quarters of the time, as knees
-# and ankles behind occluders have 0.28 times it half of the time (fgpose/data/detection_errors).
+# and ankles behind occluders have 0.28 times it half of the time (fgpose_benchmarks/data/detection_errors).
 _LOW, _THROUGHOUT = 0.4, 0.75
 
 

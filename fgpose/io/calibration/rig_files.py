@@ -21,6 +21,8 @@ from fgpose.io.calibration import (
 from fgpose.io.calibration.calibrated_view import CalibratedView, Unit, UnitOfFormat, metres_per_unit, rig_in_metres
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
+from fgpose.io.formats import RigFormat as AddedFormat
+from fgpose.io.formats import recognised
 from fgpose.plain_files import MAX_CALIBRATION_BYTES
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
@@ -40,7 +42,8 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
     Pose2Sim, aniposelib and caliscope TOML, Qualisys ``.qca.txt``, Vicon ``.xcp``, EasyMocap / OpenCV FileStorage YAML
     (the folder with ``intri.yml`` and ``extri.yml``, or either file), OpenCap's ``cameraIntrinsicsExtrinsics.pickle``
     (one, or the folder of all), bioCV's ``.calib``, JSON with K, dist, R, t and the image size of each camera, the npz
-    of save_rig, and the recording of a live system. All but the last two store world to camera.
+    of save_rig, and the recording of a live system. All but the last two store world to camera. Other packages may add
+    formats (fgpose.io.formats).
 
     Args:
         path: the file, or the folder of the files of all cameras.
@@ -59,6 +62,8 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
     """
     path = Path(path)
     metres_per_unit(unit)
+    if (other := recognised(AddedFormat, path)) is not None:
+        return other.read(path)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

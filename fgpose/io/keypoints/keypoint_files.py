@@ -14,6 +14,7 @@ from fgpose.association.chosen_person import PersonRegion, chosen_person, main_p
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.camera_names import match_cameras
+from fgpose.io.formats import KeypointFormat, recognised
 from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
 from fgpose.io.keypoints.scores import as_confidences
@@ -57,6 +58,7 @@ def load_observations(
     - FreeMoCap's 2D points (npy), of whose cameras the order is that of the calibration.
     - A recording written by save_observations or save_people_observations, npz or parquet.
     - The recording of a live system; its times count from its beginning.
+    - Formats that other packages add (fgpose.io.formats).
 
     A frame that one camera lacks was not seen by it; where the numbers leave out a frame in all cameras, nobody saw it.
     Camera names are compared as match_cameras does. Of whole bodies with face and hands (COCO-WholeBody, Halpe-136) the
@@ -122,7 +124,10 @@ def load_people(
 def _own_people(
     path: Path, rig: CameraRig, skeleton: Skeleton, ignore_other_cameras: bool
 ) -> PeopleObservations | None:
-    """Everybody in our own formats that have several people; None: it is another one."""
+    """Everybody in our own formats that have several people, and in those that other packages add; None: it is another
+    one."""
+    if (other := recognised(KeypointFormat, path)) is not None:
+        return other.read(path, rig, skeleton)
     if people_files.is_people(path):
         return people_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
     if path.is_file() and live_files.is_live(path):
@@ -206,6 +211,8 @@ def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
         OSError: it cannot be read.
     """
     path = Path(path)
+    if (other := recognised(KeypointFormat, path)) is not None:
+        return other.camera_names(path)
     if path.is_file() and live_files.is_live(path):
         return live_files.camera_names(path)
     if array := freemocap_file(path):

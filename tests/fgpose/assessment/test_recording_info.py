@@ -10,7 +10,7 @@ from fgpose.assessment.recording_info import recording_info
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.observations import Observations
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 
 def exchanged(observations: Observations, camera: int, frames: slice) -> Observations:

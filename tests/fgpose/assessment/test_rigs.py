@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from fgpose.assessment import rigs
 from fgpose.assessment.rig_alignment import fitted, rig_similarity
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import find_studio, walking
+from fgpose_benchmarks.synthetic import find_studio, walking
 
 RIG = find_studio("mixed_5").rig
 JOINTS_M = walking(40, 10.0)

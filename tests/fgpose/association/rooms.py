@@ -12,7 +12,7 @@ from fgpose.association.moment import Moment
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import walking
+from fgpose_benchmarks.synthetic import walking
 
 FPS = 30.0
 SIGMA_PX = 3.0

@@ -13,7 +13,7 @@ from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import NOBODY
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import walking
+from fgpose_benchmarks.synthetic import walking
 
 DATA = Path(__file__).parents[2] / "data"
 FPS = 60.0

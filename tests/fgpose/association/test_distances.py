@@ -18,7 +18,7 @@ from fgpose.association.pose_filter import SIGMA_M, PoseFilters, RayResidual
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people import NOBODY, Detections
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 SIGMA = 0.03
 """Of the distances, over the distance; all joints of a person in an image have the same error."""

@@ -14,7 +14,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 HERE_M, THERE_M = (0.0, -0.6), (0.2, 0.7)
 

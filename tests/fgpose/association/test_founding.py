@@ -16,7 +16,7 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY, Detections
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from scipy.linalg import expm
 from fgpose.association.pose_filter import Expected, PoseFilters
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 SIGMA_M = 0.04
 # The model of the module's docstring, in numbers of its own: the swing forgets within 0.3 s and has 1 m/s at rest; the

@@ -15,7 +15,7 @@ from fgpose.association.successive import successive
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY, PeopleObservations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 Shown = Callable[[float, int], list[np.ndarray]]
 """Whom a camera shows at a time."""

@@ -9,7 +9,7 @@ from everybody import track_people
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig, walking
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 FPS = 30.0
 N_FRAMES = 60

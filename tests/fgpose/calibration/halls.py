@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CameraTimes,
     CrowdErrors,
     CrowdMotion,

@@ -12,7 +12,7 @@ import fgpose
 from fgpose.calibration.bumped import refine_bumped
 from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.people import PeopleObservations
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 
 @pytest.fixture(scope="module")

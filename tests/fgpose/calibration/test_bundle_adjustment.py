@@ -11,7 +11,7 @@ import fgpose
 from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig, prior_sigmas
 from fgpose.calibration.sightings import Sightings
 from fgpose.config import Config
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 CONFIG = Config()
 

@@ -10,7 +10,7 @@ from fgpose.calibration.camera_faults import camera_faults
 from fgpose.calibration.rig_refinement import refine_rig
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.observations import Observations
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 
 def late(observations: Observations, camera: int, frames: int) -> Observations:

@@ -21,7 +21,7 @@ from fgpose.calibration.sightings import Sightings, best_seen_of_each, frames_of
 from fgpose.config import CalibrationConfig, Config
 from fgpose.people import Detections, PeopleObservations
 from fgpose.sampling import fair_limits
-from fgpose.synthetic import CameraTimes, CrowdMotion, CrowdScene, Scene
+from fgpose_benchmarks.synthetic import CameraTimes, CrowdMotion, CrowdScene, Scene
 
 BUMPED = (LEFT[0], RIGHT[1])
 OFFSETS_S = np.array([0.0, 0.03, -0.03, 0.03, 0.03, -0.03])

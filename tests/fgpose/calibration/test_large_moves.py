@@ -12,7 +12,7 @@ import fgpose
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
 from tests.fgpose.turned_cameras import turned
 
 SKELETON = fgpose.load_skeleton("h36m_17")

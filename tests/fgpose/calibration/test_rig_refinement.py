@@ -9,7 +9,7 @@ from turned_cameras import turned
 import fgpose
 from fgpose.calibration import bundle_adjustment
 from fgpose.config import SolverConfig
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 
 def direction_error_deg(rig: fgpose.CameraRig, truth: fgpose.CameraRig, camera: int) -> float:

@@ -17,8 +17,8 @@ from fgpose.calibration.sightings import best_seen
 from fgpose.config import CalibrationConfig, Config, SolverConfig
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.solvers.levenberg_marquardt import Solution
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from fgpose.trajectory import Trajectory
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 from tests.fgpose.calibration.test_rig_refinement import direction_error_deg
 

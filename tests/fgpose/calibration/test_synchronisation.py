@@ -9,9 +9,9 @@ import pytest
 from fgpose.calibration.synchronisation import synchronise
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import PeopleObservations
-from fgpose.synthetic import embedded_motion, ring_rig
-from fgpose.synthetic.crowd_motion import CrowdMotion
-from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
+from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
+from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 
 H36M = load_skeleton("h36m_17")
 

@@ -11,7 +11,15 @@ import pytest
 import fgpose
 from fgpose.config import CalibrationConfig, Config, ProjectionConfig, SolverConfig
 from fgpose.estimation.clock_offsets import offset_information
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate, walking
+from fgpose_benchmarks.synthetic import (
+    NO_NOISE,
+    NO_OCCLUSION,
+    DetectionNoise,
+    Scene,
+    motion_from_npz,
+    simulate,
+    walking,
+)
 from tests.conftest import MOCAP
 
 OFFSETS_S = np.array([0.0, 0.06, -0.04, 0.02])

@@ -10,8 +10,8 @@ import numpy as np
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, embedded_motion, real_errors, simulate
-from fgpose.synthetic.rig import look_at
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, embedded_motion, real_errors, simulate
+from fgpose_benchmarks.synthetic.rig import look_at
 
 SKELETON = load_skeleton("h36m_17")
 SIZE_PX = (1920, 1080)

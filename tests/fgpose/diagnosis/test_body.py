@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.benchmark.calibration.real import webcam
 from fgpose.diagnosis.body.joint_names import in_words, limb_of
 from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.body.posture import wrong_up
@@ -24,6 +23,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpAxis
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
+from fgpose_benchmarks.calibration.real import webcam
 from tests.fgpose.diagnosis.damaged import SKELETON, motion_m, posed, recorded, room, with_points
 
 Y_DOWN = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

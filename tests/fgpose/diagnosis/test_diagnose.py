@@ -11,7 +11,7 @@ import fgpose
 from fgpose import Code, Severity
 from fgpose.cli import main
 from fgpose.io.trajectories import load_origin
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 
 def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:

@@ -18,8 +18,8 @@ from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.observations import Observations
-from fgpose.synthetic import crowd_motion, embedded_motion, ring_rig, walking
-from fgpose.synthetic.rig import look_at
+from fgpose_benchmarks.synthetic import crowd_motion, embedded_motion, ring_rig, walking
+from fgpose_benchmarks.synthetic.rig import look_at
 from tests.fgpose.diagnosis.damaged import (
     SIZE_PX,
     SKELETON,

@@ -16,7 +16,15 @@ from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, simulate
+from fgpose_benchmarks.synthetic import (
+    NO_NOISE,
+    NO_OCCLUSION,
+    DetectionNoise,
+    Occlusion,
+    Scene,
+    motion_from_npz,
+    simulate,
+)
 from tests.conftest import MOCAP
 
 CONFIG = Config()

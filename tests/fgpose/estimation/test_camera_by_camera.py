@@ -11,7 +11,15 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import config_from_dict
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Occlusion, Scene, motion_from_npz, simulate, walking
+from fgpose_benchmarks.synthetic import (
+    NO_OCCLUSION,
+    DetectionNoise,
+    Occlusion,
+    Scene,
+    motion_from_npz,
+    simulate,
+    walking,
+)
 from tests.conftest import MOCAP
 
 N_FRAMES, SETTLED = 40, 10

@@ -8,7 +8,7 @@ import pytest
 import fgpose
 from fgpose.config import CalibrationConfig, Config
 from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose.synthetic import walking
+from fgpose_benchmarks.synthetic import walking
 
 KNOWN_S = np.array([0.0, 0.2, -0.1, 0.05])
 FPS = 50.0

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.config import Config
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate, walking
 from tests.conftest import MOCAP
 
 # Half a number in base 2: adding and subtracting it makes no rounding errors.

@@ -13,8 +13,8 @@ from fgpose.estimation.credibility import RunningCredibility, credible, usual_co
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 
 FPS = 30.0
 OF_99 = 11.345  # chi square, three degrees of freedom

@@ -12,7 +12,7 @@ import fgpose
 from fgpose.config import Config, config_from_dict
 from fgpose.estimation.delays import delays_s, image_motion_px, motion_m
 from fgpose.estimation.evidence import gather
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 from tests.conftest import MOCAP
 
 # Two frames late and early. Their mean is zero: the time of a frame is the mean of the cameras' times.

@@ -15,7 +15,7 @@ from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate, walking
+from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, Scene, motion_from_npz, simulate, walking
 from tests.conftest import MOCAP
 
 FPS = 50.0

@@ -7,7 +7,7 @@ import pytest
 
 from fgpose.estimation.detection_errors import ErrorProducts, Parity, lags_of, share_of_visible
 from fgpose.estimation.variance_components import TIMES_S, ErrorComponents
-from fgpose.synthetic.noise import correlated_normal
+from fgpose_benchmarks.synthetic.noise import correlated_normal
 
 STEP_S = 0.02
 FRAMES = 250

@@ -16,7 +16,7 @@ from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.visibility_chain import Chain
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Occlusion, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Occlusion, Scene, simulate, walking
 from fgpose_factors import projection_residual
 from tests.fgpose.turned_cameras import turned
 

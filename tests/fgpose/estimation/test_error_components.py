@@ -15,7 +15,7 @@ from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.estimation.variance_components import correlation_after
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
 MEDIAN, NINETIETH = 2.366, 6.251  # of the chi-squared distribution with three degrees of freedom

@@ -16,7 +16,7 @@ import fgpose
 from fgpose.config import config_from_dict
 from fgpose.estimation.keys import position_key
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 from tests.conftest import MOCAP
 
 COVERED_99 = 11.34  # 99 % quantile of chi-square with 3 degrees of freedom
@@ -56,7 +56,7 @@ def hidden(
 @pytest.fixture(scope="module")
 def mocap_clear(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> Scene:
     """Six seconds of real motion (motion capture), noisy, nothing occluded."""
-    from fgpose.synthetic import motion_from_npz
+    from fgpose_benchmarks.synthetic import motion_from_npz
 
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     return simulate(truth_m[:300], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0)

@@ -10,7 +10,7 @@ import pytest
 import fgpose
 from fgpose.config import Config
 from fgpose.estimation import evidence
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 
 
 @pytest.mark.parametrize("use", ["always", "few_views"])

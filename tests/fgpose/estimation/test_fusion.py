@@ -11,7 +11,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import Scene, ring_rig
+from fgpose_benchmarks.synthetic import Scene, ring_rig
 
 NAN = np.nan
 

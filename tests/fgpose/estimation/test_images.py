@@ -11,7 +11,7 @@ from fgpose.estimation.evidence import Evidence, gather
 from fgpose.estimation.images import fits_better
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
 
 CONFIG = Config()
 AWAY_M = np.array([0.4, 0.0, 0.1])

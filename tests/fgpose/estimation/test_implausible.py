@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.estimation.evidence import gather
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 FPS = 15.0
 FAST = fgpose.Config(solver={"covariance": False})

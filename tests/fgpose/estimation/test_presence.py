@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 import fgpose
 from fgpose.estimation.presence import present
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 FPS = 15.0
 FAST = fgpose.Config(solver={"covariance": False})

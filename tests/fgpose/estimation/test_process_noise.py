@@ -12,7 +12,7 @@ from fgpose.estimation.process_noise import RunningDensity, process_density
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
 CONFIG = MotionConfig()

@@ -12,8 +12,8 @@ from fgpose.estimation.refinement import refine
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate, walking
 from fgpose.trajectory import Status
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, Scene, simulate, walking
 
 NAN = np.nan
 

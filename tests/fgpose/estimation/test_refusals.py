@@ -11,7 +11,7 @@ import pytest
 
 import fgpose
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
 from tests.states import state_of
 
 FAST = fgpose.Config(online={"covariance": False, "lag_s": 0.2})

@@ -8,7 +8,7 @@ import numpy as np
 
 import fgpose
 from fgpose.config import config_from_dict
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
 
 N_FRAMES, FPS = 11, 50.0
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 # Rounding alone grows to this where kernels and gates decide; a threshold in pixels makes centimetres.
 SAME_M = 1e-5

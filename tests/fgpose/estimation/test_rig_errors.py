@@ -11,7 +11,7 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, real_errors, simulate
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, real_errors, simulate
 from tests.conftest import MOCAP
 
 TURNED_RAD = np.deg2rad(2.0)

@@ -12,7 +12,7 @@ from fgpose.assessment.metrics import jitter_mps3
 from fgpose.config import config_from_dict
 from fgpose.estimation.evidence import gather
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     NO_OCCLUSION,
     DetectionNoise,

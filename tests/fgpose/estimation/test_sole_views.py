@@ -12,8 +12,8 @@ from fgpose.estimation.posture import Posture, bone_directions
 from fgpose.estimation.single_view import DistanceFilter, Sight, smoothed
 from fgpose.estimation.uncertainty import at_least
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, embedded_motion, simulate, walking
 from fgpose.trajectory import Status
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, embedded_motion, simulate, walking
 
 IN_99 = 11.345  # of the chi-squared distribution with three degrees of freedom
 

@@ -10,7 +10,7 @@ import fgpose
 from fgpose.config import SwingConfig, config_from_dict
 from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_swing
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 
 def test_batch_covariances_widen_as_trust_vanishes() -> None:

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.benchmark.recording import Recording
-from fgpose.benchmark.variants import find_variant, record
 from fgpose.config import Config
 from fgpose.estimation.agreement import Agreement, is_doubtful
 from fgpose.estimation.detection_residuals import DetectionResiduals
 from fgpose.estimation.evidence import gather
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
 from fgpose.trajectory import Status
+from fgpose_benchmarks.accuracy.variants import find_variant, record
+from fgpose_benchmarks.comparison.recording import Recording
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, simulate, walking
 
 CONFIG = Config()
 SPREAD_M, USUAL = np.full(4, 0.018), 2 / 3

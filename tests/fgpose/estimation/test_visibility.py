@@ -15,7 +15,8 @@ from fgpose.estimation.visibility import RunningVisibility, judged
 from fgpose.estimation.visibility_chain import Chain
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import (
+from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     NO_OCCLUSION,
     DetectionNoise,
@@ -25,7 +26,6 @@ from fgpose.synthetic import (
     simulate,
     walking,
 )
-from fgpose.trajectory import Status, Trajectory
 from tests.conftest import MOCAP
 
 FPS = 50.0

@@ -11,7 +11,7 @@ from fgpose.config import ProjectionConfig
 from fgpose.estimation.fusion import Fusion, fuse
 from fgpose.estimation.weights import LEAST_WEIGHT, detection_weights
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import Scene, ring_rig
+from fgpose_benchmarks.synthetic import Scene, ring_rig
 
 
 def weights_of(scene: Scene, rig: CameraRig, **settings: str) -> np.ndarray:

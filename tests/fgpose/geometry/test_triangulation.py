@@ -7,7 +7,7 @@ from scipy.optimize import least_squares
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import _MAX_PAIRS, Triangulation, _pairs, triangulate, triangulate_robust
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 NAN = np.nan
 

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from fgpose.association.track import TrackEvent
-from fgpose.benchmark.predictions import load_predictions
 from fgpose.config import Config, config_to_toml, load_config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin, load_intrinsics, load_rig, save_rig
@@ -34,8 +33,9 @@ from fgpose.monocular.network import People
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import LIMBS, Skeleton
-from fgpose.synthetic import motion_from_npz, ring_rig, walking
 from fgpose.trajectory import Convergence, Status, Trajectory
+from fgpose_benchmarks.human36m.predictions import load_predictions
+from fgpose_benchmarks.synthetic import motion_from_npz, ring_rig, walking
 
 TESTS = Path(__file__).parents[2]
 DATA = TESTS / "data"

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_intrinsics, load_rig
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 DISTORTION = np.array([-0.1, 0.03, 0.0, 0.0, 0.002])
 QCA = Path(__file__).parents[2] / "data" / "qualisys" / "Calib.qca.txt"

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from small_files import recording, rig, trajectory, walk
 
-from fgpose.benchmark.predictions import Prediction, save_predictions
 from fgpose.io.atomic import replacing, write_bytes
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.io.kinematics import save_kinematics
 from fgpose.io.trajectories import save_trajectory
 from fgpose.viewer import open_recording
+from fgpose_benchmarks.human36m.predictions import Prediction, save_predictions
 
 OLD = b"the good file of the run before"
 

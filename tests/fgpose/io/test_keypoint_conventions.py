@@ -17,7 +17,7 @@ from fgpose.io.keypoints import keypoint_cameras, load_observations, load_people
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 COCO = load_skeleton("coco_17")
 N_FRAMES = 3

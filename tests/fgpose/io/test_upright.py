@@ -17,8 +17,8 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory, load_upright, save_people, save_trajectory
 from fgpose.kinematics.angles import joint_angles
 from fgpose.report.results import load_finished
-from fgpose.synthetic import ring_rig, walking
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 FPS = 50.0
 

@@ -10,8 +10,8 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.kinematics import angle_names, joint_angles
 from fgpose.kinematics.angles import JointAngles
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import embedded_motion
 from fgpose.trajectory import Trajectory
+from fgpose_benchmarks.synthetic import embedded_motion
 
 # Of angles made of a few rotations in double precision.
 EXACT_DEG = 1e-6

@@ -18,8 +18,8 @@ from fgpose.io.trajectories import load_trajectory, save_people, save_trajectory
 from fgpose.kinematics.angles import joint_angles
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
-from fgpose.synthetic import embedded_motion, walking
 from fgpose.trajectory import Trajectory
+from fgpose_benchmarks.synthetic import embedded_motion, walking
 
 H36M = load_skeleton("h36m_17")
 JOINT_OF_NODE = {

@@ -9,8 +9,8 @@ from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import walking
 from fgpose.trajectory import Trajectory
+from fgpose_benchmarks.synthetic import walking
 
 
 def test_segments_are_rotations_that_point_along_their_bones() -> None:

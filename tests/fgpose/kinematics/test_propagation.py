@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from built_body import BODY, built, random_angles, trajectory
 
-from fgpose.benchmark.families import find_variant
-from fgpose.benchmark.variants import TEST_CLIPS, record
 from fgpose.estimation.smoother import smooth
 from fgpose.kinematics import joint_angles
 from fgpose.kinematics.angles import JointAngles
 from fgpose.trajectory import Status
+from fgpose_benchmarks.accuracy.families import find_variant
+from fgpose_benchmarks.accuracy.variants import TEST_CLIPS, record
 
 N_SAMPLES = 4000
 

@@ -12,8 +12,8 @@ from fgpose.geometry.up_axis import SIGNED_AXES, up_vector, z_up_R_world
 from fgpose.io.recordings import load_recording
 from fgpose.io.skeletons import load_skeleton
 from fgpose.kinematics.vertical import body_up, find_up
-from fgpose.synthetic import ring_rig, walking
 from fgpose.trajectory import Status, Trajectory
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 LYING = Rotation.from_euler("y", 90, degrees=True).as_matrix()
 

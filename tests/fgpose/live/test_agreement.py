@@ -22,9 +22,9 @@ from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.observed import volume_points_m
 from fgpose.live.tracking import LiveTracking
 from fgpose.people import Detections
-from fgpose.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
-from fgpose.synthetic.walkers import Behaviour
 from fgpose.trajectory import Estimate, Status
+from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
+from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour
 
 NO_LATENESS = np.zeros(4)
 

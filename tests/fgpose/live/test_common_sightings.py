@@ -10,8 +10,8 @@ from fgpose.association.tracked import Tracked
 from fgpose.live.common_sightings import CommonSighting, CommonSightings
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
 from fgpose.trajectory import Estimate, Status
+from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(3, 4.5, 2.5, (0.0, 0.0, 0.9), focal_px=850.0, size_px=(1600, 1200))
 PX_PER_S = 100.0

@@ -17,7 +17,7 @@ from fgpose.live.image import ArrayPicture, Image, SourceImage
 from fgpose.live.mailbox import Mailbox
 from fgpose.live.parts import Parts
 from fgpose.monocular.network import People, Tracker
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 LONG_S = 30.0
 

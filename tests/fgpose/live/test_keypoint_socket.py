@@ -18,7 +18,7 @@ from fgpose.live import keypoint_checks
 from fgpose.live.keypoint_messages import MAX_BODY_BYTES, MAX_PEOPLE, decode_keypoints, encode_keypoints
 from fgpose.live.keypoint_socket import KeypointSocket
 from fgpose.live.rejections import MessageError
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 from tests.fgpose.live.output_frames import SKELETON, free_port
 
 RIG = ring_rig()

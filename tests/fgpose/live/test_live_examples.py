@@ -22,7 +22,7 @@ from fgpose.live.observed import Volume
 from fgpose.live.outputs import open_lsl_output, open_zmq_output
 from fgpose.live.outputs.mcap_output import McapSink
 from fgpose.live.outputs.output import BackgroundOutput
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 from tests.fgpose.live.output_frames import SKELETON, frame, free_port
 
 ROOT = Path(__file__).parents[3]

@@ -9,8 +9,6 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from simulated_cameras import CameraFault, Fault, SimulatedCameras
-from simulated_visitors import Clip, Scores, room_rig, scores
 
 import fgpose
 from fgpose.live.camera import CameraEvent
@@ -20,6 +18,8 @@ from fgpose.live.observed import volume_points_m
 from fgpose.live.outputs import BackgroundOutput
 from fgpose.live.system import Consumer, LiveSystem
 from fgpose.live.tracking import LiveTracking, Update
+from simulated_cameras import CameraFault, Fault, SimulatedCameras
+from simulated_visitors import Clip, Scores, room_rig, scores
 
 pytestmark = pytest.mark.slow
 CONFIG = fgpose.Config(online={"lag_s": 0.3}, tracking={"max_processes": 1})

@@ -17,7 +17,7 @@ from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.observed import volume_points_m
 from fgpose.live.tracking import LiveTracking, Update, is_told_by_motion
 from fgpose.people import Detections
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdPlan,
     CrowdScene,

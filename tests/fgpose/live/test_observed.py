@@ -9,7 +9,7 @@ import pytest
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.live.observed import Volume, in_views, observed_share, volume_points_m
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 
 def parallel_rig(n_cameras: int) -> CameraRig:

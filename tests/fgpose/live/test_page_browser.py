@@ -26,7 +26,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.live.distances import Fault, LinkDistance
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.page import StatusPage
-from fgpose.synthetic import ring_rig, walking
+from fgpose_benchmarks.synthetic import ring_rig, walking
 from tests.fgpose.browser import BROWSER, browser
 
 SKELETON = load_skeleton("h36m_17")

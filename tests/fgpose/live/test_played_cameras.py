@@ -21,7 +21,7 @@ from fgpose.live.recording import load_live_recording
 from fgpose.live.rig_file import load_live_rig
 from fgpose.live.sources import open_source
 from fgpose.live.sources.playback import Playback
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 pytest.importorskip("av")
 N_IMAGES = 24

@@ -29,8 +29,8 @@ from fgpose.live.parts import Parts
 from fgpose.live.recorder import Recorder
 from fgpose.live.recording import load_live_recording
 from fgpose.people import Detections
-from fgpose.synthetic import Scene, ring_rig
 from fgpose.tracking import Tracker
+from fgpose_benchmarks.synthetic import Scene, ring_rig
 from tests.fgpose.live.output_frames import SKELETON, START_S, assert_same_frame, frame, wait_until
 
 RIG = ring_rig()

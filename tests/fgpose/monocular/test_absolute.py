@@ -9,7 +9,7 @@ import fgpose
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.monocular.absolute import AbsolutePose, absolute_pose
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 NAN = np.nan
 # 95 % of a Gaussian vector of three lie within this squared Mahalanobis distance.

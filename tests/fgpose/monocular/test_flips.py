@@ -9,7 +9,7 @@ import fgpose
 from fgpose.geometry.camera import CameraRig
 from fgpose.monocular.flips import correct_flips, flip_probability
 from fgpose.observations import Observations
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, ring_rig, simulate, walking
 
 RECORDINGS = ["balance_blazepose", "balance_openpose"]
 Recording = tuple[CameraRig, Observations]

@@ -11,7 +11,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import absolute_pose
 from fgpose.monocular.network import People
 from fgpose.monocular.refocused import refocused
-from fgpose.synthetic import ring_rig, walking
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 SKELETON = load_skeleton("h36m_17")
 

@@ -10,8 +10,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.report import FinishedRecording
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import walking
 from fgpose.trajectory import Convergence, Status, Trajectory
+from fgpose_benchmarks.synthetic import walking
 
 FPS, SECONDS, SPREAD_PX = 30.0, 10, 4.0
 

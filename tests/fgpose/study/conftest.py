@@ -12,7 +12,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 
 STUDY = """
 output = "results"

@@ -15,10 +15,10 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory
 from fgpose.study import Plan, Study, load_study, run_study
 from fgpose.study.process import due, process
-from fgpose.synthetic import embedded_motion, ring_rig
-from fgpose.synthetic.crowd_motion import CrowdMotion
-from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
-from fgpose.synthetic.walkers import walkers
+from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
+from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
+from fgpose_benchmarks.synthetic.crowd.walkers import walkers
+from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 
 STUDY = """
 output = "results"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     CameraTimes,
     CrowdErrors,
     CrowdScene,

@@ -8,7 +8,7 @@ from crowds import crowd
 
 import fgpose
 from fgpose.assessment.people import evaluate_people
-from fgpose.synthetic import CameraTimes
+from fgpose_benchmarks.synthetic import CameraTimes
 
 FAST = fgpose.Config(solver={"covariance": False})
 

@@ -9,7 +9,7 @@ from crowds import crowd
 import fgpose
 from fgpose.assessment.people import evaluate_people
 from fgpose.people import Detections
-from fgpose.synthetic import CrowdScene
+from fgpose_benchmarks.synthetic import CrowdScene
 from tests.states import state_of
 
 FAST = fgpose.Config(online={"lag_s": 0.2, "covariance": False}, tracking={"max_processes": 1})

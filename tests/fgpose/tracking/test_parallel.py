@@ -13,11 +13,11 @@ from crowds import crowd
 import fgpose
 from fgpose.estimation.clock_offsets import OffsetEvidence
 from fgpose.people import Detections
-from fgpose.synthetic import CrowdScene
 from fgpose.tracking import parallel
 from fgpose.tracking.estimator_process import EstimatorProcess
 from fgpose.tracking.estimators import Estimators, Newest
 from fgpose.tracking.parallel import ParallelEstimators
+from fgpose_benchmarks.synthetic import CrowdScene
 
 CONFIG = fgpose.Config(online={"lag_s": 0.2}, tracking={"max_processes": 2})
 

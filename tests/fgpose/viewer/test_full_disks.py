@@ -13,8 +13,8 @@ import pytest
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import NotWrittenError
-from fgpose.synthetic import ring_rig
 from fgpose.viewer import open_recording
+from fgpose_benchmarks.synthetic import ring_rig
 from tests.fgpose.conftest import SKELETON
 
 pytest.importorskip("rerun")

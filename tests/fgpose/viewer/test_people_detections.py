@@ -26,8 +26,15 @@ from shown_people import (
 
 from fgpose.association.recording import Association, associate
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import CrowdErrors, DetectionNoise, Occlusion, crowd_motion, embedded_motion, simulate_crowd
 from fgpose.viewer import open_people_recording, palette
+from fgpose_benchmarks.synthetic import (
+    CrowdErrors,
+    DetectionNoise,
+    Occlusion,
+    crowd_motion,
+    embedded_motion,
+    simulate_crowd,
+)
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")

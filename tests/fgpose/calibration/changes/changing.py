@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import (
+from fgpose_benchmarks.synthetic import (
     NO_OCCLUSION,
     DetectionNoise,
     crowd_motion,

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.benchmark.calibration.real import webcam
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import find_changes
 from fgpose.calibration.changes.lenses import Lens
 from fgpose.geometry.intrinsics import stretched
+from fgpose_benchmarks.calibration.real import webcam
 from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
 
 FOUR, THREE, TWO = RIG.names, RIG.names[:3], RIG.names[1:3]

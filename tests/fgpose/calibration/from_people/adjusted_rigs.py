@@ -13,7 +13,7 @@ from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import CrowdPlan, crowd_motion, embedded_motion, ring_rig
+from fgpose_benchmarks.synthetic import CrowdPlan, crowd_motion, embedded_motion, ring_rig
 
 FPS = 12.5
 _PLAN = {"late_share": 0.0, "leaving_share": 0.0, "returning_share": 0.0, "working_share": 0.3}

@@ -11,7 +11,7 @@ from walks import FPS, bare, position_errors_m, rotation_errors_deg, walk
 
 from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import DetectionNoise, ring_rig, walking
+from fgpose_benchmarks.synthetic import DetectionNoise, ring_rig, walking
 
 RIG = ring_rig(4)
 FEW = AdjustmentConfig(max_frames=60)

@@ -7,7 +7,7 @@ from adjusted_rigs import moved
 
 from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.alignment import about_centroid, aligned
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4)
 FAR = Similarity(0.4, np.array(gtsam.Rot3.Expmap(np.array([1.0, -2.0, 0.5])).matrix()), np.array([3.0, -7.0, 1.0]))

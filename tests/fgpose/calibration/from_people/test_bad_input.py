@@ -18,7 +18,7 @@ from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections, PeopleObservations
-from fgpose.synthetic import WalkScene, film, ring_rig, stature_m, walkers
+from fgpose_benchmarks.synthetic import WalkScene, film, ring_rig, stature_m, walkers
 
 NAMES = ("ring_0", "ring_1", "ring_2")
 RIG = ring_rig(3, 4.5, 1.9)

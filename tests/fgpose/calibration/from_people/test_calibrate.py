@@ -15,7 +15,7 @@ from fgpose.calibration.from_people.calibrate import Parts, calibrate
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.calibration.from_people.starts import GivenStart
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import Clocks, WalkScene, film, find_studio, stature_m, walkers
+from fgpose_benchmarks.synthetic import Clocks, WalkScene, film, find_studio, stature_m, walkers
 
 DURATION_S = 15.0
 

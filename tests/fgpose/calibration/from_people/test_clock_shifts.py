@@ -12,8 +12,8 @@ from fgpose.calibration.from_people.epipolar_shift import fit_epipolar_shift
 from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals, motion_signals
 from fgpose.calibration.from_people.views import View
 from fgpose.calibration.from_people.walk import Track
-from fgpose.synthetic import NO_CROWD_ERRORS, NO_NOISE
-from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
+from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, NO_NOISE
+from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 
 
 def noise_signals(first: int, values: np.ndarray) -> MotionSignals:

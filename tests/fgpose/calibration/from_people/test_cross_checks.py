@@ -11,7 +11,7 @@ from fgpose.calibration.from_people.cross_checks import referee_deg, third_view_
 from fgpose.calibration.from_people.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4, 4.5, 1.7, (0.0, 0.0, 0.9))
 MIRROR = np.array([-1.0, 1.0, 1.0])

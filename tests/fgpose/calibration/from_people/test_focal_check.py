@@ -12,7 +12,7 @@ from walks import walk
 from fgpose.calibration.from_people.adjustment import adjust
 from fgpose.calibration.from_people.focal_check import FocalCheck, check_focal
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.synthetic import DetectionNoise
+from fgpose_benchmarks.synthetic import DetectionNoise
 
 
 def checked(ratio: float) -> FocalCheck:

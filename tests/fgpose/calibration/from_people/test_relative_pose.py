@@ -8,7 +8,7 @@ import pytest
 from fgpose.calibration.from_people.referee import angle_deg
 from fgpose.calibration.from_people.relative_pose import relative_poses, sampson_errors
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import ring_rig, walking
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 RIG = ring_rig(4)
 TOLERANCE = 5 / 1145  # of a focal length

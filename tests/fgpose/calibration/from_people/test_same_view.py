@@ -13,7 +13,7 @@ from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.views import View
 from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.synthetic import WalkScene, film, ring_rig, walkers
+from fgpose_benchmarks.synthetic import WalkScene, film, ring_rig, walkers
 
 RING = ring_rig(2, 4.5, 1.9)
 

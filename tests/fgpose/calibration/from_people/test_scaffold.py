@@ -10,7 +10,7 @@ from walks import SKELETON, bare, position_errors_m, rotation_errors_deg, walk
 
 from fgpose.calibration.from_people.evidence import body_joints
 from fgpose.calibration.from_people.scaffold import Scaffold, scaffold, scaffolds
-from fgpose.synthetic import DetectionNoise, ring_rig
+from fgpose_benchmarks.synthetic import DetectionNoise, ring_rig
 
 RIG = ring_rig(3)
 ROUGH_DEG = 10.0

@@ -16,7 +16,7 @@ from fgpose.calibration.from_people.scale import (
     stature_cues,
 )
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4)
 

@@ -14,7 +14,7 @@ from fgpose.calibration.from_people.scene import SceneState
 from fgpose.calibration.from_people.scene_problem import SceneNoise, SceneProblem
 from fgpose.calibration.from_people.sectors import SeenFrom
 from fgpose.calibration.from_people.unknowns import Unknowns
-from fgpose.synthetic import NO_NOISE, DetectionNoise, ring_rig, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, DetectionNoise, ring_rig, walking
 
 RIG = ring_rig(3)
 NOISE = SceneNoise(5.0, "cauchy", 2.2, bias_m=0.02, bone_m=0.02, focal=0.25, k1=0.1, centre=0.01, offset_s=0.05)

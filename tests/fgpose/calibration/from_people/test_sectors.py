@@ -6,7 +6,7 @@ import numpy as np
 from walks import SKELETON
 
 from fgpose.calibration.from_people.sectors import sectors, upright
-from fgpose.synthetic import ring_rig, walking
+from fgpose_benchmarks.synthetic import ring_rig, walking
 
 RIG = ring_rig(4)
 POSES = np.stack([camera.world_T_camera for camera in RIG.cameras])

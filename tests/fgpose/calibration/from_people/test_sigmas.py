@@ -10,7 +10,7 @@ from fgpose.assessment.rig_alignment import Similarity
 from fgpose.calibration.from_people.alignment import aligned
 from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas, disagreement
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4)
 NONE = np.zeros(4)

@@ -12,7 +12,7 @@ from fgpose.calibration.from_people.somebody_else import with_the_walker
 from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.geometry.triangulation import triangulate_robust
-from fgpose.synthetic import ring_rig
+from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4)
 N_FRAMES = 120

@@ -15,9 +15,9 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.recordings import load_recording
 from fgpose.people import PeopleObservations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
-from fgpose.synthetic.uncalibrated import Clocks, Network, film
-from fgpose.synthetic.walkers import walkers
+from fgpose_benchmarks.synthetic import ring_rig
+from fgpose_benchmarks.synthetic.crowd.walkers import walkers
+from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, film
 
 
 @pytest.fixture(scope="module")

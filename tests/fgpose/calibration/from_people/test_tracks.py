@@ -9,9 +9,9 @@ from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import ring_rig
-from fgpose.synthetic.uncalibrated import Clocks, Network, WalkScene, film
-from fgpose.synthetic.walkers import walkers
+from fgpose_benchmarks.synthetic import ring_rig
+from fgpose_benchmarks.synthetic.crowd.walkers import walkers
+from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film
 
 FPS = 25.0
 

@@ -11,7 +11,7 @@ from fgpose.calibration.from_people.referee import angle_deg
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, simulate, walking
+from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, simulate, walking
 
 FPS = 30.0
 SKELETON = load_skeleton("h36m_17")

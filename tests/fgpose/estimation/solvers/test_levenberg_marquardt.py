@@ -7,7 +7,7 @@ import pytest
 from fgpose.estimation.solvers.gtsam_problem import GraphProblem
 from fgpose.estimation.solvers.levenberg_marquardt import Solution, levenberg_marquardt
 from fgpose.geometry.camera import CameraRig
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 from fgpose_factors import State, constant_velocity_factor, custom_factor, noise_model, projection_factor
 
 X = gtsam.symbol("x", 0)

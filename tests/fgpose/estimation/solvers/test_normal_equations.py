@@ -25,7 +25,7 @@ from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.synthetic import Scene
+from fgpose_benchmarks.synthetic import Scene
 
 N_FRAMES = 9
 CONFIGS = {

@@ -1,0 +1,1 @@
+"""The open benchmark: the estimator and other methods on real motion with simulated detections."""

@@ -1,0 +1,1 @@
+"""``fgpose benchmark``."""

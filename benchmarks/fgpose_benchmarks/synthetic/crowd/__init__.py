@@ -1,0 +1,1 @@
+"""Several people who walk, sit and hide each other."""
