@@ -39,7 +39,7 @@ from fgpose_benchmarks.synthetic.real_errors import Block
 from occluders import load_cutouts, occluded
 from scenario import demo_sources
 
-_OUTPUT = Path(__file__).parents[1] / "fgpose" / "data" / "detection_errors" / "errors.npz"
+_OUTPUT = Path(__file__).parent / "fgpose_benchmarks" / "data" / "detection_errors" / "errors.npz"
 _NETWORKS = ("blazepose-full", "blazepose-heavy")
 _SEEDS = (42, 43, 44)
 _MAX_SIGMA_M = 0.03

@@ -14,7 +14,7 @@ from fgpose.monocular.sources import Sources, open_sources
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 
 # Punching on the spot: the person stays in all four images, so that every detection there can be is there.
-_CLIP = Path(__file__).parents[1] / "fgpose" / "data" / "mocap_cmu" / "cmu_02_05.npz"
+_CLIP = Path(__file__).parent / "fgpose_benchmarks" / "data" / "mocap_cmu" / "cmu_02_05.npz"
 _CLIP_FRAMES = 400  # as in the measurements so far: longer runs swing through the same eight seconds
 _SEED = 0
 POSITIONS_ONLY = Config(solver={"covariance": False})

@@ -14,11 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 import fgpose
+import fgpose_benchmarks
 from fgpose.config import config_from_dict
 from fgpose.io.skeletons import load_skeleton
 from fgpose_benchmarks.synthetic import DetectionNoise, Occlusion, motion_from_npz, ring_rig, simulate
 
-_CLIPS = Path(fgpose.__file__).parent / "data" / "mocap_cmu"
+_CLIPS = Path(fgpose_benchmarks.__file__).parent / "data" / "mocap_cmu"
 _PART_FRAMES = 1000
 _UNIX_TIME_S = 1.7e9  # doubles are then 0.2 us apart
 _AWAY_M = 3.0
