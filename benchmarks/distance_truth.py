@@ -12,10 +12,11 @@ from jaxtyping import Float
 
 from fgpose.association.track import TrackState
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.assurance import FOUND_S
-from fgpose.live.cell import Capsule, Cell, Limits, Link
-from fgpose.live.distances import DistanceMonitor, LinkDistance
 from fgpose.live.frame import LiveFrame, LivePerson
+from fgpose.live.link_distance import LinkDistance
+from fgpose.robot.assurance import FOUND_S
+from fgpose.robot.cell import Capsule, Cell, Limits, Link
+from fgpose.robot.distances import DistanceMonitor
 from fgpose.skeleton import Skeleton
 
 CELL = Cell(

@@ -1,4 +1,4 @@
-"""How long a tracker that begins takes until it has found everybody who is there: the wait of fgpose.live.assurance.
+"""How long a tracker that begins takes until it has found everybody who is there: the wait of fgpose.robot.assurance.
 
 One or two simulated people walk and work before rings of three to five cameras. A tracker begins at many moments; the
 time from its first image until it follows everybody whom two cameras have in their images is measured, to one image.

@@ -23,9 +23,9 @@ from rich.progress import track
 
 import fgpose
 from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
-from fgpose.live.assurance import FOUND_S
-from fgpose.live.distances import DistanceMonitor
 from fgpose.live.frame import LiveFrame
+from fgpose.robot.assurance import FOUND_S
+from fgpose.robot.distances import DistanceMonitor
 from live_soak_plan import Plan
 from live_soak_run import START_S, Soak
 from simulated_visitors import made_clips, room_rig

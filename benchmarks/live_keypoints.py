@@ -26,8 +26,8 @@ from rich.progress import Progress
 
 from fgpose.io.calibration import save_rig
 from fgpose.live.frame import LiveFrame
-from fgpose.live.frame_messages import decode_frame
-from fgpose.live.keypoint_messages import encode_keypoints
+from fgpose.live.outputs.frame_messages import decode_frame
+from fgpose.live.reception.keypoint_messages import encode_keypoints
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import (
     CrowdErrors,

@@ -7,8 +7,8 @@ import time
 from typing import Literal
 
 from fgpose.live.frame import LiveFrame
-from fgpose.live.frame_messages import encode_frame
 from fgpose.live.outputs import BackgroundOutput
+from fgpose.live.outputs.frame_messages import encode_frame
 
 ConsumerFault = Literal["consumer dies", "consumer hangs"]
 

@@ -17,9 +17,9 @@ from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraState, LiveFrame
-from fgpose.live.observed import volume_points_m
 from fgpose.live.system import LiveSystem
-from fgpose.live.tracking import LiveTracking
+from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people import Detections
 from live_soak_consumer import Consumer
 from live_soak_plan import Plan, Trouble

@@ -25,14 +25,14 @@ from rich.progress import track
 import fgpose
 from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.arrivals import Arrivals
-from fgpose.live.assurance import FOUND_S
 from fgpose.live.clock import SimulatedClock
-from fgpose.live.distances import DistanceMonitor
 from fgpose.live.frame import CameraStatus, LiveFrame
-from fgpose.live.observed import volume_points_m
-from fgpose.live.robot_poses import measured
+from fgpose.live.processes.arrivals import Arrivals
 from fgpose.live.system import LiveSystem
+from fgpose.live.tracking.observed import volume_points_m
+from fgpose.robot.assurance import FOUND_S
+from fgpose.robot.distances import DistanceMonitor
+from fgpose.robot.robot_poses import measured
 from simulated_visitors import Clip, Visit, room_rig
 from storm_plan import GROUPS, Fault, Session, session
 from storm_reception import Reception

@@ -12,12 +12,12 @@ from jaxtyping import UInt8
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.arrivals import Arrivals
-from fgpose.live.camera import CameraEvent, LiveCamera
+from fgpose.live.cameras.camera import CameraEvent, LiveCamera
+from fgpose.live.cameras.clock_model import Stamp
+from fgpose.live.cameras.image import ArrayPicture, SourceImage
 from fgpose.live.clock import SimulatedClock
-from fgpose.live.clock_model import Stamp
 from fgpose.live.frame import CameraStatus
-from fgpose.live.image import ArrayPicture, SourceImage
+from fgpose.live.processes.arrivals import Arrivals
 from fgpose.live.sources import CameraSource
 from fgpose.people import Detections
 from timeline import Timeline

@@ -11,15 +11,15 @@ import numpy as np
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.camera import LiveCamera
-from fgpose.live.clock_model import Stamp
-from fgpose.live.image import SourceImage
-from fgpose.live.keypoint_checks import KeypointChecks
-from fgpose.live.keypoint_messages import encode_keypoints
-from fgpose.live.received import recorded_image
-from fgpose.live.rejections import MessageError
-from fgpose.live.robot_poses import MAX_LOOKED_AT, RobotPoses
+from fgpose.live.cameras.camera import LiveCamera
+from fgpose.live.cameras.clock_model import Stamp
+from fgpose.live.cameras.image import SourceImage
+from fgpose.live.reception.keypoint_checks import KeypointChecks
+from fgpose.live.reception.keypoint_messages import encode_keypoints
+from fgpose.live.reception.received import recorded_image
+from fgpose.live.reception.rejections import MessageError
 from fgpose.people import Detections
+from fgpose.robot.robot_poses import MAX_LOOKED_AT, RobotPoses
 from fgpose.skeleton import Skeleton
 from storm_camera import StormCamera
 from storm_plan import Session

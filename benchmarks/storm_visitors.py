@@ -13,7 +13,7 @@ from jaxtyping import Float
 from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.tracking import LiveTracking
+from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
 from simulated_visitors import Clip, Visitors

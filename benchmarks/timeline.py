@@ -7,8 +7,8 @@ import itertools
 from collections.abc import Callable
 
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.arrivals import Arrivals
 from fgpose.live.clock import SimulatedClock
+from fgpose.live.processes.arrivals import Arrivals
 
 
 class Timeline:

@@ -2,7 +2,8 @@
 
 What one learns: what a live system is made of. A feed gives detections as they come and says how the cameras are;
 LiveTracking follows people; LiveSystem publishes frames at a steady rate, whatever happens to a camera, here to the
-last one, which fails. To use it, replace the feed by fgpose.live.camera_feed.CameraFeed, and the consumer by yours.
+last one, which fails. To use it, replace the feed by the CameraFeed of
+fgpose.live.processes.camera_feed, and the consumer by yours.
 
     python examples/12_live_without_cameras.py --rrd out/live.rrd
 """
@@ -19,13 +20,13 @@ import tyro
 
 import fgpose
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.arrivals import Arrivals
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.observed import volume_points_m
 from fgpose.live.outputs import ViewerOutput
+from fgpose.live.processes.arrivals import Arrivals
 from fgpose.live.system import LiveSystem
-from fgpose.live.tracking import LiveTracking
+from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.observed import volume_points_m
 from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdPlan,

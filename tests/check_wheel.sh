@@ -25,7 +25,7 @@ import fgpose_factors
 for package in (fgpose, fgpose_factors):
     assert pathlib.Path(package.__file__).is_relative_to(sys.prefix), package.__file__
     assert pathlib.Path(package.__file__).with_name("py.typed").exists(), f"{package.__name__} has no type marker"
-assert pathlib.Path(fgpose.__file__).with_name("live").joinpath("page.html").exists(), "the status page is not packed"
+assert pathlib.Path(fgpose.__file__).with_name("live").joinpath("page", "page.html").exists(), "the status page is not packed"
 for name in fgpose.recordings():
     rig, observations = fgpose.load_recording(name)
     trajectory = fgpose.smooth(observations.frames(slice(0, 10)), rig)

@@ -21,6 +21,7 @@ SOURCES = {
 # The house, from the top floor down. A module imports its own room and the floors below, never one above or beside it.
 FLOORS = (
     {"cli"},
+    {"robot"},
     {"live", "study"},
     {"pipeline"},
     {"report"},
@@ -104,10 +105,10 @@ ALLOWED = {
     "bokeh": {"fgpose.report"},
     "jinja2": {"fgpose.report"},
     **dict.fromkeys(("pylsl", "mcap", "rosbags"), MESSAGES),
-    "zmq": {"fgpose.live"},
+    "zmq": {"fgpose.live", "fgpose.robot.distance_server"},
     "msgpack": {"fgpose.io.packing"},
-    "msgspec": {"fgpose.live"},
-    "waitress": {"fgpose.live.page_server"},
+    "msgspec": {"fgpose.live", "fgpose.robot.distance_messages"},
+    "waitress": {"fgpose.live.page.page_server"},
     "json": {*FILES, "fgpose.live", "fgpose.report"},
     **dict.fromkeys(("tomllib", "tomli_w", "pyarrow", "ezc3d", "xml", "yaml", "csv"), FILES),
 }

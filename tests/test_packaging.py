@@ -96,7 +96,7 @@ def test_the_image_copies_what_exists_and_starts_a_command_that_parses() -> None
 
 
 def test_the_image_asks_the_status_page_that_there_is() -> None:
-    from fgpose.live import page
+    from fgpose.live.page import status_page
 
     (path,) = re.findall(r"127\.0\.0\.1:8099(/[\w.]+)", (ROOT / "Containerfile").read_text(encoding="utf-8"))
-    assert path == page._STATE
+    assert path == status_page._STATE

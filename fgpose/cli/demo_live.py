@@ -41,7 +41,7 @@ def run_live_demo(recording: DemoVideos, what: str, output: Path, max_people: in
     """
     from fgpose.cli.live_command import Live
     from fgpose.io.atomic import check_writable
-    from fgpose.live.played_cameras import RTSP_PACKAGES, played_cameras
+    from fgpose.live.recording.played_cameras import RTSP_PACKAGES, played_cameras
     from fgpose.monocular.demo_videos import fetch_demo_videos
 
     check_writable(output)

@@ -22,9 +22,9 @@ from fgpose.cli.streams_and_signals import forgiving_streams
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from fgpose.live.camera_feed import CameraFeed
+    from fgpose.live.cameras.rig_file import LiveRig
+    from fgpose.live.processes.camera_feed import CameraFeed
     from fgpose.live.report import Report
-    from fgpose.live.rig_file import LiveRig
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
@@ -60,13 +60,13 @@ class Live(LiveOutputs, LiveInputs):
         from fgpose.cli.live_status import ConsoleLog, StatusLine
         from fgpose.config import Config, load_config
         from fgpose.io.made_by import refuse_others
-        from fgpose.live.camera_feed import CameraFeed
+        from fgpose.live.cameras.rig_file import load_live_rig
         from fgpose.live.clock import Clock
-        from fgpose.live.input_keys import InputKeys
-        from fgpose.live.observed import volume_points_m
-        from fgpose.live.rig_file import load_live_rig
+        from fgpose.live.processes.camera_feed import CameraFeed
+        from fgpose.live.reception.input_keys import InputKeys
         from fgpose.live.system import LiveSystem
-        from fgpose.live.tracking import LiveTracking
+        from fgpose.live.tracking.live_tracking import LiveTracking
+        from fgpose.live.tracking.observed import volume_points_m
 
         console = new_console(stderr=True)
         logging.basicConfig(format="fgpose: %(message)s", level=logging.INFO, handlers=[ConsoleLog(console)])
@@ -115,7 +115,7 @@ class Live(LiveOutputs, LiveInputs):
     def _detector(self, live_rig: LiveRig) -> tuple[Callable[[], Network] | None, Skeleton]:
         """How to open the network, where any camera needs it, and the joints."""
         from fgpose.io.skeletons import load_skeleton
-        from fgpose.live.camera_feed import ELSEWHERE
+        from fgpose.live.processes.camera_feed import ELSEWHERE
         from fgpose.monocular.networks import open_network
 
         if self.jobs is not None and self.jobs < 1:
@@ -131,8 +131,8 @@ class Live(LiveOutputs, LiveInputs):
 
     def _receive(self, stack: ExitStack, feed: CameraFeed, skeleton: Skeleton, consumers: Consumers) -> None:
         """Listen for the keypoints of detectors elsewhere, if there are any."""
-        from fgpose.live.keypoint_socket import KeypointSocket
-        from fgpose.live.received import KeypointReceiver
+        from fgpose.live.reception.keypoint_socket import KeypointSocket
+        from fgpose.live.reception.received import KeypointReceiver
 
         if feed.received:
             rig = feed.rig.subset(feed.received)

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from fgpose.config import Config
     from fgpose.geometry.camera import CameraRig
     from fgpose.live.clock import Clock
-    from fgpose.live.distance_server import DistanceServer
-    from fgpose.live.input_keys import InputKeys
-    from fgpose.live.keypoint_socket import KeypointSocket
     from fgpose.live.outputs import Output, ViewerOutput
-    from fgpose.live.page import StatusPage
-    from fgpose.live.parts import Parts
+    from fgpose.live.page.status_page import StatusPage
+    from fgpose.live.processes.parts import Parts
+    from fgpose.live.reception.input_keys import InputKeys
+    from fgpose.live.reception.keypoint_socket import KeypointSocket
     from fgpose.live.system import Consumer
-    from fgpose.live.tracking import Update
+    from fgpose.live.tracking.live_tracking import Update
+    from fgpose.robot.distance_server import DistanceServer
     from fgpose.skeleton import Skeleton
 
 
@@ -46,7 +46,7 @@ class Consumers:
     """What of the system has ended and was begun again."""
 
     def __post_init__(self) -> None:
-        from fgpose.live.parts import Parts
+        from fgpose.live.processes.parts import Parts
 
         self.parts = Parts(self.clock.now_s, self._note)
 
@@ -65,8 +65,8 @@ class Consumers:
             began_s: when the frames begin, Unix time; None: now.
         """
         from fgpose.live.outputs import open_lsl_output, open_mcap_output, open_zmq_output
-        from fgpose.live.page import StatusPage
-        from fgpose.live.recorder import Recorder
+        from fgpose.live.page.status_page import StatusPage
+        from fgpose.live.recording.recorder import Recorder
 
         console, tell, parts = new_console(stderr=True), self.tell, self.parts
         warn_if_others_reach(options.host, "--host", "the outputs (page with pictures, people, distances)")
@@ -130,9 +130,9 @@ class Consumers:
         stack.callback(output.close)
 
     def _distance_server(self, options: LiveOutputs, rig: CameraRig, skeleton: Skeleton) -> DistanceServer:
-        from fgpose.live.cell import load_cell
-        from fgpose.live.distance_server import DistanceServer
-        from fgpose.live.distances import NO_SAFETY_FUNCTION
+        from fgpose.robot.cell import load_cell
+        from fgpose.robot.distance_server import DistanceServer
+        from fgpose.robot.distances import NO_SAFETY_FUNCTION
 
         assert options.distances is not None
         server = DistanceServer(

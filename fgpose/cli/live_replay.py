@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from fgpose.cli.live_options import LiveOutputs
     from fgpose.live.frame import LiveFrame
-    from fgpose.live.replay import Agreement
+    from fgpose.live.recording.replay import Agreement
 
 
 def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is_fast: bool) -> int:
@@ -26,8 +26,8 @@ def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is
     """
     from fgpose.config import load_config
     from fgpose.live.clock import Clock
-    from fgpose.live.recording import load_live_recording
-    from fgpose.live.replay import replay
+    from fgpose.live.recording.live_recording import load_live_recording
+    from fgpose.live.recording.replay import replay
 
     recording = load_live_recording(path)
     clock = Clock()

@@ -13,7 +13,7 @@ from fgpose.cli.view import has_display, rerun_program
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
     from fgpose.live.outputs import ViewerOutput
-    from fgpose.live.parts import Parts
+    from fgpose.live.processes.parts import Parts
     from fgpose.skeleton import Skeleton
 
 # Beyond it the viewer forgets what is oldest.

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import time
 
+FUTURE_S = 0.1
+"""By which clocks of computers in one room may differ; what is dated farther ahead has a wrong clock."""
+
 
 class Clock:
     """Unix time that never jumps: the monotonic clock, set once.

@@ -10,9 +10,9 @@ from typing import Protocol, TypeVar, runtime_checkable
 from fgpose.live.clock import Clock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraState, LiveFrame
-from fgpose.live.parts import Parts
+from fgpose.live.processes.parts import Parts
 from fgpose.live.report import Report
-from fgpose.live.tracking import LiveTracking, Update
+from fgpose.live.tracking.live_tracking import LiveTracking, Update
 
 Given = TypeVar("Given")
 # Without images, frames are published this often: nobody may take silence for an empty room.

@@ -22,8 +22,8 @@ from fgpose.cli.app import _parse
 from fgpose.config import config_from_dict
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
-from fgpose.live.cell import load_cell
-from fgpose.live.rig_file import load_live_rig
+from fgpose.live.cameras.rig_file import load_live_rig
+from fgpose.robot.cell import load_cell
 from fgpose.study import load_study
 from fgpose_benchmarks.synthetic import ring_rig
 

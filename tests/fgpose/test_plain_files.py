@@ -19,7 +19,7 @@ from fgpose.config import load_config
 from fgpose.io.arrays import read_arrays
 from fgpose.io.calibration.calibrated_view import CalibratedView, rig_in_metres
 from fgpose.io.tables import read_table
-from fgpose.live.rig_file import load_live_rig
+from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.live.sources.folder import _read as read_live_image
 from fgpose.monocular.clips import _open_video, _read_image
 from fgpose.plain_files import MAX_CAMERAS

@@ -13,7 +13,7 @@ from jaxtyping import Float32
 
 from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.live.outputs.output import BackgroundOutput
-from fgpose.live.parts import Parts
+from fgpose.live.processes.parts import Parts
 from fgpose.skeleton import Skeleton
 
 _CHANNELS = (("X", "PositionX", "meters"), ("Y", "PositionY", "meters"), ("Z", "PositionZ", "meters"))

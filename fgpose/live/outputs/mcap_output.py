@@ -9,7 +9,7 @@ from typing import Any, BinaryIO
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs import ros_messages
 from fgpose.live.outputs.output import BackgroundOutput
-from fgpose.live.parts import Parts
+from fgpose.live.processes.parts import Parts
 from fgpose.plain_files import open_plain
 
 LOST = "fgpose lost"

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 from fgpose.live.frame import LiveFrame
-from fgpose.live.parts import Parts
-from fgpose.live.worker import Worker
+from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.worker import Worker
 
 # A consumer that has not taken a frame after this time does not work.
 _HUNG_S = 0.8

@@ -17,8 +17,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.output import BackgroundOutput
 from fgpose.live.outputs.viewer_process import Shown, Sighting, ViewerJob, ViewerProcess
-from fgpose.live.parts import Parts
-from fgpose.live.tracking import Update
+from fgpose.live.processes.parts import Parts
+from fgpose.live.tracking.live_tracking import Update
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.session import UpAxis

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from fgpose.live.frame import LiveFrame
-from fgpose.live.frame_messages import encode_frame
+from fgpose.live.outputs.frame_messages import encode_frame
 from fgpose.live.outputs.output import BackgroundOutput
-from fgpose.live.parts import Parts
-from fgpose.live.zmq_sockets import bound_socket, load_zmq
+from fgpose.live.processes.parts import Parts
+from fgpose.live.reception.zmq_sockets import bound_socket, load_zmq
 
 # Consumers send nothing but their subscription.
 _MAX_SUBSCRIPTION_BYTES = 1024

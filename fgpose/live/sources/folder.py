@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from fgpose.live.image import ArrayPicture, Picture, SourceImage
+from fgpose.live.cameras.image import ArrayPicture, Picture, SourceImage
 from fgpose.live.sources.haste import Haste, Lateness
 from fgpose.live.sources.playback import Playback
 from fgpose.live.sources.source import SourceError

@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterable, Iterator
 
+from fgpose.live.cameras.clock_model import Stamp
+from fgpose.live.cameras.image import Picture, SourceImage
 from fgpose.live.clock import Clock
-from fgpose.live.clock_model import Stamp
-from fgpose.live.image import Picture, SourceImage
 
 # Later than this, a recording joins in where the others are when it begins anew.
 _OVERDUE_S = 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Protocol, runtime_checkable
 
-from fgpose.live.image import SourceImage
+from fgpose.live.cameras.image import SourceImage
 
 
 class SourceError(Exception):

@@ -6,9 +6,9 @@ import time
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from fgpose.live.cameras.clock_model import Stamp
+from fgpose.live.cameras.image import Picture, SourceImage
 from fgpose.live.clock import Clock
-from fgpose.live.clock_model import Stamp
-from fgpose.live.image import Picture, SourceImage
 from fgpose.live.sources.decoded import DecodedPicture
 from fgpose.live.sources.decoder import Decoder
 from fgpose.live.sources.playback import Playback

@@ -17,10 +17,10 @@ from fgpose.association.track import TrackState
 from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.agreement import CameraAgreement
 from fgpose.live.frame import CameraState, CameraStatus
-from fgpose.live.observed import volume_points_m
-from fgpose.live.tracking import LiveTracking
+from fgpose.live.tracking.agreement import CameraAgreement
+from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers

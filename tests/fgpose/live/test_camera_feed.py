@@ -16,14 +16,14 @@ from made_videos import SIZE_PX, pictures, write_video
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live import camera_process
-from fgpose.live.camera import CameraEvent
-from fgpose.live.camera_feed import CameraFeed
+from fgpose.live.cameras.camera import CameraEvent
+from fgpose.live.cameras.image import SourceImage
+from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
-from fgpose.live.image import SourceImage
-from fgpose.live.parts import Parts
-from fgpose.live.rig_file import LiveRig
+from fgpose.live.processes import camera_process
+from fgpose.live.processes.camera_feed import CameraFeed
+from fgpose.live.processes.parts import Parts
 from fgpose.live.sources import CameraSource
 from fgpose.people import Detections
 

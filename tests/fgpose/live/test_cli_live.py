@@ -17,15 +17,15 @@ from test_live_tracking import scene
 from fgpose.cli import main
 from fgpose.cli.live_command import _on_signals
 from fgpose.io.calibration import save_rig
-from fgpose.live.distance_messages import decode_distances, encode_robot
-from fgpose.live.distances import LinkDistance
 from fgpose.live.frame import CameraState, LiveFrame
-from fgpose.live.frame_messages import decode_frame
-from fgpose.live.keypoint_messages import encode_keypoints
-from fgpose.live.observed import volume_points_m
-from fgpose.live.recording import load_live_recording
+from fgpose.live.link_distance import LinkDistance
+from fgpose.live.outputs.frame_messages import decode_frame
+from fgpose.live.reception.keypoint_messages import encode_keypoints
+from fgpose.live.recording.live_recording import load_live_recording
 from fgpose.live.system import LiveSystem
-from fgpose.live.tracking import LiveTracking
+from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.observed import volume_points_m
+from fgpose.robot.distance_messages import decode_distances, encode_robot
 
 RUN_S = 4.0
 SENDS_S = 2.5
@@ -148,7 +148,7 @@ def test_a_signal_while_it_opens_closes_what_is_open(
     def tracking(*_: object) -> None:
         signal.raise_signal(signal.SIGTERM)
 
-    monkeypatch.setattr("fgpose.live.tracking.LiveTracking", tracking)
+    monkeypatch.setattr("fgpose.live.tracking.live_tracking.LiveTracking", tracking)
     record = tmp_path / "session.fgpose"
     arguments = ["live", str(rig_file(tmp_path)), "--skeleton", "h36m_17", "--keypoints-port", "0"]
     assert main([*arguments, "--record", str(record)]) == 130

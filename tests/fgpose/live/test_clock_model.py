@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from fgpose.live.clock_model import ClockKind, ClockModel, Stamp
-from fgpose.live.lower_envelope import envelope_line
+from fgpose.live.cameras.clock_model import ClockKind, ClockModel, Stamp
+from fgpose.live.cameras.lower_envelope import envelope_line
 
 FPS = 30.0
 LATENCY_S = 0.15

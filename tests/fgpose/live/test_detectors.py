@@ -11,11 +11,11 @@ from counting_network import SKELETON, CountingTracker
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.cameras import LiveCameras
-from fgpose.live.detectors import Detectors
-from fgpose.live.image import ArrayPicture, Image, SourceImage
-from fgpose.live.mailbox import Mailbox
-from fgpose.live.parts import Parts
+from fgpose.live.cameras.image import ArrayPicture, Image, SourceImage
+from fgpose.live.cameras.mailbox import Mailbox
+from fgpose.live.cameras.running import LiveCameras
+from fgpose.live.processes.detectors import Detectors
+from fgpose.live.processes.parts import Parts
 from fgpose.monocular.network import People, Tracker
 from fgpose_benchmarks.synthetic import ring_rig
 

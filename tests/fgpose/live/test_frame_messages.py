@@ -8,7 +8,7 @@ import pytest
 
 from fgpose.io.packing import packed
 from fgpose.io.skeletons import load_skeleton
-from fgpose.live.frame_messages import decode_frame, encode_frame, frame_document
+from fgpose.live.outputs.frame_messages import decode_frame, encode_frame, frame_document
 from tests.fgpose.live.output_frames import SKELETON, assert_same_frame, frame
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.live.frozen_keypoints import FrozenKeypoints
+from fgpose.live.cameras.frozen_keypoints import FrozenKeypoints
 from fgpose.people import Detections
 
 RATE_HZ = 15.0

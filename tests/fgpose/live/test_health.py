@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from fgpose.live.camera import CameraEvent, LiveCamera
+from fgpose.live.cameras.camera import CameraEvent, LiveCamera
+from fgpose.live.cameras.clock_model import Stamp
+from fgpose.live.cameras.image import SourceImage
 from fgpose.live.clock import SimulatedClock
-from fgpose.live.clock_model import Stamp
 from fgpose.live.frame import CameraState
-from fgpose.live.image import SourceImage
 from fgpose.live.sources import CameraSource
 
 FPS = 30.0

@@ -12,13 +12,13 @@ import zmq
 import zmq.auth
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.distance_server import DistanceServer
-from fgpose.live.input_keys import InputKeys
-from fgpose.live.keypoint_socket import KeypointSocket
+from fgpose.live.reception.input_keys import InputKeys
+from fgpose.live.reception.keypoint_socket import KeypointSocket
+from fgpose.robot.distance_server import DistanceServer
 from fgpose.skeleton import Skeleton
 from tests.fgpose.live.output_frames import SKELETON
-from tests.fgpose.live.test_distance_server import CELL
 from tests.fgpose.live.test_keypoint_socket import RIG, message
+from tests.fgpose.robot.test_distance_server import CELL
 
 WAITS_S = 20.0
 

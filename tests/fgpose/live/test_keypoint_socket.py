@@ -14,10 +14,10 @@ import zmq
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.packing import packed, unpacked
-from fgpose.live import keypoint_checks
-from fgpose.live.keypoint_messages import MAX_BODY_BYTES, MAX_PEOPLE, decode_keypoints, encode_keypoints
-from fgpose.live.keypoint_socket import KeypointSocket
-from fgpose.live.rejections import MessageError
+from fgpose.live.reception import keypoint_checks
+from fgpose.live.reception.keypoint_messages import MAX_BODY_BYTES, MAX_PEOPLE, decode_keypoints, encode_keypoints
+from fgpose.live.reception.keypoint_socket import KeypointSocket
+from fgpose.live.reception.rejections import MessageError
 from fgpose_benchmarks.synthetic import ring_rig
 from tests.fgpose.live.output_frames import SKELETON, free_port
 

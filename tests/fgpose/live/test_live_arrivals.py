@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.arrivals import Arrivals
+from fgpose.live.processes.arrivals import Arrivals
 from fgpose.people import Detections
 
 

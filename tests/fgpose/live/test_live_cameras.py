@@ -9,10 +9,10 @@ import pytest
 from made_videos import SIZE_PX, counted, pictures, write_video
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.live.cameras import LiveCameras
+from fgpose.live.cameras.rig_file import LiveRig
+from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
-from fgpose.live.rig_file import LiveRig
 from fgpose.live.sources import CameraSource
 
 pytest.importorskip("av")

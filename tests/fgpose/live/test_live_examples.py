@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 from fgpose.io.skeletons import load_skeleton
-from fgpose.live.cell import Capsule, Cell, Limits, Link
-from fgpose.live.distance_server import DistanceServer
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.keypoint_socket import KeypointSocket
-from fgpose.live.observed import Volume
 from fgpose.live.outputs import open_lsl_output, open_zmq_output
 from fgpose.live.outputs.mcap_output import McapSink
 from fgpose.live.outputs.output import BackgroundOutput
+from fgpose.live.reception.keypoint_socket import KeypointSocket
+from fgpose.live.tracking.observed import Volume
+from fgpose.robot.cell import Capsule, Cell, Limits, Link
+from fgpose.robot.distance_server import DistanceServer
 from fgpose_benchmarks.synthetic import ring_rig
 from tests.fgpose.live.output_frames import SKELETON, frame, free_port
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.live.camera import CameraEvent
+from fgpose.live.cameras.camera import CameraEvent
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraState, LiveFrame
-from fgpose.live.observed import volume_points_m
 from fgpose.live.outputs import BackgroundOutput
 from fgpose.live.system import Consumer, LiveSystem
-from fgpose.live.tracking import LiveTracking, Update
+from fgpose.live.tracking.live_tracking import LiveTracking, Update
+from fgpose.live.tracking.observed import volume_points_m
 from simulated_cameras import CameraFault, Fault, SimulatedCameras
 from simulated_visitors import Clip, Scores, room_rig, scores
 

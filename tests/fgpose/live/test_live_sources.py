@@ -14,8 +14,8 @@ import pytest
 from http_camera import http_camera
 from made_videos import SIZE_PX, counted, pictures, write_video
 
+from fgpose.live.cameras.image import SourceImage
 from fgpose.live.clock import Clock, SimulatedClock
-from fgpose.live.image import SourceImage
 from fgpose.live.sources import CameraSource, Source, SourceError, open_source
 from fgpose.live.sources.address import shown, with_environment
 from fgpose.live.sources.playback import Playback

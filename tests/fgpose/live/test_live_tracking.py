@@ -14,8 +14,8 @@ import fgpose
 from fgpose.association.track import TrackState
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.observed import volume_points_m
-from fgpose.live.tracking import LiveTracking, Update, is_told_by_motion
+from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion
+from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people import Detections
 from fgpose_benchmarks.synthetic import (
     CrowdErrors,

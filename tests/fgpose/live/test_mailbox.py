@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from fgpose.live.cameras.mailbox import Mailbox
 from fgpose.live.clock import Clock, SimulatedClock
-from fgpose.live.mailbox import Mailbox
 
 
 def test_the_newest_wins_and_the_others_are_counted() -> None:

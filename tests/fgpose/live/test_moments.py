@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.live.moments import Moments
+from fgpose.live.tracking.moments import Moments
 from fgpose.people import Detections
 
 PERIOD_S = 0.04

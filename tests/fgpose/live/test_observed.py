@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.live.observed import Volume, in_views, observed_share, volume_points_m
+from fgpose.live.tracking.observed import Volume, in_views, observed_share, volume_points_m
 from fgpose_benchmarks.synthetic import ring_rig
 
 

@@ -20,11 +20,11 @@ import pytest
 from live_frames import live_frame, live_person, standing_m
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.live.distances import Fault, LinkDistance
 from fgpose.live.frame import CameraState
-from fgpose.live.page import StatusPage
-from fgpose.live.page_state import LATENCY_EDGES_MS, PageState
-from fgpose.live.parts import Parts
+from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.live.page.page_state import LATENCY_EDGES_MS, PageState
+from fgpose.live.page.status_page import StatusPage
+from fgpose.live.processes.parts import Parts
 from fgpose.skeleton import Skeleton
 
 NOW_S = 1000.0
@@ -113,7 +113,7 @@ def test_pictures_are_small_and_of_the_right_camera(page: StatusPage) -> None:
 
 def test_what_nobody_asks_for_is_not_made(page: StatusPage, monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
-    monkeypatch.setattr("fgpose.live.page._thumbnail", lambda image: made.append(image) or b"picture")
+    monkeypatch.setattr("fgpose.live.page.status_page._thumbnail", lambda image: made.append(image) or b"picture")
     picture = np.zeros((4, 4, 3), np.uint8)
     for _ in range(50):
         page.show_image("ring_3", picture)

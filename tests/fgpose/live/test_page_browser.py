@@ -23,9 +23,9 @@ from live_frames import live_frame, live_person
 from fgpose.association.track import TrackState
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.live.distances import Fault, LinkDistance
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.page import StatusPage
+from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.live.page.status_page import StatusPage
 from fgpose_benchmarks.synthetic import ring_rig, walking
 from tests.fgpose.browser import BROWSER, browser
 

@@ -16,21 +16,21 @@ from output_frames import wait_until
 from test_live_tracking import CONFIG, scene, statuses
 
 from fgpose.io.live_recordings import RecordedImage
-from fgpose.live.camera import LiveCamera
+from fgpose.live.cameras.camera import LiveCamera
+from fgpose.live.cameras.image import Image, SourceImage
 from fgpose.live.clock import Clock, SimulatedClock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraStatus, LiveFrame
-from fgpose.live.frame_messages import decode_frame, encode_frame
-from fgpose.live.image import Image, SourceImage
-from fgpose.live.keypoint_messages import encode_keypoints
-from fgpose.live.keypoint_socket import KeypointSocket
-from fgpose.live.observed import volume_points_m
-from fgpose.live.parts import Parts
-from fgpose.live.received import KeypointReceiver
+from fgpose.live.outputs.frame_messages import decode_frame, encode_frame
+from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.worker import Worker
+from fgpose.live.reception.keypoint_messages import encode_keypoints
+from fgpose.live.reception.keypoint_socket import KeypointSocket
+from fgpose.live.reception.received import KeypointReceiver
 from fgpose.live.sources import CameraSource
 from fgpose.live.system import LiveSystem
-from fgpose.live.tracking import LiveTracking
-from fgpose.live.worker import Worker
+from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.observed import volume_points_m
 from fgpose.skeleton import Skeleton
 
 # A long time: nothing here waits for it unless something is wrong.
@@ -67,8 +67,8 @@ def test_work_that_ends_is_begun_again_and_counted(
 
 def test_what_ends_again_and_again_says_how_long_it_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     notes: list[str] = []
-    monkeypatch.setattr("fgpose.live.worker._FIRST_WAIT_S", 0.2)
-    monkeypatch.setattr("fgpose.live.worker._LAST_WAIT_S", 0.2)
+    monkeypatch.setattr("fgpose.live.processes.worker._FIRST_WAIT_S", 0.2)
+    monkeypatch.setattr("fgpose.live.processes.worker._LAST_WAIT_S", 0.2)
     ended = threading.Event()
 
     def note(line: str) -> None:

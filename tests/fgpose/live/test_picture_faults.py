@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from made_videos import noisy, room
 
-from fgpose.live.camera import LiveCamera
+from fgpose.live.cameras.camera import LiveCamera
+from fgpose.live.cameras.image import ArrayPicture, SourceImage
+from fgpose.live.cameras.picture_faults import PictureFaults
 from fgpose.live.clock import SimulatedClock
-from fgpose.live.image import ArrayPicture, SourceImage
-from fgpose.live.picture_faults import PictureFaults
 from fgpose.live.sources import CameraSource
 from fgpose.people import Detections
 

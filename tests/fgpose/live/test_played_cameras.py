@@ -13,12 +13,12 @@ from made_videos import SIZE_PX, counted, pictures, write_video
 from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
-from fgpose.live import played_cameras as module
-from fgpose.live.cameras import LiveCameras
+from fgpose.live.cameras.rig_file import load_live_rig
+from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.clock import Clock
-from fgpose.live.played_cameras import played_cameras
-from fgpose.live.recording import load_live_recording
-from fgpose.live.rig_file import load_live_rig
+from fgpose.live.recording import played_cameras as module
+from fgpose.live.recording.live_recording import load_live_recording
+from fgpose.live.recording.played_cameras import played_cameras
 from fgpose.live.sources import open_source
 from fgpose.live.sources.playback import Playback
 from fgpose_benchmarks.synthetic import ring_rig

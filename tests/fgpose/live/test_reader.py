@@ -14,14 +14,14 @@ import pytest
 from http_camera import http_camera
 from made_videos import SIZE_PX, counted, pictures, room, write_video
 
-from fgpose.live import reader as reader_module
-from fgpose.live.camera import CameraEvent, LiveCamera
+from fgpose.live.cameras import reader as reader_module
+from fgpose.live.cameras.camera import CameraEvent, LiveCamera
+from fgpose.live.cameras.image import ArrayPicture, Image, SourceImage
+from fgpose.live.cameras.mailbox import Mailbox
+from fgpose.live.cameras.reader import CameraReader
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState
-from fgpose.live.image import ArrayPicture, Image, SourceImage
-from fgpose.live.mailbox import Mailbox
-from fgpose.live.parts import Parts
-from fgpose.live.reader import CameraReader
+from fgpose.live.processes.parts import Parts
 from fgpose.live.sources import CameraSource, Source, SourceError, open_source
 from fgpose.live.sources.playback import Playback
 

@@ -25,9 +25,9 @@ from fgpose.io.live_recordings import RecordedImage
 from fgpose.io.packing import packed, unpacked
 from fgpose.io.record_files import MAGIC, RecordFile, as_record
 from fgpose.live.frame import LiveFrame, LivePerson
-from fgpose.live.parts import Parts
-from fgpose.live.recorder import Recorder
-from fgpose.live.recording import load_live_recording
+from fgpose.live.processes.parts import Parts
+from fgpose.live.recording.live_recording import load_live_recording
+from fgpose.live.recording.recorder import Recorder
 from fgpose.people import Detections
 from fgpose.tracking import Tracker
 from fgpose_benchmarks.synthetic import Scene, ring_rig
@@ -259,9 +259,9 @@ class _Limited:
 
 
 def test_a_full_disk_is_said_once_and_the_recording_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fgpose.live.recorder._FIRST_RETRY_S", 0.001)
-    monkeypatch.setattr("fgpose.live.recorder._LONGEST_RETRY_S", 0.002)
-    monkeypatch.setattr("fgpose.live.recorder._MAX_WAITING", 20)
+    monkeypatch.setattr("fgpose.live.recording.recorder._FIRST_RETRY_S", 0.001)
+    monkeypatch.setattr("fgpose.live.recording.recorder._LONGEST_RETRY_S", 0.002)
+    monkeypatch.setattr("fgpose.live.recording.recorder._MAX_WAITING", 20)
     told: list[str] = []
     disk = FullDisk(tmp_path / "live", monkeypatch)
     with Recorder(tmp_path / "live", RIG, SKELETON, tell=told.append) as recorder:
@@ -310,7 +310,7 @@ def test_a_thread_that_ends_is_begun_again_and_nothing_is_lost(tmp_path: Path, m
 
 
 def test_the_disk_has_all_but_the_last_second(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fgpose.live.recorder._SYNCED_EVERY_S", 0.05)
+    monkeypatch.setattr("fgpose.live.recording.recorder._SYNCED_EVERY_S", 0.05)
     path, synced = tmp_path / "live", list[int]()
     monkeypatch.setattr(os, "fsync", lambda file: synced.append(path.stat().st_size))
     with Recorder(path, RIG, SKELETON) as recorder:
@@ -365,7 +365,7 @@ def test_a_recording_that_ends_on_a_full_disk_says_what_is_missing(
 
 
 def test_a_disk_that_hangs_is_said_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fgpose.live.recorder._CLOSE_S", 0.1)
+    monkeypatch.setattr("fgpose.live.recording.recorder._CLOSE_S", 0.1)
     works_again = threading.Event()
     recorder = Recorder(tmp_path / "live", RIG, SKELETON)
     recorder._append = lambda *_: works_again.wait()  # type: ignore[assignment]  # pyright: ignore[reportAttributeAccessIssue]
@@ -380,7 +380,7 @@ def test_a_disk_that_hangs_is_said_at_the_end(tmp_path: Path, monkeypatch: pytes
 
 _WRITER = """
 import sys, time
-from fgpose.live.recorder import Recorder
+from fgpose.live.recording.recorder import Recorder
 from tests.fgpose.live.test_recorder import RIG, SKELETON, frame, update
 recorder, number = Recorder(sys.argv[1], RIG, SKELETON), 0
 while True:

@@ -27,13 +27,13 @@ from fgpose.io.record_files import MAGIC, as_record
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraStatus, LiveFrame
-from fgpose.live.frame_messages import frame_document
-from fgpose.live.observed import volume_points_m
-from fgpose.live.recorder import Recorder
-from fgpose.live.recording import load_live_recording
-from fgpose.live.replay import replay
+from fgpose.live.outputs.frame_messages import frame_document
+from fgpose.live.recording.live_recording import load_live_recording
+from fgpose.live.recording.recorder import Recorder
+from fgpose.live.recording.replay import replay
 from fgpose.live.system import LiveSystem
-from fgpose.live.tracking import LiveTracking
+from fgpose.live.tracking.live_tracking import LiveTracking
+from fgpose.live.tracking.observed import volume_points_m
 
 START_S = 1.7e9
 # Positions are recorded in single precision: of 5 m that is 0.0005 mm.

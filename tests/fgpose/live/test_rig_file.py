@@ -11,7 +11,7 @@ import pytest
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import is_changing
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.live.rig_file import load_live_rig
+from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.live.sources import CameraSource
 
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from made_videos import SIZE_PX, pictures, write_video
 
+from fgpose.live.cameras.clock_model import ClockModel
 from fgpose.live.clock import Clock
-from fgpose.live.clock_model import ClockModel
 from fgpose.live.sources import CameraSource, SourceError, open_source
 from fgpose.live.sources.playback import Playback
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fgpose.live.rejections import MessageError
-from fgpose.live.senders import Senders
+from fgpose.live.reception.rejections import MessageError
+from fgpose.live.reception.senders import Senders
 
 
 @pytest.fixture

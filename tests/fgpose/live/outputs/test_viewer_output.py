@@ -23,8 +23,8 @@ from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.outputs import ViewerOutput
 from fgpose.live.outputs.viewer_output import _ViewerSink
 from fgpose.live.outputs.viewer_process import Shown, ViewerJob, ViewerProcess, _Shower
-from fgpose.live.people import coasting, live_person
-from fgpose.live.tracking import Update
+from fgpose.live.tracking.live_tracking import Update
+from fgpose.live.tracking.people import coasting, live_person
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import open_system_recording, palette

@@ -12,8 +12,8 @@ import pytest
 import zmq
 
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
-from fgpose.live.frame_messages import decode_frame
 from fgpose.live.outputs import open_zmq_output
+from fgpose.live.outputs.frame_messages import decode_frame
 from fgpose.live.outputs.output import BackgroundOutput
 from fgpose.live.outputs.zmq_output import ZmqSink
 from tests.fgpose.live.output_frames import SKELETON, assert_same_frame, frame, free_port

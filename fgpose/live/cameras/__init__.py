@@ -1,0 +1,1 @@
+"""From a source to its newest image, and what is wrong with a camera."""

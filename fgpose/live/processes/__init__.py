@@ -1,0 +1,1 @@
+"""Threads and processes that have owners: cameras and networks in one of their own."""

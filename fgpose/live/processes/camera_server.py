@@ -1,0 +1,89 @@
+"""Cameras and the network that looks at their images, in a process of their own: the side of that process."""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable
+from logging.handlers import QueueHandler
+from typing import Any
+
+from fgpose.child_process import parent
+from fgpose.live.cameras.running import LiveCameras
+from fgpose.live.clock import Clock
+from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, SmallPicture
+from fgpose.live.processes.detectors import Detectors
+from fgpose.live.processes.parts import Parts
+from fgpose.live.processes.shown import ShownPictures
+from fgpose.live.processes.worker import Worker
+from fgpose.monocular.network import Network
+
+STATUS_S = 0.1
+"""Between two messages of how the cameras are."""
+
+
+def serve() -> None:
+    """Do what CameraProcess sends, until it is closed."""
+    with parent() as (receive, send):
+        job: CameraJob = receive()
+        logger = logging.getLogger("fgpose")
+        logger.setLevel(logging.INFO)
+        logger.addHandler(_Sender(send))
+        try:
+            network, clock = job.open_network(), Clock(job.unix_minus_monotonic_s)
+            parts = Parts(clock.now_s, on_restart=send)
+            cameras, said = _opened(job, clock, parts, send)
+        # Raised by CameraProcess.opened.
+        except Exception as error:
+            send(error)
+            return
+        send(Opened(cameras.rig, cameras.playback.period_s, said))
+        begin: Begin = receive()
+        cameras.playback.begin(begin.start_s, begin.period_s)
+        _serve(cameras, network, job, parts, receive, send)
+
+
+def _opened(
+    job: CameraJob, clock: Clock, parts: Parts, send: Callable[[object], None]
+) -> tuple[LiveCameras, tuple[str, ...]]:
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", UserWarning)
+        cameras = LiveCameras(job.live_rig, clock, job.late_s, send, parts=parts, is_known=job.is_known)
+    return cameras, tuple(str(warning.message) for warning in said if issubclass(warning.category, UserWarning))
+
+
+def _serve(
+    cameras: LiveCameras,
+    network: Network,
+    job: CameraJob,
+    parts: Parts,
+    receive: Callable[[], Any],
+    send: Callable[[object], None],
+) -> None:
+    def tell() -> None:
+        while not telling.stopped.wait(STATUS_S):
+            send(cameras.statuses())
+
+    telling = Worker(f"telling of {', '.join(cameras.cameras)}", tell, parts)
+    show = ShownPictures(lambda camera, picture: send(SmallPicture(camera, picture))) if job.has_viewer else None
+    with cameras:
+        detectors = Detectors(cameras, network, send, job.n_detectors, show, parts)
+        telling.start()
+        try:
+            while True:
+                detectors.go_on(receive())
+        except EOFError:
+            telling.stopped.set()
+            detectors.close()
+            telling.close()
+
+
+class _Sender(QueueHandler):
+    """Sends what is logged, ready to be pickled."""
+
+    def __init__(self, send: Callable[[object], None]) -> None:
+        super().__init__(send)  # pyright: ignore[reportArgumentType]
+        self._send = send
+
+    def enqueue(self, record: logging.LogRecord) -> None:
+        self._send(record)

@@ -1,0 +1,1 @@
+"""Keypoints of detectors elsewhere: whose messages are taken, and which."""

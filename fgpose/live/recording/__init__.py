@@ -1,0 +1,1 @@
+"""A live session as a file, and back; videos in place of cameras."""

@@ -1,0 +1,111 @@
+"""A recording of a live system run again: the same detections through the same tracker, and the same frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fgpose.config import Config
+from fgpose.live.clock import Clock
+from fgpose.live.frame import LiveFrame
+from fgpose.live.recording.live_recording import LiveRecording
+from fgpose.live.tracking.live_tracking import LiveTracking, Update
+from fgpose.live.tracking.observed import volume_points_m
+
+# A live system publishes all the time; where its disk was full for hours, nobody waits for hours.
+_LONGEST_PAUSE_S = 10.0
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How the frames of a replay agree with those that were published."""
+
+    n_frames: int = 0
+    n_people: int = 0
+    """Frames times people, in both."""
+    n_others: int = 0
+    """People of frames who are in one of them only."""
+    largest_mm: float = 0.0
+    """Between the positions of a joint. They are recorded in single precision."""
+
+    def with_frame(self, again: LiveFrame, recorded: LiveFrame) -> Agreement:
+        """With another pair of frames."""
+        ours, theirs = ({person.person: person for person in frame.people} for frame in (again, recorded))
+        both = ours.keys() & theirs.keys()
+        apart_mm = [
+            1e3 * np.linalg.norm(ours[person].positions_m - theirs[person].positions_m, axis=-1) for person in both
+        ]
+        return Agreement(
+            n_frames=self.n_frames + 1,
+            n_people=self.n_people + len(both),
+            n_others=self.n_others + len(ours.keys() ^ theirs.keys()),
+            largest_mm=max([self.largest_mm, *(float(np.nanmax(apart, initial=0.0)) for apart in apart_mm)]),
+        )
+
+
+def replay(
+    recording: LiveRecording,
+    publish: Callable[[LiveFrame], None],
+    observers: Sequence[Callable[[Update], None]] = (),
+    config: Config | None = None,
+    clock: Clock | None = None,
+    progress: Callable[[float], None] = lambda time_s: None,
+) -> Agreement:
+    """Track what was recorded, in the same steps, and publish the frames of the recording with the people of now.
+
+    Args:
+        recording: opened.
+        publish: takes each frame. Its times are those of the recording, and the states of its cameras too.
+        observers: told of every update, as a recorder is.
+        config: of the tracker, None: as it was.
+        clock: each frame is published as long after the first as it was, but not longer than ten seconds after the
+            one before; None: as fast as possible.
+        progress: told of the time since the beginning of the recording, in seconds.
+
+    Raises:
+        ValueError: the file is damaged other than by being cut off; the message names it.
+
+    Warns:
+        UserWarning: the recording was not closed, was cut off, or lacks records.
+    """
+    tracking = LiveTracking(
+        recording.rig, recording.skeleton, config or recording.config, volume_points_m(recording.rig)
+    )
+    agreement, due_s, before_s = Agreement(), 0.0 if clock is None else clock.now_s(), recording.started_s
+    try:
+        for again, recorded in _frames(recording, tracking, observers):
+            if clock is not None:
+                due_s += min(max(recorded.published_s - before_s, 0.0), _LONGEST_PAUSE_S)
+                clock.sleep(due_s - clock.now_s())
+            before_s = recorded.published_s
+            publish(again)
+            agreement = agreement.with_frame(again, recorded)
+            progress(recorded.published_s - recording.started_s)
+    finally:
+        tracking.close()
+    return agreement
+
+
+def _frames(
+    recording: LiveRecording, tracking: LiveTracking, observers: Sequence[Callable[[Update], None]]
+) -> Iterator[tuple[LiveFrame, LiveFrame]]:
+    """Each frame again, and as it was recorded."""
+    is_tidy = True
+    for step in recording.steps():
+        if not isinstance(step, LiveFrame):
+            update = tracking.track(step)
+            for observe in observers:
+                observe(update)
+            is_tidy = False
+            continue
+        unknown = [camera.name for camera in step.cameras if camera.name not in recording.rig.names]
+        if unknown:
+            raise ValueError(f"{recording.path}: a frame has cameras that its rig has not: {', '.join(unknown)}")
+        again = tracking.frame(step.published_s, step.cameras)
+        said = {name: getattr(step, name) for name in ("sequence", "cameras", "observed_share", "restarts")}
+        yield replace(again, **said), step
+        if not is_tidy:
+            tracking.tidy()
+        is_tidy = True

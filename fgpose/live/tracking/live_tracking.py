@@ -1,0 +1,282 @@
+"""Everybody who is there, from images as they come: grouped, given to the tracker, and told at any time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
+from fgpose.config import Config
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.live_recordings import RecordedImage
+from fgpose.live.cameras.frozen_keypoints import are_same
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.processes.parts import Parts
+from fgpose.live.tracking.agreement import CameraAgreement
+from fgpose.live.tracking.moments import Moments
+from fgpose.live.tracking.observed import observed_share
+from fgpose.live.tracking.people import coasting, live_person
+from fgpose.people import Detections
+from fgpose.skeleton import Skeleton
+from fgpose.tracking import Tracker
+
+# Of a process of estimators; usually it takes some milliseconds.
+_ANSWERS_WITHIN_S = 1.0
+# At the processes of the tracker; two looks tell that one is stopped.
+_LOOKS_S = 0.1
+# Predicted people say so when no image has come for longer than the slowest usual camera takes.
+_COASTS_AFTER_S = 0.2
+# Who came while there was no image for longer is not found yet.
+_GAP_S = 0.5
+# What motion must tell of a clock so that it counts, a tenth of a step, and how much of it is allowed for.
+_TOLD_SIGMA_S, _SIGMAS = 0.03, 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """What the tracker was given together, and what it said."""
+
+    images: tuple[RecordedImage, ...]
+    people: tuple[Tracked, ...]
+    events: tuple[TrackEvent, ...]
+
+
+class LiveTracking:
+    """The tracker of a live system. It is used from one thread.
+
+    Images of one moment are given together; one that comes later than its moment is still used at its own time, unless
+    it is older than the lag. One that shows everybody at the very pixels of the one before is not used. Where the times
+    of a camera are not those of this computer's clock, everybody's motion tells how late it is beyond them. A tracker
+    that fails is replaced by a new one.
+
+    Args:
+        rig, skeleton, config: as of fgpose.Tracker.
+        volume_m: (N, 3) points of the volume of which frames say how much is observed.
+        parts: told when the tracker or one of its processes has ended.
+    """
+
+    def __init__(
+        self, rig: CameraRig, skeleton: Skeleton, config: Config, volume_m: np.ndarray, parts: Parts | None = None
+    ) -> None:
+        self._parts = parts or Parts()
+        self.rig, self.skeleton = rig, skeleton
+        self.config = config.replace(online={"estimate_time_offsets": True})
+        self._time_sigma_s = np.zeros(rig.n_cameras)
+        self._volume_m = volume_m
+        self._tracker = self._new_tracker()
+        self._agreement = CameraAgreement(rig)
+        self._moments = Moments()
+        self._arrived: dict[tuple[str, float], RecordedImage] = {}
+        self._image_s: dict[str, float] = {}
+        self._last: dict[str, Detections] = {}
+        """The newest of each camera that were not refused."""
+        self._frame_s = -np.inf
+        """Of the people as they are known."""
+        self._people: tuple[LivePerson, ...] = ()
+        self._since_s = np.nan
+        """When the first image was taken that the tracker has used."""
+        self._share: tuple[frozenset[str], float] = frozenset(), 0.0
+        """How much of the volume these cameras observe."""
+        self._looked_s = -np.inf
+        self._n_used: Counter[str] = Counter()
+        self._n_lost: Counter[str] = Counter()
+        self._sequence = 0
+        self.on_taken: Callable[[Collection[str]], None] = lambda camera_names: None
+        """Told of the cameras whose detections are about to be used, or are lost."""
+        self.n_failures = 0
+        """How often the tracker was replaced."""
+
+    @property
+    def newest_s(self) -> float:
+        """When the newest image was taken that was used; -inf: none was."""
+        return max(self._image_s.values(), default=-np.inf)
+
+    @property
+    def deadline_s(self) -> float:
+        """When images that wait for others have waited long enough; inf: none waits."""
+        return self._moments.deadline_s
+
+    def add(self, image: RecordedImage, now_s: float) -> list[Update]:
+        """Take the detections of an image, unless they are not to be used; what it completes is tracked."""
+        detections = image.detections
+        key = detections.camera, detections.time_s
+        is_again = key in self._arrived or detections.time_s <= self._image_s.get(detections.camera, -np.inf)
+        # A picture or a detector that has stopped: with a new stamp, people would be where they were a while ago.
+        is_again |= detections.camera in self._last and are_same(self._last[detections.camera], detections)
+        if not image.is_used or is_again or self._is_too_old(detections):
+            self._n_lost[detections.camera] += 1
+            self.on_taken([detections.camera])
+            return [Update((replace(image, is_used=False),), (), ())]
+        self._arrived[key] = image
+        self._last[detections.camera] = detections
+        return [self._tracked(moment) for moment in self._moments.add(detections, now_s)]
+
+    def look(self, now_s: float, expected: Collection[str]) -> list[Update]:
+        """Track what waits, if all of these cameras have come or it has waited long enough. Processes that have ended
+        are replaced, also where nothing comes."""
+        self._look_at_processes(now_s)
+        moment = self._moments.ready(now_s, expected)
+        return [self._tracked(moment)] if moment else []
+
+    def frame(self, now_s: float, cameras: Sequence[CameraStatus]) -> LiveFrame:
+        """What can be said now. The images of the cameras that were used, or not, are added to their statuses."""
+        unseen_s = now_s - self.newest_s
+        people = self._people
+        if unseen_s > _COASTS_AFTER_S:
+            people = tuple(coasting(person, unseen_s) for person in people)
+        told = self._told(cameras)
+        frame = LiveFrame(
+            sequence=self._sequence,
+            time_s=self._frame_s if self._image_s else np.nan,
+            published_s=now_s,
+            skeleton=self.skeleton,
+            people=people,
+            cameras=told,
+            observed_share=self._observed_share(told),
+            tracking_since_s=self._since_s,
+        )
+        self._sequence += 1
+        return frame
+
+    def tidy(self) -> None:
+        """Do what can be done before the next images come. To be called when what is known has been published."""
+        try:
+            self._tracker.tidy()
+        except Exception as error:
+            self._begin_anew(error)
+        try:
+            self._compare_cameras()
+        except Exception as error:
+            self._parts.restarted("comparing the cameras", f"{type(error).__name__}: {error}", error)
+            self._agreement = CameraAgreement(self.rig)
+
+    def restart(self) -> None:
+        """Forget images that wait and who people are, after something has failed."""
+        self._moments, self._arrived = Moments(), {}
+        self._forget_people()
+        self.on_taken(self.rig.names)
+
+    def close(self) -> None:
+        """End the processes of the tracker."""
+        self._tracker.close()
+
+    def track(self, images: Sequence[RecordedImage]) -> Update:
+        """Let the tracker take those of the images that are to be used, together."""
+        for image in images:
+            (self._n_used if image.is_used else self._n_lost)[image.detections.camera] += 1
+        given = [image.detections for image in images if image.is_used]
+        if not given:
+            return Update(tuple(images), (), ())
+        self._know_clocks(images)
+        n_restarts = self._tracker.n_restarts
+        try:
+            people = self._tracker.update(given)
+            self._say_restarts(n_restarts)
+            self._people = tuple(live_person(tracked) for tracked in people)
+            events = self._tracker.events()
+            self._agreement.add(given, people)
+            first_s = min(image.time_s for image in given)
+            if np.isnan(self._since_s) or first_s > self.newest_s + _GAP_S:
+                self._since_s = first_s
+        except Exception as error:
+            self._begin_anew(error)
+            people, events = [], []
+        self._image_s |= {each.camera: each.time_s for each in given}
+        self._frame_s = min((person.estimate.time_s for person in people), default=self.newest_s)
+        return Update(tuple(images), tuple(people), tuple(events))
+
+    def _look_at_processes(self, now_s: float) -> None:
+        if not 0 <= now_s - self._looked_s < _LOOKS_S:
+            self._looked_s, n_restarts = now_s, self._tracker.n_restarts
+            try:
+                self._tracker.look()
+            except Exception as error:
+                self._begin_anew(error)
+            else:
+                self._say_restarts(n_restarts)
+
+    def _say_restarts(self, n_before: int) -> None:
+        for _ in range(self._tracker.n_restarts - n_before):
+            self._parts.restarted("a process of estimators", "it ended or did not answer")
+
+    def _compare_cameras(self) -> None:
+        """A part of the work, which is less than a millisecond."""
+        if not self._agreement.is_due:
+            self._agreement.go_on()
+            return
+        offsets, sigma_s = self._tracker.offsets, self._time_sigma_s
+        if offsets.has_told:
+            sigma_s = np.where(sigma_s > 0, offsets.relative()[1], 0.0)
+        self._agreement.look(offsets.rig().time_offsets_s, sigma_s)
+
+    def _know_clocks(self, images: Sequence[RecordedImage]) -> None:
+        for image in images:
+            self._time_sigma_s[self.rig.names.index(image.detections.camera)] = image.time_sigma_s
+        self._tracker.offsets.sigma_s = self._time_sigma_s.copy()
+
+    def _tracked(self, moment: Sequence[Detections]) -> Update:
+        self.on_taken([each.camera for each in moment])
+        images = [self._arrived.pop((each.camera, each.time_s)) for each in moment]
+        return self.track([replace(image, is_used=not self._is_too_old(image.detections)) for image in images])
+
+    def _begin_anew(self, error: Exception) -> None:
+        self._parts.restarted("the tracker", f"{type(error).__name__}: {error}", error)
+        self.n_failures += 1
+        self._forget_people()
+
+    def _forget_people(self) -> None:
+        """A new tracker has found nobody yet."""
+        self._people, self._since_s = (), np.nan
+        self._tracker.close()
+        self._tracker = self._new_tracker()
+
+    def _new_tracker(self) -> Tracker:
+        return Tracker(self.rig, self.skeleton, self.config, answers_within_s=_ANSWERS_WITHIN_S)
+
+    def _is_too_old(self, detections: Detections) -> bool:
+        return detections.time_s < self.newest_s - self.config.online.lag_s
+
+    def _observed_share(self, cameras: Sequence[CameraStatus]) -> float:
+        ok = frozenset(camera.name for camera in cameras if camera.state is CameraState.OK)
+        if ok != self._share[0]:
+            self._share = ok, observed_share(self.rig, ok, self._volume_m)
+        return self._share[1]
+
+    def _told(self, cameras: Sequence[CameraStatus]) -> tuple[CameraStatus, ...]:
+        """With what is known here: the images that were used, and what the motion tells of the clocks."""
+        offsets = self._tracker.offsets
+        offset_s, sigma_s = offsets.relative() if offsets.has_told else (None, None)
+        told = []
+        for camera in cameras:
+            c = self.rig.names.index(camera.name)
+            n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
+            changes: dict[str, Any] = {"n_used": n_used, "n_lost": n_lost}
+            if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
+                changes |= {"motion_offset_s": float(offset_s[c]), "motion_sigma_s": float(sigma_s[c])}
+            camera = replace(camera, **changes)
+            if is_told_by_motion(camera, cameras):
+                camera = replace(camera, unproven_s=_SIGMAS * (camera.motion_sigma_s or 0.0))
+            if camera.name in self._agreement.faults:
+                camera = _doubtful(camera, self._agreement.faults[camera.name])
+            told.append(camera)
+        return tuple(told)
+
+
+def is_told_by_motion(camera: CameraStatus, cameras: Sequence[CameraStatus]) -> bool:
+    """How old its images are, beside those of another camera of which it is proven."""
+    others = (each for each in cameras if each.name != camera.name and each.state is CameraState.OK)
+    is_told = camera.motion_sigma_s is not None and camera.motion_sigma_s < _TOLD_SIGMA_S
+    return is_told and any(each.unproven_s == 0 for each in others)
+
+
+def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:
+    """With another fault; the graver one is said first."""
+    is_graver = camera.state in (CameraState.OK, CameraState.LATE)
+    reasons = (reason, camera.reason) if is_graver else (camera.reason, reason)
+    state = CameraState.DOUBTFUL if is_graver else camera.state
+    return replace(camera, state=state, reason="; ".join(filter(None, reasons)))

@@ -1,0 +1,253 @@
+"""Distances of people from the links of a robot, with their uncertainty, and the faults that make them worthless.
+
+THIS IS NO SAFETY FUNCTION. No camera, network, computer or line of this program is rated for protecting people. A robot
+that can hurt somebody needs a rated device that stops it whatever is said here. What is said here is for research, for
+slowing down out of courtesy, and for seeing what a rated device would have to cope with.
+
+A person is a set of capsules (body). Each is taken to be nearer than expected by a quantile of the error of its joints
+along the line to the link (clearance), and by what a person can walk or reach in the age of the
+data, with the speeds of ISO 13855. The links are taken to be where the given poses put them: how far the robot moves
+before it stops is left to the caller (S_robot and S_stop of ISO 10218-2).
+
+What may be said without a fault is decided in one place (assurance). A fault is latched: it stays, with its
+first reason, until reset() is called, also when its cause is gone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
+from fgpose.live.link_distance import Fault, LinkDistance
+from fgpose.robot.approach import Approach
+from fgpose.robot.assurance import FOUND_S, Facts, faults_of, is_new
+from fgpose.robot.body import ARM, Body
+from fgpose.robot.cell import Cell
+from fgpose.robot.clearance import Axes, clearance
+from fgpose.robot.links import PlacedLinks, world_poses
+from fgpose.skeleton import Skeleton
+
+NO_SAFETY_FUNCTION = (
+    "Distances are no safety function: nothing here is rated for protecting people. A robot that can hurt somebody "
+    "needs a rated device that stops it whatever is said here."
+)
+"""For the help of commands and the heads of outputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """A frame against the links: everybody's capsules and each link's nearest shape."""
+
+    least_m: Float[np.ndarray, "person capsule link"]
+    """inf where a capsule has no place because a joint is missing."""
+    expected_m: Float[np.ndarray, "person capsule link"]
+    along: Float[np.ndarray, "person capsule link"]
+
+    def without_place(self) -> list[int]:
+        """People of whom no capsule is known."""
+        return np.flatnonzero(np.isinf(self.expected_m).all(axis=(1, 2))).tolist()
+
+
+class DistanceMonitor:
+    """Distances of people from links. No safety function: see the top of this module.
+
+    ``publish`` takes the frames as they come; ``measure`` says what is true at a moment, from the newest frame, and is
+    meant to be called in the loop that moves the robot: only there can silence be noticed. ``publish`` may be called
+    from another thread.
+
+    Every link has a fault until frames have come and ``reset`` has been called.
+
+    Raises:
+        ValueError: the skeleton lacks a joint that a body needs, or too little around a zone is observed.
+    """
+
+    def __init__(self, cell: Cell, rig: CameraRig, skeleton: Skeleton) -> None:
+        self._limits = cell.limits
+        self._skeleton = skeleton
+        self._body = Body.of(skeleton, cell.radius_m)
+        speeds_m_s = {True: cell.limits.hand_m_s, False: cell.limits.walking_m_s}
+        self._speed_m_s = np.array([speeds_m_s[part in ARM] for part in self._body.parts])
+        self._links = PlacedLinks(cell, rig)
+        self._camera_names = rig.names
+        self._frame: LiveFrame | None = None
+        self._ok_since_s: dict[str, float] = {}
+        """Of the cameras that are: from when they were published so."""
+        self._faults: dict[int, Fault] = {}
+        self._approach = Approach(cell.limits.walking_m_s)
+
+    @property
+    def frame_s(self) -> float:
+        """When the newest frame was published, Unix time; NaN: none has come."""
+        frame = self._frame
+        return math.nan if frame is None else frame.published_s
+
+    def publish(self, frame: LiveFrame) -> None:
+        """The newest frame. Never blocks."""
+        self._ok_since_s = {
+            # At the start it is the tracker that says since when.
+            camera.name: self._ok_since_s.get(camera.name, -math.inf if self._frame is None else frame.published_s)
+            for camera in frame.cameras
+            if camera.state is CameraState.OK
+        }
+        self._frame = frame
+
+    def close(self) -> None:
+        """Does nothing: there is nothing to close."""
+
+    def reset(self) -> None:
+        """Clear the latched faults of all links. A cause that is still there is a fault again at once."""
+        self._faults.clear()
+
+    def measure(
+        self, poses: Mapping[str, np.ndarray], now_s: float, poses_s: Mapping[str, float] | None = None
+    ) -> tuple[LinkDistance, ...]:
+        """Smallest distance of each link, in the order of the cell.
+
+        Args:
+            poses: (4, 4) pose of each link in the world (world_T_link, metres). A link without one, or with one that is
+                not a rigid transform, has a fault; other names are ignored. Zones need none.
+            now_s: Unix time.
+            poses_s: of when each pose is, Unix time; by default, of now.
+        """
+        frame, links = self._frame, self._links.links
+        if frame is not None and math.isnan(frame.time_s):  # before the first image
+            frame = None
+        world_T_link, is_rigid = world_poses(links, poses)
+        known_s = {name: now_s if poses_s is None else poses_s.get(name, math.nan) for name in poses}
+        pose_s = [now_s if link.is_fixed else known_s.get(link.name, math.nan) for link in links]
+        if frame is None:
+            measured, incomplete = None, _nobody(len(links))
+        else:
+            measured = self._measured(frame, world_T_link, max(now_s - taken_s(frame), 0.0))
+            incomplete = self._incomplete(frame, measured)
+            self._approach.add(frame, measured.expected_m.min(axis=1))
+        now_ok = {name for name, since_s in self._ok_since_s.items() if now_s - since_s >= FOUND_S}
+        of_frame, said = self._facts(frame, now_ok), []
+        for number, link in enumerate(links):
+            facts = replace(
+                of_frame,
+                pose_s=pose_s[number],
+                is_rigid=bool(is_rigid[number]),
+                observed_share=0.0 if frame is None else self._observed_share(now_ok, number, world_T_link[number]),
+                incomplete=tuple(incomplete[number]),
+            )
+            faults = faults_of(facts, self._limits, now_s)
+            if faults:
+                self._faults.setdefault(number, Fault(faults[0], now_s))
+            is_placed = facts.is_rigid and is_new(facts.pose_s, self._limits, now_s)
+            nearest = self._nearest(number, frame, measured) if is_placed else _said(-math.inf, -math.inf)
+            said.append(
+                LinkDistance(
+                    link=link.name,
+                    **nearest,
+                    age_s=math.inf if frame is None else now_s - facts.taken_s,
+                    pose_age_s=now_s - facts.pose_s,
+                    observed_share=facts.observed_share,
+                    fault=self._faults.get(number),
+                )
+            )
+        return tuple(said)
+
+    def _facts(self, frame: LiveFrame | None, ok: Collection[str]) -> Facts:
+        """What a frame tells of every link; nothing is known of any yet."""
+        nothing = Facts(math.nan, math.nan, math.nan, math.nan, is_rigid=False, observed_share=0.0)
+        if frame is None:
+            return nothing
+        state, at_s = {camera.name: camera.state for camera in frame.cameras}, taken_s(frame)
+        return replace(
+            nothing,
+            taken_s=at_s,
+            tracking_since_s=frame.tracking_since_s,
+            tracked_s=frame.time_s,
+            not_ok=tuple(
+                f"{name} {self._said_of(name, state.get(name))}" for name in self._camera_names if name not in ok
+            ),
+            unproven=tuple(camera.name for camera in in_use(frame) if camera.unproven_s is None),
+            doubt_s=frame.time_s - at_s,
+        )
+
+    def _said_of(self, name: str, state: CameraState | None) -> str:
+        return "missing" if state is None else f"{state.value}{' again' if name in self._ok_since_s else ''}"
+
+    def _observed_share(self, ok: Collection[str], link: int, world_T_link: Float[np.ndarray, "4 4"]) -> float:
+        return self._links.observed_share(link, world_T_link, np.array([name in ok for name in self._camera_names]))
+
+    def _measured(self, frame: LiveFrame, world_T_link: Float[np.ndarray, "link 4 4"], age_s: float) -> _Measured:
+        body, n_joints = self._body, self._skeleton.n_joints
+        positions_m = np.array([person.positions_m for person in frame.people]).reshape(-1, n_joints, 3)
+        covariance_m2 = np.array([person.covariance_m2 for person in frame.people]).reshape(-1, n_joints, 3, 3)
+        known = np.asarray(np.isfinite(positions_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1)))
+        has_place = known[:, body.joints].all(axis=(-2, -1))
+        person, capsule = np.nonzero(has_place)
+        axes = Axes(
+            body.ends_m(positions_m)[person, capsule],
+            covariance_m2[person[:, None, None], body.joints[capsule]],
+            body.radius_m[capsule],
+            body.is_sphere[capsule],
+        )
+        of_shapes = clearance(axes, self._links.shapes(world_T_link), self._limits.quantile)
+        n_links = len(self._links.links)
+        arrays = [np.full((len(positions_m), len(body.parts), n_links), np.inf) for _ in range(3)]
+        for link in range(n_links):
+            shapes = np.flatnonzero(self._links.link_of_shape == link)
+            best = shapes[of_shapes.least_m[:, shapes].argmin(axis=1)][:, None]
+            for array, values in zip(arrays, (of_shapes.least_m, of_shapes.expected_m, of_shapes.along), strict=True):
+                array[person, capsule, link] = np.take_along_axis(values, best, axis=1)[:, 0]
+        least_m, expected_m, along = arrays
+        return _Measured(least_m - self._speed_m_s[:, None] * age_s, expected_m, along)
+
+    def _incomplete(self, frame: LiveFrame, measured: _Measured) -> list[list[str]]:
+        """By link, the people near it, or anywhere, of whom joints are missing."""
+        nowhere, incomplete = measured.without_place(), _nobody(len(self._links.links))
+        for number, person in enumerate(frame.people):
+            missing = [self._skeleton.joints[joint] for joint in self._body.missing(person)]
+            is_near = measured.expected_m[number].min(axis=0) < self._limits.missing_within_m
+            links = range(len(is_near)) if number in nowhere else np.flatnonzero(is_near).tolist()
+            for link in links if missing else ():
+                incomplete[link].append(f"person {person.person} has no estimate of {', '.join(missing)}")
+        return incomplete
+
+    def _nearest(self, link: int, frame: LiveFrame | None, measured: _Measured | None) -> dict[str, Any]:
+        if frame is None or measured is None or measured.without_place():
+            return _said(-math.inf, -math.inf)
+        if not frame.people:
+            return _said(math.inf, math.inf)
+        least_m = measured.least_m[:, :, link]
+        number, capsule = np.unravel_index(np.argmin(least_m), least_m.shape)
+        end = int(measured.along[number, capsule, link] > 0.5)
+        return {
+            "distance_m": float(least_m[number, capsule]),
+            "expected_m": float(measured.expected_m[number, capsule, link]),
+            "person": frame.people[number].person,
+            "part": self._body.names[capsule],
+            "joint": self._skeleton.joints[self._body.joints[capsule, end, 0]],
+            "closing_m_s": self._approach.closing_m_s(int(number), link),
+        }
+
+
+def taken_s(frame: LiveFrame) -> float:
+    """The earliest at which the images may have been taken that the people of a frame come from."""
+    return frame.time_s - max((camera.unproven_s or 0.0 for camera in in_use(frame)), default=0.0)
+
+
+def in_use(frame: LiveFrame) -> list[CameraStatus]:
+    """The cameras whose images may have entered a frame."""
+    gone = (CameraState.LOST, CameraState.RECONNECTING)
+    return [camera for camera in frame.cameras if camera.state not in gone]
+
+
+def _nobody(n_links: int) -> list[list[str]]:
+    return [[] for _ in range(n_links)]
+
+
+def _said(distance_m: float, expected_m: float) -> dict[str, Any]:
+    """Nobody is there, or people or the link may be anywhere."""
+    nobody = {"person": None, "part": "", "joint": "", "closing_m_s": math.nan}
+    return {"distance_m": distance_m, "expected_m": expected_m, **nobody}
