@@ -50,7 +50,6 @@ _BEFORE_S, _AFTER_S = 0.2, 1.5
 _SETTLES_S = FOUND_S + 2 * RESET_EVERY_S + 1.0
 # A clock that was wrong is believed again after half a minute.
 _CLOCKS_SETTLE_S = 30.0
-_LOOKS_S = 0.2
 
 
 class Storm:
@@ -120,7 +119,6 @@ class _Session:
             self._timeline.at(fault.begin_s, lambda fault=fault: self._begin(fault))
             self._timeline.at(fault.end_s, lambda fault=fault: self._end(fault))
         self._timeline.at(_START_S + 0.01, self._measure)
-        self._timeline.at(_START_S, self._look)
         self._system.run(_START_S + self._storm.session_s)
         self._storm.count(self.plan)
 
@@ -169,11 +167,6 @@ class _Session:
         tracker.n_restarts += ends is not None
         if wait_s:
             self._timeline.advance(self._clock.now_s() + wait_s)
-
-    def _look(self) -> None:
-        for camera in self._reception.live.values():
-            camera.look()
-        self._timeline.at(self._clock.now_s() + _LOOKS_S, self._look)
 
     def _measure(self) -> None:
         now_s = self._clock.now_s()
