@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from jaxtyping import Float
@@ -30,6 +30,8 @@ CELL = Cell(
 RESET_EVERY_S = 1.0
 """An operator resets the faults so often."""
 ROBOT_M_S = 0.5
+SILENCE_S = 0.3
+"""Longer is a fault."""
 # Positions are interpolated between frames of motion capture, and joints are not the surface.
 _TOLERANCE_M = 0.02
 _N_WORST = 50
@@ -39,6 +41,7 @@ _N_WORST = 50
 class Result:
     """Of what was simulated so far."""
 
+    n_sessions: int = 0
     hours: float = 0.0
     n_faults: int = 0
     faults: dict[str, int] = field(default_factory=dict)
@@ -58,6 +61,8 @@ class Result:
     """Of these, without a fault."""
     reasons: dict[str, int] = field(default_factory=dict)
     """Of faults while nothing was wrong."""
+    longest_silence_s: float = 0.0
+    """Without a frame, while the process ran and the tracker answered."""
 
     @property
     def too_large(self) -> float:
@@ -69,8 +74,19 @@ class Result:
 
     @property
     def is_good(self) -> bool:
-        """No more are larger than the truth than their quantile allows."""
-        return self.too_large <= 1 - CELL.limits.quantile
+        """No more are larger than the truth than their quantile allows, and there is no silence."""
+        return self.too_large <= 1 - CELL.limits.quantile and self.longest_silence_s <= SILENCE_S
+
+    def add(self, other: Result) -> None:
+        """What was simulated elsewhere."""
+        for name, value in asdict(other).items():
+            own = getattr(self, name)
+            if name == "worst":
+                own.update({trouble: max(over_m, own.get(trouble, -math.inf)) for trouble, over_m in value.items()})
+            elif isinstance(value, dict):
+                own.update(Counter(own) + Counter(value))
+            else:
+                setattr(self, name, max(own, value) if name in ("largest_m", "longest_silence_s") else own + value)
 
 
 class Judge:

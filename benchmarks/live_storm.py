@@ -9,6 +9,7 @@ second, and 15 times a second from before a fault until after it.
 
 from __future__ import annotations
 
+import functools
 import json
 import logging
 import math
@@ -24,6 +25,7 @@ from rich.progress import track
 
 import fgpose
 from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
+from fgpose.io.atomic import write_text
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraStatus, LiveFrame
@@ -40,6 +42,7 @@ from storm_senders import Senders
 from storm_visitors import StandInTracker, StandInTracking, StormVisitors
 from timeline import Timeline
 
+SESSION_S = 600.0
 _START_S = 1.7e9
 _RATE_HZ, _VISIT_S, _N_PEOPLE = 5.0, 50.0, (1, 2)
 _LAG_S = 0.3
@@ -50,7 +53,6 @@ _BEFORE_S, _AFTER_S = 0.2, 1.5
 _SETTLES_S = FOUND_S + 2 * RESET_EVERY_S + 1.0
 # A clock that was wrong is believed again after half a minute.
 _CLOCKS_SETTLE_S = 30.0
-_LOOKS_S = 0.2
 
 
 class Storm:
@@ -58,26 +60,24 @@ class Storm:
 
     Args:
         seed: of everything.
-        session_s: how long each lasts.
+        result: of the first of them, to which that of the others is added.
     """
 
-    def __init__(self, seed: int, session_s: float = 600.0) -> None:
-        self._seed, self.session_s = seed, session_s
-        self.rig, self.result = room_rig(), Result()
-        self.clips = [Clip.made(self.rig, n, _VISIT_S, _RATE_HZ, 100 * seed + k) for k, n in enumerate(_N_PEOPLE)]
+    def __init__(self, seed: int, result: Result | None = None) -> None:
+        self._seed, self.result = seed, result or Result()
+        self.rig, self.clips = room_rig(), made_clips(seed)
         self._volume_m = volume_points_m(self.rig)
-        self._kinds = Counter[str]()
-        self._n_sessions = 0
+        self._kinds = Counter(self.result.faults)
 
     def run_session(self) -> None:
         """One, from its start to its end."""
-        rng = np.random.default_rng([self._seed, self._n_sessions])
-        self._n_sessions += 1
+        rng = np.random.default_rng([self._seed, self.result.n_sessions])
+        self.result.n_sessions += 1
         _Session(self, rng, self._volume_m).run()
 
     def visit(self, minute: int) -> Visit:
         """Who comes: the storm of each session begins anew."""
-        rng = np.random.default_rng([self._seed, self._n_sessions, minute])
+        rng = np.random.default_rng([self._seed, self.result.n_sessions, minute])
         first = round((60.0 * minute + float(rng.uniform(0.0, 60.0 - _VISIT_S))) * _RATE_HZ)
         return Visit(int(rng.integers(len(self.clips))), first)
 
@@ -87,7 +87,13 @@ class Storm:
         self._kinds.update(kind for kind, _ in done.start.values())
         self.result.faults = dict(sorted(self._kinds.items()))
         self.result.n_faults = self._kinds.total()
-        self.result.hours = self._n_sessions * self.session_s / 3600
+        self.result.hours = self.result.n_sessions * SESSION_S / 3600
+
+
+@functools.cache
+def made_clips(seed: int) -> tuple[Clip, ...]:
+    """Of the people of a storm."""
+    return tuple(Clip.made(room_rig(), n, _VISIT_S, _RATE_HZ, 100 * seed + k) for k, n in enumerate(_N_PEOPLE))
 
 
 class _Session:
@@ -98,7 +104,7 @@ class _Session:
         rig, skeleton = storm.rig, storm.clips[0].scene.motion.skeleton
         self._visitors = StormVisitors(storm.clips, _START_S, _RATE_HZ, storm.visit)
         self._timeline = Timeline(self._clock)
-        self.plan = session(rig.names, _START_S, storm.session_s, rng)
+        self.plan = session(rig.names, _START_S, SESSION_S, rng)
         self._arrivals = Arrivals(rig.names)
         self._reception = Reception(self.plan, rig, skeleton, self._timeline, _LAG_S, self._arrivals.put, rng)
         self._senders = Senders(self.plan, self._reception, self._visitors, self._timeline, _RATE_HZ, rng)
@@ -112,16 +118,15 @@ class _Session:
         self._monitor = DistanceMonitor(CELL, rig, skeleton)
         self._judge = Judge(rig, skeleton, storm.result)
         self._active: dict[str, Fault] = {}
-        self._over: dict[str, float] = {}
-        """When faults ended, by kind."""
+        self._published_s, self._held_s = _START_S, 0.0
+        """The last frame, and for how long since then the process was stopped or the tracker did not answer."""
 
     def run(self) -> None:
         for fault in self.plan.faults:
             self._timeline.at(fault.begin_s, lambda fault=fault: self._begin(fault))
             self._timeline.at(fault.end_s, lambda fault=fault: self._end(fault))
         self._timeline.at(_START_S + 0.01, self._measure)
-        self._timeline.at(_START_S, self._look)
-        self._system.run(_START_S + self._storm.session_s)
+        self._system.run(_START_S + SESSION_S)
         self._storm.count(self.plan)
 
     def take(self, timeout_s: float) -> list[RecordedImage]:
@@ -141,17 +146,23 @@ class _Session:
     def publish(self, frame: LiveFrame) -> None:
         """See Consumer."""
         self._monitor.publish(frame)
+        self._silent(frame.published_s - self._published_s - self._held_s)
+        self._published_s, self._held_s = frame.published_s, 0.0
         if "output raises" in self._active:
             raise RuntimeError("a fault of the storm")
+
+    def _silent(self, duration_s: float) -> None:
+        result = self._storm.result
+        result.longest_silence_s = max(result.longest_silence_s, duration_s)
 
     def _begin(self, fault: Fault) -> None:
         self._active[fault.kind] = fault
         if fault.kind == "stopped":
             self._timeline.pause(fault.end_s - fault.begin_s)
+            self._held_s += fault.end_s - fault.begin_s
         self._senders.begin_fault(fault)
 
     def _end(self, fault: Fault) -> None:
-        self._over[fault.kind] = self._clock.now_s()
         self._active.pop(fault.kind, None)
         self._senders.end_fault(fault)
 
@@ -168,12 +179,8 @@ class _Session:
         tracker: Any = self._tracking._tracker
         tracker.n_restarts += ends is not None
         if wait_s:
+            self._held_s += wait_s
             self._timeline.advance(self._clock.now_s() + wait_s)
-
-    def _look(self) -> None:
-        for camera in self._reception.live.values():
-            camera.look()
-        self._timeline.at(self._clock.now_s() + _LOOKS_S, self._look)
 
     def _measure(self) -> None:
         now_s = self._clock.now_s()
@@ -212,34 +219,38 @@ class _Session:
         return "; ".join(words)
 
 
-def simulate(n_sessions: int, seed: int, session_s: float = 600.0) -> Result:
-    """So many sessions, each of so many seconds."""
-    storm = Storm(seed, session_s)
-    for _ in range(n_sessions):
-        storm.run_session()
+def simulate(session: int, seed: int) -> Result:
+    """One of the sessions of a storm, alone."""
+    storm = Storm(seed, Result(n_sessions=session))
+    storm.run_session()
     return storm.result
 
 
-def main(hours: float = 1.0, seed: int = 1, output: Path = Path("out/live_storm.json")) -> int:
-    """Simulate, and print what was said.
+def main(hours: float = 1.0, seed: int = 1, output: Path = Path("out/live_storm")) -> int:
+    """Simulate, and print what was said, in all storms whose results are there.
 
     Args:
-        hours: simulated.
-        seed: of people and faults.
-        output: file of the results, written after every hour.
+        hours: simulated with this seed; sessions whose results are there already are not simulated again.
+        seed: of people and faults. Several can be simulated at the same time.
+        output: folder of the results, a file for each seed, written after each session.
     """
     logging.getLogger("fgpose.live").setLevel(logging.CRITICAL)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    storm = Storm(seed)
-    n_sessions = math.ceil(hours * 3600 / storm.session_s)
-    for number in track(range(n_sessions), "simulated sessions"):
+    output.mkdir(parents=True, exist_ok=True)
+    file = output / f"seed_{seed}.json"
+    storm = Storm(seed, _read(file) if file.exists() else None)
+    for _ in track(range(storm.result.n_sessions, math.ceil(hours * 3600 / SESSION_S)), "simulated sessions"):
         storm.run_session()
-        if number % 6 == 5 or number == n_sessions - 1:
-            output.write_text(json.dumps(asdict(storm.result), indent=1) + "\n", encoding="utf-8")
-    result = storm.result
+        write_text(file, json.dumps(asdict(storm.result), indent=1) + "\n")
+    result = Result()
+    for each in sorted(output.glob("seed_*.json")):
+        result.add(_read(each))
     print(json.dumps(asdict(result), indent=1))
     print(f"too large without a fault: {result.too_large:.6f}; said while nothing was wrong: {result.availability:.5f}")
     return int(not result.is_good)
+
+
+def _read(file: Path) -> Result:
+    return Result(**json.loads(file.read_text(encoding="utf-8")))
 
 
 if __name__ == "__main__":

@@ -130,13 +130,14 @@ class Visitors:
         self._clips, self._start_s, self._rate_hz = clips, start_s, rate_hz
         self._visit = lru_cache(maxsize=4)(visit)
         n_joints = clips[0].scene.motion.skeleton.n_joints
-        self._nobody = np.zeros((0, n_joints, 2)), np.zeros((0, n_joints))
+        empty = np.zeros((0, n_joints, 2)), np.zeros((0, n_joints))
+        self._nobody = {name: Detections(name, 0.0, *empty) for name in clips[0].images}
 
     def seen(self, camera: str, number: int) -> Detections:
         """What is found in an image."""
         visit = self.of(number)
         if visit is None:
-            return Detections(camera, 0.0, *self._nobody)
+            return self._nobody[camera]
         return self._clips[visit.clip].images[camera][number - visit.first]
 
     def of(self, number: int) -> Visit | None:

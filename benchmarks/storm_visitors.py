@@ -90,7 +90,8 @@ class StandInOffsets:
 
     def __init__(self, n_cameras: int, rng: np.random.Generator) -> None:
         self.sigma_s = np.zeros(n_cameras)
-        self._late_s, self._n, self._error = np.zeros(n_cameras), np.zeros(n_cameras), rng.standard_normal(n_cameras)
+        self._late_s, self._n = [0.0] * n_cameras, [0] * n_cameras
+        self._error = rng.standard_normal(n_cameras).tolist()
 
     def add(self, camera: int, late_s: float) -> None:
         """Somebody was seen so much later than the time of the image says."""
@@ -100,14 +101,19 @@ class StandInOffsets:
     @property
     def has_told(self) -> bool:
         """See RunningOffsets."""
-        return bool(self._n[self.sigma_s > 0].any())
+        return any(n > 0 and sigma_s > 0 for n, sigma_s in zip(self._n, self.sigma_s.tolist(), strict=True))
 
     def relative(self) -> tuple[np.ndarray, np.ndarray]:
         """See RunningOffsets."""
-        told_s = np.minimum(_TOLD_SIGMA_S / np.sqrt(np.maximum(self._n, 1)), self.sigma_s)
-        held = (self.sigma_s == 0) & (self._n > 0)
-        mean_s = self._late_s[held].mean() if held.any() else 0.0
-        return np.where(self.sigma_s > 0, self._late_s - mean_s + told_s * self._error, 0.0), told_s
+        cameras = list(zip(self.sigma_s.tolist(), self._n, self._late_s, self._error, strict=True))
+        told_s = [min(_TOLD_SIGMA_S / math.sqrt(max(n, 1)), sigma_s) for sigma_s, n, _, _ in cameras]
+        held_s = [late_s for sigma_s, n, late_s, _ in cameras if sigma_s == 0 and n > 0]
+        mean_s = sum(held_s) / len(held_s) if held_s else 0.0
+        offset_s = [
+            late_s - mean_s + each_s * error if sigma_s > 0 else 0.0
+            for (sigma_s, _, late_s, error), each_s in zip(cameras, told_s, strict=True)
+        ]
+        return np.array(offset_s), np.array(told_s)
 
 
 @dataclass
@@ -198,17 +204,18 @@ class StandInTracker:
 
     def _estimate(self, who: int, views: list[tuple[float, float]], person: _Followed) -> Estimate | None:
         """Where they were on average when the images were taken, at the mean of the times that these have."""
-        true_m = np.mean([self._visitors.people_m(number)[who] for _, number in views], axis=0)
+        shown_m = {number: self._visitors.people_m(number)[who] for number in {number for _, number in views}}
+        true_m = np.sum([shown_m[number] for _, number in views], axis=0) / len(views)
         if not np.isfinite(true_m).all():
             return None
         n, sigma_m = len(true_m), _SIGMA_M[min(len(views), 4)]
         return Estimate(
             self._skeleton,
             self._n_updates,
-            float(np.mean([at_s for at_s, _ in views])),
+            sum(at_s for at_s, _ in views) / len(views),
             true_m + sigma_m * person.error,
             np.full(n, Status.OBSERVED, dtype=np.int8),
-            np.tile(sigma_m**2 * np.eye(3), (n, 1, 1)),
+            np.repeat(sigma_m**2 * np.eye(3)[None], n, axis=0),
         )
 
     def _predicted(self, last: Estimate, time_s: float) -> Estimate:

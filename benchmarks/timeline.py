@@ -38,14 +38,8 @@ class Timeline:
 
     def until_any(self, arrivals: Arrivals, timeout_s: float) -> list[RecordedImage]:
         """Let everything happen until an image arrives, or for a time: those that have."""
-        taken: list[RecordedImage] = []
-
-        def is_any() -> bool:
-            taken.extend(arrivals.take(0.0))
-            return bool(taken)
-
-        self.advance(self.clock.now_s() + timeout_s, is_any)
-        return taken or arrivals.take(0.0)
+        self.advance(self.clock.now_s() + timeout_s, arrivals.is_any)
+        return arrivals.take(0.0)
 
     def pause(self, duration_s: float) -> None:
         """Nothing happens for a while; what should have, does next."""

@@ -53,8 +53,7 @@ class Detections:
     People who were away are recognised by it too. The vectors of a recording are compared by their directions."""
 
     def __post_init__(self) -> None:
-        if not np.isfinite(self.time_s):
-            raise ValueError(f"camera {self.camera}: the time of an image is not finite: {self.time_s}")
+        self._check_time(self.time_s)
         points2d_px, confidence = np.array(self.points2d_px, dtype=float), np.array(self.confidence, dtype=float)
         if points2d_px.ndim != 3 or points2d_px.shape[2] != 2:
             raise ValueError(f"{self}: points2d_px must be (people, joints, 2), got {points2d_px.shape}")
@@ -69,18 +68,23 @@ class Detections:
         if self.appearance is not None and (np.ndim(self.appearance) != 2 or len(self.appearance) != people_joints[0]):
             raise ValueError(f"{self}: appearance must be ({people_joints[0]}, any), got {np.shape(self.appearance)}")
         known = np.isfinite(points2d_px).all(axis=-1) & (confidence != 0)
-        self._refuse(np.asarray(np.isinf(points2d_px).any(axis=-1)), "a pixel that is infinite")
+        self._refuse(np.isinf(points2d_px), "a pixel that is infinite")
         if self.points3d_m is not None:
-            self._refuse(np.asarray(np.isinf(self.points3d_m).any(axis=-1)), "a 3D coordinate that is infinite")
+            self._refuse(np.isinf(self.points3d_m), "a 3D coordinate that is infinite")
             if self.covariance3d_m2 is not None:
                 in_3d = np.asarray(np.isfinite(self.points3d_m).all(axis=-1))
                 wrong = in_3d & ~positive_definite(np.asarray(self.covariance3d_m2))
                 self._refuse(wrong, "a covariance that is not positive definite")
         self._refuse(known & ~((confidence >= 0) & (confidence <= 1)), "a confidence outside [0, 1]")
-        points2d_px[~known], confidence[~known] = np.nan, 0.0
+        unknown = ~known
+        points2d_px[unknown], confidence[unknown] = np.nan, 0.0
         for name, array in (("points2d_px", points2d_px), ("confidence", confidence)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
+
+    def _check_time(self, time_s: float) -> None:
+        if not np.isfinite(time_s):
+            raise ValueError(f"camera {self.camera}: the time of an image is not finite: {time_s}")
 
     def _check_shape(self, name: str, shape: tuple[int, ...]) -> None:
         array = getattr(self, name)
@@ -91,11 +95,19 @@ class Detections:
 
     def _refuse(self, bad: np.ndarray, what: str) -> None:
         if bad.any():
-            person, joint = np.argwhere(bad)[0]
+            person, joint, *_ = np.argwhere(bad)[0]
             raise ValueError(f"{self}, person {person}, joint number {joint}: {what}")
 
     def __str__(self) -> str:
         return f"camera {self.camera}, image at {self.time_s:.13g} s"
+
+    def at(self, time_s: float) -> Detections:
+        """The same in an image of another time. Raises ValueError if that is not finite."""
+        self._check_time(time_s)
+        # Not replace(): the arrays are not checked again, image by image, in a live loop.
+        moved = object.__new__(Detections)
+        moved.__dict__.update(self.__dict__, time_s=time_s)
+        return moved
 
     @property
     def n_people(self) -> int:

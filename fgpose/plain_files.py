@@ -31,6 +31,8 @@ MAX_JSON_EXPANSION = 16
 """The same of JSON. Keypoints as whole pixels take 13 times as much in memory, lists of nothing 30 times."""
 MAX_LINE = 10_000_000
 """Characters of a line of a text. A frame of the largest skeleton takes a thirtieth."""
+MAX_EMPTY_LINES = 10_000
+"""Of a text, one after the other: a hundred megabytes of them take a quarter of a minute."""
 
 # OpenCV reads it when it is loaded. Its own limit lets an image take 3 GB.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PX))

@@ -158,7 +158,7 @@ class Camera:
     def project(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 2"]:
         """Undistorted pixels of world points: the pinhole image with the same K. NaN at or behind the camera."""
         normalized, _ = _normalized(self.to_camera_frame(points_m))
-        return normalized * np.diag(self.K)[:2] + self.K[:2, 2]
+        return normalized * self.K[(0, 1), (0, 1)] + self.K[:2, 2]
 
     def ray(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 3"]:
         """Unit directions in the world frame of the rays through undistorted pixels; they start at position_m."""
@@ -167,8 +167,9 @@ class Camera:
         direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
         return direction @ self.world_T_camera[:3, :3].T
 
-    @property
-    def _distorts(self) -> bool:
+    @cached_property
+    def distorts(self) -> bool:
+        """Whether the pixels of the original image are others than the undistorted ones."""
         # A fisheye lens whose coefficients are all zero still maps the angle, not its tangent.
         return self.lens == "fisheye" or bool(self.distortion.any())
 
@@ -177,7 +178,7 @@ class Camera:
 
         NaN stays NaN, and a point where the lens model has no inverse (far outside the calibrated field) becomes NaN.
         """
-        if not self._distorts:
+        if not self.distorts:
             return points_px.copy()
         import cv2
 
@@ -199,7 +200,7 @@ class Camera:
 
     def distort(self, undistorted_px: Float[np.ndarray, "*points 2"]) -> Float[np.ndarray, "*points 2"]:
         """Pixels in the original image of undistorted pixels: the inverse of undistort."""
-        if not self._distorts:
+        if not self.distorts:
             return undistorted_px.copy()
         import cv2
 
@@ -250,7 +251,7 @@ class CameraRig:
         if len(set(self.names)) != len(self.names):
             raise ValueError(f"camera names must differ: {', '.join(self.names)}")
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         return tuple(camera.name for camera in self.cameras)
 

@@ -10,9 +10,18 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fgpose.plain_files import MAX_FILE_GB, MAX_JSON_EXPANSION, MAX_LINE, check_expansion, max_text_bytes, open_plain
+from fgpose.plain_files import (
+    MAX_EMPTY_LINES,
+    MAX_FILE_GB,
+    MAX_JSON_EXPANSION,
+    MAX_LINE,
+    check_expansion,
+    max_text_bytes,
+    open_plain,
+)
 
 _PART_BYTES = 1 << 20  # a file without an end, as some of /proc are, is noticed this much too late at most
+_SEPARATORS = " \t,;\r\n"
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
 # In Python, with the reference to it: an empty list, a table with a key, a number.
 _LIST_BYTES, _TABLE_BYTES, _VALUE_BYTES = 64, 200, 32
@@ -51,12 +60,16 @@ def text_lines(content: bytes) -> Iterator[str]:
     """The lines of a text, without their ends, one at a time.
 
     Raises:
-        ValueError: it is no UTF-8, or a line is longer than MAX_LINE; the caller names the file.
+        ValueError: it is no UTF-8, a line is longer than MAX_LINE, or more than MAX_EMPTY_LINES follow each other that
+            have nothing but separators; the caller names the file.
     """
     text = io.TextIOWrapper(io.BytesIO(content), "utf-8-sig")
-    number = 0
+    number = n_empty = 0
     while line := text.readline(MAX_LINE):
         number += 1
+        n_empty = 0 if line.strip(_SEPARATORS) else n_empty + 1
+        if n_empty > MAX_EMPTY_LINES:
+            raise ValueError(f"line {number} is one of more than {MAX_EMPTY_LINES} empty lines")
         if len(line) == MAX_LINE:
             raise ValueError(f"line {number} has {MAX_LINE} characters or more")
         yield line.removesuffix("\n")

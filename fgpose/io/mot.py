@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,8 @@ from jaxtyping import Float
 
 from fgpose.io.atomic import write_text
 from fgpose.io.content import read_content, text_lines
+
+_N_HEADER_LINES = 1000  # OpenSim writes about ten
 
 
 def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
@@ -61,12 +64,12 @@ def read_mot(path: Path) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[
 def _parsed(content: bytes) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:
     lines = enumerate((line.strip() for line in text_lines(content)), 1)
     in_degrees = False
-    for _, line in lines:
+    for _, line in islice(lines, _N_HEADER_LINES):
         if line == "endheader":
             break
         in_degrees |= line.replace(" ", "") == "inDegrees=yes"
     else:
-        raise ValueError("it has no line endheader")
+        raise ValueError(f"it has no line endheader among the first {_N_HEADER_LINES}")
     if not in_degrees:
         raise ValueError("angles in degrees are needed (inDegrees=yes)")
     rows = ((number, line) for number, line in lines if line)

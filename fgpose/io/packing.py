@@ -55,13 +55,13 @@ def _array_as_map(value: Any) -> Any:
 
 def _smallest(array: np.ndarray) -> np.ndarray:
     """Of the types that a document may have, the smallest that holds every number exactly."""
-    if array.dtype == np.uint8:
+    if array.dtype.str in ("<f4", "|u1"):
         return array
     if array.dtype.kind in "iub":
         return array.astype("<i8")
     with np.errstate(over="ignore"):
         single = array.astype("<f4")
-    return single if np.array_equal(single, array, equal_nan=True) else array.astype("<f8")
+    return single if ((single == array) | np.isnan(array)).all() else array.astype("<f8")
 
 
 def _map_as_array(document: dict[str, Any]) -> Any:

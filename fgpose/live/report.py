@@ -30,7 +30,7 @@ class Report:
         self.n_frames += 1
         if frame.time_s > self._image_s and any(camera.n_used for camera in frame.cameras):
             self._image_s = frame.time_s
-            self._latency_ms[int(np.clip(1e3 * frame.age_s, 0, _LONGEST_MS))] += 1
+            self._latency_ms[int(min(max(1e3 * frame.age_s, 0), _LONGEST_MS))] += 1
         if self._published_s is not None:
             for camera in frame.cameras:
                 self._state_s[camera.name][camera.state] += frame.published_s - self._published_s

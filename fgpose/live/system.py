@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Protocol, TypeVar, runtime_checkable
 
 from fgpose.live.clock import Clock
@@ -102,7 +101,7 @@ class LiveSystem:
 
     def _publish(self) -> None:
         now_s = self._published_s = self._clock.now_s()
-        frame = replace(self._tracking.frame(now_s, self._cameras), restarts=self._parts.so_far())
+        frame = self._tracking.frame(now_s, self._cameras, self._parts.so_far())
         for output in self._outputs:
             self._give(output.publish, frame, "an output")
         self.report.add(frame)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -96,16 +97,20 @@ class Body:
         add("head", "head", (head, head), (head, head))
         return Body(tuple(parts), tuple(names), np.array(joints), np.array([radii_m[part] for part in parts]))
 
-    @property
+    @cached_property
     def is_sphere(self) -> Bool[np.ndarray, " capsule"]:
         return np.asarray((self.joints[:, 0] == self.joints[:, 1]).all(axis=-1))
 
+    @cached_property
+    def _used(self) -> list[int]:
+        return np.unique(self.joints).tolist()
+
     def ends_m(self, positions_m: Float[np.ndarray, "*people joint 3"]) -> Float[np.ndarray, "*people capsule end=2 3"]:
         """Ends of the capsules in the frame of the joints; NaN where a joint of it is."""
-        return np.asarray(positions_m[..., self.joints, :].mean(axis=-2))
+        return (positions_m[..., self.joints[..., 0], :] + positions_m[..., self.joints[..., 1], :]) / 2
 
     def missing(self, person: LivePerson) -> tuple[int, ...]:
         """Joints without which some capsules have no place or no covariance."""
         has_position = np.isfinite(person.positions_m).all(axis=-1)
         known = np.asarray(has_position & np.isfinite(person.covariance_m2).all(axis=(-2, -1)))
-        return tuple(int(joint) for joint in np.unique(self.joints) if not known[joint])
+        return tuple(joint for joint in self._used if not known[joint])

@@ -128,7 +128,7 @@ class Cell:
     """Zones too."""
     limits: Limits = Limits()
     volume: Volume | None = None
-    """Where people can be; None: what the rig observes, see fgpose.live.observed.volume_points_m."""
+    """Where people can be; None: what the rig observes, see fgpose.live.tracking.observed.volume_points_m."""
     radius_m: Mapping[str, float] = field(default_factory=dict)
     """Of some parts of the body; see fgpose.robot.body."""
 

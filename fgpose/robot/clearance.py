@@ -67,12 +67,14 @@ def clearance(axes: Axes, shapes: Shapes, quantile: float) -> Clearance:
     """Distances of capsules of people from shapes, expected and at least; see the top of this module."""
     both_ends = 1.0 - (1.0 - quantile) / 2
     z = np.where(axes.is_sphere, NormalDist().inv_cdf(quantile), NormalDist().inv_cdf(both_ends))
-    parts = (_from_capsules(axes, shapes), _from_boxes(axes, shapes))
+    parts = [_from_capsules(axes, shapes)] + ([_from_boxes(axes, shapes)] if len(shapes.box_low_m) else [])
     expected, least, along = [], [], []
     for along_axis, nearest_m, depth_m, radius_m in parts:
-        height_m, sigma_m = _ends_above(axes, along_axis, nearest_m, depth_m)
+        away_m = _away_m(axes, along_axis, nearest_m)
+        distance_m = np.linalg.norm(away_m, axis=-1)
+        height_m, sigma_m = _ends_above(axes, away_m, distance_m, nearest_m, depth_m)
         radii_m = axes.radius_m[:, None] + radius_m
-        expected.append(_expected_m(axes, along_axis, nearest_m, depth_m) - radii_m)
+        expected.append(distance_m - depth_m - radii_m)
         least.append((height_m - z[:, None, None] * sigma_m).min(axis=-1) - radii_m)
         along.append(along_axis)
     return Clearance(*(np.concatenate(columns, axis=1) for columns in (expected, least, along)))
@@ -151,29 +153,20 @@ def _away_m(
     return start_m + along[..., None] * step_m - nearest_m
 
 
-def _expected_m(
-    axes: Axes,
-    along: Float[np.ndarray, "axis shape"],
-    nearest_m: Float[np.ndarray, "axis shape 3"],
-    depth_m: Float[np.ndarray, "axis shape"],
-) -> Float[np.ndarray, "axis shape"]:
-    return np.asarray(np.linalg.norm(_away_m(axes, along, nearest_m), axis=-1)) - depth_m
-
-
 def _ends_above(
     axes: Axes,
-    along: Float[np.ndarray, "axis shape"],
+    away_m: Float[np.ndarray, "axis shape 3"],
+    distance_m: Float[np.ndarray, "axis shape"],
     nearest_m: Float[np.ndarray, "axis shape 3"],
     depth_m: Float[np.ndarray, "axis shape"],
 ) -> tuple[Float[np.ndarray, "axis shape end=2"], Float[np.ndarray, "axis shape end=2"]]:
     """Height of both ends above the plane between shape and axis, and its standard deviation."""
-    away_m = _away_m(axes, along, nearest_m)
-    distance_m = np.linalg.norm(away_m, axis=-1, keepdims=True)
-    touches = distance_m < _TOUCHES_M
-    normal = np.where(touches, 0.0, away_m / np.where(touches, 1.0, distance_m))
+    touches = distance_m[..., None] < _TOUCHES_M
+    normal = np.where(touches, 0.0, away_m / np.where(touches, 1.0, distance_m[..., None]))
     height_m = np.einsum("nsi,nsei->nse", normal, axes.ends_m[:, None] - nearest_m[:, :, None])
     variance_m2 = np.einsum("nsi,nehij,nsj->nseh", normal, axes.covariance_m2, normal)
-    largest_m2 = np.linalg.eigvalsh(axes.covariance_m2)[..., -1]
-    variance_m2 = np.where(touches[..., None], largest_m2[:, None], variance_m2)
-    sigma_m = np.sqrt(np.maximum(variance_m2, 0.0)).mean(axis=-1)
+    if touches.any():
+        largest_m2 = np.linalg.eigvalsh(axes.covariance_m2)[..., -1]
+        variance_m2 = np.where(touches[..., None], largest_m2[:, None], variance_m2)
+    sigma_m = np.sqrt(np.maximum(variance_m2, 0.0)).sum(axis=-1) / 2
     return np.where(touches, -depth_m[..., None], height_m), sigma_m

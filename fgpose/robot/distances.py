@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,7 @@ class _Measured:
     expected_m: Float[np.ndarray, "person capsule link"]
     along: Float[np.ndarray, "person capsule link"]
 
+    @cached_property
     def without_place(self) -> list[int]:
         """People of whom no capsule is known."""
         return np.flatnonzero(np.isinf(self.expected_m).all(axis=(1, 2))).tolist()
@@ -180,9 +182,11 @@ class DistanceMonitor:
         return self._links.observed_share(link, world_T_link, np.array([name in ok for name in self._camera_names]))
 
     def _measured(self, frame: LiveFrame, world_T_link: Float[np.ndarray, "link 4 4"], age_s: float) -> _Measured:
-        body, n_joints = self._body, self._skeleton.n_joints
-        positions_m = np.array([person.positions_m for person in frame.people]).reshape(-1, n_joints, 3)
-        covariance_m2 = np.array([person.covariance_m2 for person in frame.people]).reshape(-1, n_joints, 3, 3)
+        body, n_links = self._body, len(self._links.links)
+        if not frame.people:
+            return _Measured(*(np.zeros((0, len(body.parts), n_links)) for _ in range(3)))
+        positions_m = np.stack([person.positions_m for person in frame.people])
+        covariance_m2 = np.stack([person.covariance_m2 for person in frame.people])
         known = np.asarray(np.isfinite(positions_m).all(axis=-1) & np.isfinite(covariance_m2).all(axis=(-2, -1)))
         has_place = known[:, body.joints].all(axis=(-2, -1))
         person, capsule = np.nonzero(has_place)
@@ -193,19 +197,18 @@ class DistanceMonitor:
             body.is_sphere[capsule],
         )
         of_shapes = clearance(axes, self._links.shapes(world_T_link), self._limits.quantile)
-        n_links = len(self._links.links)
         arrays = [np.full((len(positions_m), len(body.parts), n_links), np.inf) for _ in range(3)]
         for link in range(n_links):
             shapes = np.flatnonzero(self._links.link_of_shape == link)
-            best = shapes[of_shapes.least_m[:, shapes].argmin(axis=1)][:, None]
+            best = shapes[of_shapes.least_m[:, shapes].argmin(axis=1)]
             for array, values in zip(arrays, (of_shapes.least_m, of_shapes.expected_m, of_shapes.along), strict=True):
-                array[person, capsule, link] = np.take_along_axis(values, best, axis=1)[:, 0]
+                array[person, capsule, link] = values[np.arange(len(best)), best]
         least_m, expected_m, along = arrays
         return _Measured(least_m - self._speed_m_s[:, None] * age_s, expected_m, along)
 
     def _incomplete(self, frame: LiveFrame, measured: _Measured) -> list[list[str]]:
         """By link, the people near it, or anywhere, of whom joints are missing."""
-        nowhere, incomplete = measured.without_place(), _nobody(len(self._links.links))
+        nowhere, incomplete = measured.without_place, _nobody(len(self._links.links))
         for number, person in enumerate(frame.people):
             missing = [self._skeleton.joints[joint] for joint in self._body.missing(person)]
             is_near = measured.expected_m[number].min(axis=0) < self._limits.missing_within_m
@@ -215,7 +218,7 @@ class DistanceMonitor:
         return incomplete
 
     def _nearest(self, link: int, frame: LiveFrame | None, measured: _Measured | None) -> dict[str, Any]:
-        if frame is None or measured is None or measured.without_place():
+        if frame is None or measured is None or measured.without_place:
             return _said(-math.inf, -math.inf)
         if not frame.people:
             return _said(math.inf, math.inf)

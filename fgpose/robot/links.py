@@ -14,6 +14,7 @@ from fgpose.robot.clearance import Shapes
 
 _POINTS_PER_SIDE = 6  # of the grid that stands for the surroundings of a link: 0.4 m apart for 1 m around a small one
 _ROTATION_TOLERANCE = 1e-3  # as for the poses of cameras: every real mistake is larger
+_LAST_ROW_TOLERANCE = 1e-5  # single precision has it exactly
 
 
 class PlacedLinks:
@@ -39,7 +40,7 @@ class PlacedLinks:
         """Of each shape of shapes(): the index of its link."""
         self._around_m = [_surroundings_m(link, cell.limits.surroundings_m) for link in self.links]
         self._fixed_views = {
-            link.name: self._in_views(points_m)
+            link.name: in_views(rig, points_m)
             for link, points_m in zip(self.links, self._around_m, strict=True)
             if link.is_fixed
         }
@@ -67,14 +68,15 @@ class PlacedLinks:
         Without a volume people are taken to be where at least two cameras observe them while all are ok.
         """
         link = self.links[number]
-        points_m = self._around_m[number] @ world_T_link[:3, :3].T + world_T_link[:3, 3]
-        views = self._fixed_views[link.name] if link.is_fixed else self._in_views(points_m)
+        points_m = self._around_m[number]
+        if link.is_fixed:
+            views = self._fixed_views[link.name]
+        else:
+            points_m = points_m @ world_T_link[:3, :3].T + world_T_link[:3, 3]
+            views = in_views(self._rig, points_m)
         within = views.sum(axis=1) >= 2 if self._volume is None else self._volume.contains(points_m)
         observed = views[within][:, is_ok].sum(axis=1) >= 2
         return float(observed.mean()) if len(observed) else 0.0
-
-    def _in_views(self, points_m: Float[np.ndarray, "point 3"]) -> Bool[np.ndarray, "point camera"]:
-        return in_views(self._rig, points_m)
 
 
 def world_poses(
@@ -95,8 +97,8 @@ def _is_rigid(pose: np.ndarray) -> bool:
     if pose.shape != (4, 4) or pose.dtype.kind not in "fiu" or not np.isfinite(pose).all():
         return False
     R = pose[:3, :3]
-    is_rotation = np.allclose(R @ R.T, np.eye(3), atol=_ROTATION_TOLERANCE) and np.linalg.det(R) > 0
-    return bool(is_rotation and np.allclose(pose[3], (0, 0, 0, 1)))
+    is_rotation = np.abs(R @ R.T - np.eye(3)).max() <= _ROTATION_TOLERANCE and np.linalg.det(R) > 0
+    return bool(is_rotation and np.abs(pose[3] - (0, 0, 0, 1)).max() <= _LAST_ROW_TOLERANCE)
 
 
 def _surroundings_m(link: Link, around_m: float) -> Float[np.ndarray, "point 3"]:

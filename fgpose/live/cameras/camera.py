@@ -125,8 +125,7 @@ class LiveCamera:
                 return None
             self._image_s = captured_s
         if image.detections is not None:
-            detections = dataclasses.replace(image.detections, time_s=captured_s)
-            image = dataclasses.replace(image, detections=detections)
+            image = dataclasses.replace(image, detections=image.detections.at(captured_s))
         is_trusted = not picture_faults
         return Image(self.name, number, captured_s, arrived_s, image, time_sigma_s, is_trusted=is_trusted)
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from fgpose.live.cameras.lower_envelope import envelope_line
+from fgpose.live.cameras.lower_envelope import envelope_line, lower_hull
 
 # Twenty minutes: where the fastest images are rare, jitter of 200 ms needs that long to leave 1 ms and 2 ppm. A crystal
 # that gets warmer by some degrees changes by less meanwhile.
@@ -210,17 +210,6 @@ class ClockModel:
         self._segment = None
 
 
-@dataclass
-class _Bucket:
-    """Images of a second: their number and sums, and the one that was fastest."""
-
-    n: int
-    sum_x: float
-    sum_y: float
-    x: float
-    y: float
-
-
 class _Segment:
     """Stamps of a clock that does not jump.
 
@@ -230,7 +219,10 @@ class _Segment:
     def __init__(self, stamp_s: float, delay_s: float, drift: float, drift_sigma: float) -> None:
         self._origin_s, self._delay_s = stamp_s, delay_s
         self._expected_drift, self._drift_sigma = drift, drift_sigma
-        self._buckets: deque[_Bucket] = deque()
+        self._buckets = np.zeros((0, 5))
+        """Of the images of each second: their number, the sums of their x and y, and those of the fastest."""
+        self._hull = np.zeros((0, 2))
+        """Of the fastest images of all these seconds, those on their lower hull."""
         self._recent: list[tuple[float, float]] = []
         self.drift, self._mean_x, self._height = drift, 0.0, 0.0
         self.sigma_s, self.excess_s = _FIRST_SIGMA_S, 0.0
@@ -240,7 +232,7 @@ class _Segment:
         """Of what is in the window."""
         if not self._recent:
             return 0.0
-        return self._recent[-1][0] - (self._buckets[0].x if self._buckets else self._recent[0][0])
+        return self._recent[-1][0] - float(self._buckets[0, 3] if len(self._buckets) else self._recent[0][0])
 
     def offset_s(self, stamp_s: float) -> float:
         """Arrival minus stamp of the fastest image at the time of a stamp."""
@@ -261,22 +253,24 @@ class _Segment:
 
     def _close_bucket(self) -> None:
         points = np.array(self._recent)
-        lowest = int(np.argmin(points[:, 1] - self.drift * points[:, 0]))
-        self._buckets.append(_Bucket(len(points), *points.sum(axis=0).tolist(), *points[lowest].tolist()))
+        lowest = points[np.argmin(points[:, 1] - self.drift * points[:, 0])]
+        in_window = self._buckets[lowest[0] - self._buckets[:, 3] <= _WINDOW_S]
+        before = self._hull if len(in_window) == len(self._buckets) else in_window[:, 3:]
+        self._buckets = np.concatenate([in_window, [[len(points), *points.sum(axis=0), *lowest]]])
+        candidates = np.concatenate([before, [lowest]])
+        self._hull = candidates[lower_hull(candidates)]
         self._recent = []
-        while self._buckets[-1].x - self._buckets[0].x > _WINDOW_S:
-            self._buckets.popleft()
 
     def _fit(self) -> None:
-        points = np.array([(bucket.x, bucket.y) for bucket in self._buckets] + self._recent)
-        n = sum(bucket.n for bucket in self._buckets) + len(self._recent)
-        mean_x = (sum(bucket.sum_x for bucket in self._buckets) + sum(x for x, _ in self._recent)) / n
-        mean_y = (sum(bucket.sum_y for bucket in self._buckets) + sum(y for _, y in self._recent)) / n
+        recent = np.array(self._recent).reshape(-1, 2)
+        n = float(self._buckets[:, 0].sum()) + len(recent)
+        mean_x, mean_y = ((self._buckets[:, 1:3].sum(axis=0) + recent.sum(axis=0)) / n).tolist()
         mean_excess = max(mean_y - self._line(mean_x), _RESOLUTION_S)
         self.drift, self._height = envelope_line(
-            points[:, 0], points[:, 1], mean_x, n / mean_excess, self._expected_drift, self._drift_sigma
+            np.concatenate([self._hull, recent]), mean_x, n / mean_excess, self._expected_drift, self._drift_sigma
         )
         self._mean_x, self.excess_s = mean_x, max(mean_y - self._height, 0.0)
+        points = np.concatenate([self._buckets[:, 3:], recent])
         above = points[:, 1] - self._height - self.drift * (points[:, 0] - mean_x)
         if len(above) >= _N_LOWEST:
             # How far the lowest points are from each other tells how far below them the limit is: by a ninth of it if

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
+from itertools import takewhile
 from statistics import median
 
 import numpy as np
@@ -55,6 +56,9 @@ class Verdict:
     """All faults in words."""
 
 
+_OK = Verdict(CameraState.OK)
+
+
 class Health:
     """Counts and times the images of one camera, and remembers what was found in them.
 
@@ -104,7 +108,7 @@ class Health:
     def rate_hz(self, now_s: float) -> float:
         """Of images over the last second, or longer if they are rare."""
         since_s = max(now_s - self._recent_s(), self._flows_since_s)
-        n = sum(arrived_s > since_s for arrived_s, _, _ in self._last(now_s))
+        n = len(self._after(since_s))
         return n / (now_s - since_s) if now_s > since_s else 0.0
 
     def verdict(self, now_s: float) -> Verdict:
@@ -112,12 +116,14 @@ class Health:
         if self._fixed is not None:
             return Verdict(_STATES[self._fixed[0]], *self._fixed)
         faults = self._faults_of_times(now_s)
+        if not faults and not self._seen:
+            return _OK
         self._seen |= {name: (now_s, reason) for name, reason in faults.items()}
         if "silent" not in faults:
             self._seen.pop("silent", None)
         self._seen = {name: seen for name, seen in self._seen.items() if now_s - seen[0] < _OVER_S}
         if not self._seen:
-            return Verdict(CameraState.OK)
+            return _OK
         order = [name for name in _STATES if name in self._seen]
         return Verdict(_STATES[order[0]], order[0], "; ".join(self._seen[name][1] for name in order))
 
@@ -139,15 +145,9 @@ class Health:
     def _recent_s(self) -> float:
         return max(_RECENT_S, _RECENT_IMAGES / self._usual_hz) if self._usual_hz else _RECENT_S
 
-    def _last(self, now_s: float) -> list[tuple[float, float, bool]]:
-        """Images of the last second, the newest first."""
-        since_s = now_s - self._recent_s()
-        recent = []
-        for image in reversed(self._arrivals):
-            if image[0] <= since_s:
-                break
-            recent.append(image)
-        return recent
+    def _after(self, since_s: float) -> list[tuple[float, float, bool]]:
+        """Images that came after a time, the newest first."""
+        return list(takewhile(lambda image: image[0] > since_s, reversed(self._arrivals)))
 
     def _count(self, arrived_s: float) -> None:
         if arrived_s >= self._window_end_s:
@@ -162,21 +162,22 @@ class Health:
 
     def _faults_of_times(self, now_s: float) -> dict[str, str]:
         faults = {}
-        usual_hz = self._usual_hz
-        if now_s - self._last_s > self._silent_s():
+        usual_hz, last_s, recent_s = self._usual_hz, self._last_s, self._recent_s()
+        if now_s - last_s > self._silent_s():
             return {"silent": "no image comes"}
-        # Up to the newest image: what comes after it is silence.
-        rate_hz = self.rate_hz(self._last_s)
-        if self._last_s - self._flows_since_s > 2 * self._recent_s() and rate_hz < _SLOW_SHARE * usual_hz:
-            faults["slow"] = f"{rate_hz:.1f} images a second instead of {usual_hz:.1f}"
+        if usual_hz and last_s - self._flows_since_s > 2 * recent_s:
+            # Up to the newest image: what comes after it is silence.
+            rate_hz = self.rate_hz(last_s)
+            if rate_hz < _SLOW_SHARE * usual_hz:
+                faults["slow"] = f"{rate_hz:.1f} images a second instead of {usual_hz:.1f}"
         # What came before a silence says nothing of what comes after it.
-        recent = [image for image in self._last(now_s) if image[0] >= self._flows_since_s]
+        recent = [image for image in self._after(now_s - recent_s) if image[0] >= self._flows_since_s]
         if not recent:
             return faults
-        late_s = median(delay_s for _, delay_s, _ in recent)
+        late_s = median([delay_s for _, delay_s, _ in recent])
         if late_s > self._late_s:
             faults["late"] = f"images come {late_s:.2f} s after they were taken"
-        damaged = sum(is_damaged for _, _, is_damaged in recent) / len(recent)
+        damaged = sum([is_damaged for _, _, is_damaged in recent]) / len(recent)
         if damaged > _DAMAGED_SHARE:
             faults["garbled"] = f"{damaged:.0%} of the images are damaged"
         return faults

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 
-def lower_hull(x: Float[np.ndarray, " point"], y: Float[np.ndarray, " point"]) -> list[int]:
+def lower_hull(xy: Float[np.ndarray, "point 2"]) -> list[int]:
     """Numbers of the points on the lower convex hull, from left to right; x increases strictly (Andrew's chain)."""
     hull: list[int] = []
-    points = list(zip(x.tolist(), y.tolist(), strict=True))
+    points = xy.tolist()
     for k, (x_k, y_k) in enumerate(points):
         while len(hull) > 1:
             (x_i, y_i), (x_j, y_j) = points[hull[-2]], points[hull[-1]]
@@ -21,8 +21,7 @@ def lower_hull(x: Float[np.ndarray, " point"], y: Float[np.ndarray, " point"]) -
 
 
 def envelope_line(
-    x: Float[np.ndarray, " point"],
-    y: Float[np.ndarray, " point"],
+    xy: Float[np.ndarray, "point 2"],
     mean_x: float,
     weight: float,
     slope: float,
@@ -36,20 +35,18 @@ def envelope_line(
     do not determine it.
 
     Args:
-        x: increasing strictly.
-        y: at x.
-        mean_x: of all points that the line is for, of which x and y may be the lowest only.
+        xy: x increases strictly.
+        mean_x: of all points that the line is for, of which these may be the lowest only.
         weight: their number divided by their mean distance from the line.
         slope: expected.
         slope_sigma: of the expectation.
     """
-    hull = lower_hull(x, y)
-    hull_x, hull_y = x[hull], y[hull]
-    edges = np.diff(hull_y) / np.diff(hull_x)
-    # With these slopes the line touches the hull at that point.
-    lowest, highest = np.append(-np.inf, edges), np.append(edges, np.inf)
+    hull_x, hull_y = xy[lower_hull(xy)].T
+    edges = (hull_y[1:] - hull_y[:-1]) / (hull_x[1:] - hull_x[:-1])
+    # With slopes between these the line touches the hull at that point.
+    bounds = np.concatenate([[-np.inf], edges, [np.inf]])
     wanted = slope + slope_sigma**2 * weight * (mean_x - hull_x)
-    slopes = np.clip(wanted, lowest, highest)
+    slopes = np.minimum(np.maximum(wanted, bounds[:-1]), bounds[1:])
     heights = hull_y + slopes * (mean_x - hull_x)
     best = int(np.argmax(weight * heights - 0.5 * ((slopes - slope) / slope_sigma) ** 2))
     return float(slopes[best]), float(heights[best])

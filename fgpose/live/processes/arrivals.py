@@ -35,10 +35,14 @@ class Arrivals:
             self._leave_out(waiting, _MAX_WAITING)
             self._changed.notify_all()
 
+    def is_any(self) -> bool:
+        """Whether something waits."""
+        return any(self._waiting.values())
+
     def take(self, timeout_s: float) -> list[RecordedImage]:
         """See Feed.take."""
         with self._changed:
-            self._changed.wait_for(lambda: any(self._waiting.values()), timeout_s)
+            self._changed.wait_for(self.is_any, timeout_s)
             is_behind = any(len(waiting) > _USUAL_WAITING for waiting in self._waiting.values())
             if is_behind and self._was_behind:
                 for waiting in self._waiting.values():

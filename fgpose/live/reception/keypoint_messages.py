@@ -116,7 +116,8 @@ def decode_keypoints(
     if document.appearance:
         arrays["appearance"] = _array(document.appearance, "appearance", camera, (shape[0], None))
     try:
-        refuse_millimetres(arrays.get("points3d_m", np.zeros(0)))
+        if "points3d_m" in arrays:
+            refuse_millimetres(arrays["points3d_m"])
         return Detections(camera.name, document.time_s, points2d_px, **arrays)
     except ValueError as error:
         raise MessageError("values", str(error)) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -22,10 +21,11 @@ Connection = int | None
 def connection_of(frame: Any) -> Connection:
     """From which a message came, of its first part."""
     zmq = load_zmq()
-    # Not of every transport.
-    with contextlib.suppress(zmq.ZMQError, AttributeError):
+    try:
         return int(frame.get(zmq.SRCFD))
-    return None
+    # Not of every transport.
+    except (zmq.ZMQError, AttributeError):
+        return None
 
 
 class Senders:

@@ -15,7 +15,7 @@ from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.cameras.frozen_keypoints import are_same
-from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
+from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.moments import Moments
@@ -123,7 +123,7 @@ class LiveTracking:
         moment = self._moments.ready(now_s, expected)
         return [self._tracked(moment)] if moment else []
 
-    def frame(self, now_s: float, cameras: Sequence[CameraStatus]) -> LiveFrame:
+    def frame(self, now_s: float, cameras: Sequence[CameraStatus], restarts: tuple[Restarts, ...] = ()) -> LiveFrame:
         """What can be said now. The images of the cameras that were used, or not, are added to their statuses."""
         unseen_s = now_s - self.newest_s
         people = self._people
@@ -139,6 +139,7 @@ class LiveTracking:
             cameras=told,
             observed_share=self._observed_share(told),
             tracking_since_s=self._since_s,
+            restarts=restarts,
         )
         self._sequence += 1
         return frame
@@ -222,7 +223,9 @@ class LiveTracking:
     def _tracked(self, moment: Sequence[Detections]) -> Update:
         self.on_taken([each.camera for each in moment])
         images = [self._arrived.pop((each.camera, each.time_s)) for each in moment]
-        return self.track([replace(image, is_used=not self._is_too_old(image.detections)) for image in images])
+        return self.track(
+            [replace(image, is_used=False) if self._is_too_old(image.detections) else image for image in images]
+        )
 
     def _begin_anew(self, error: Exception) -> None:
         self._parts.restarted("the tracker", f"{type(error).__name__}: {error}", error)
@@ -257,21 +260,22 @@ class LiveTracking:
             n_used, n_lost = self._n_used[camera.name], camera.n_lost + self._n_lost[camera.name]
             changes: dict[str, Any] = {"n_used": n_used, "n_lost": n_lost}
             if offset_s is not None and sigma_s is not None and self._time_sigma_s[c] > 0:
-                changes |= {"motion_offset_s": float(offset_s[c]), "motion_sigma_s": float(sigma_s[c])}
+                motion_sigma_s = float(sigma_s[c])
+                changes |= {"motion_offset_s": float(offset_s[c]), "motion_sigma_s": motion_sigma_s}
+                if is_told_by_motion(camera.name, motion_sigma_s, cameras):
+                    changes["unproven_s"] = _SIGMAS * motion_sigma_s
             camera = replace(camera, **changes)
-            if is_told_by_motion(camera, cameras):
-                camera = replace(camera, unproven_s=_SIGMAS * (camera.motion_sigma_s or 0.0))
             if camera.name in self._agreement.faults:
                 camera = _doubtful(camera, self._agreement.faults[camera.name])
             told.append(camera)
         return tuple(told)
 
 
-def is_told_by_motion(camera: CameraStatus, cameras: Sequence[CameraStatus]) -> bool:
-    """How old its images are, beside those of another camera of which it is proven."""
-    others = (each for each in cameras if each.name != camera.name and each.state is CameraState.OK)
-    is_told = camera.motion_sigma_s is not None and camera.motion_sigma_s < _TOLD_SIGMA_S
-    return is_told and any(each.unproven_s == 0 for each in others)
+def is_told_by_motion(name: str, motion_sigma_s: float, cameras: Sequence[CameraStatus]) -> bool:
+    """How old the images of a camera are, beside those of another camera of which it is proven."""
+    return motion_sigma_s < _TOLD_SIGMA_S and any(
+        each.unproven_s == 0 and each.name != name and each.state is CameraState.OK for each in cameras
+    )
 
 
 def _doubtful(camera: CameraStatus, reason: str) -> CameraStatus:

@@ -65,10 +65,11 @@ def in_views(rig: CameraRig, points_m: Float[np.ndarray, "point 3"]) -> Bool[np.
     for number, camera in enumerate(rig.cameras):
         undistorted_px = camera.project(points_m)
         original_px = camera.distort(undistorted_px)
-        candidates = np.asarray(((original_px >= 0) & (original_px < camera.size_px)).all(axis=-1))
-        back_px = camera.undistort(original_px[candidates])
-        error_px = np.linalg.norm(back_px - undistorted_px[candidates], axis=-1)
-        inside[candidates, number] = error_px < _MAX_ROUND_TRIP_PX
+        inside[:, number] = candidates = ((original_px >= 0) & (original_px < camera.size_px)).all(axis=-1)
+        if camera.distorts:
+            back_px = camera.undistort(original_px[candidates])
+            error_px = np.linalg.norm(back_px - undistorted_px[candidates], axis=-1)
+            inside[candidates, number] = error_px < _MAX_ROUND_TRIP_PX
     return inside
 
 

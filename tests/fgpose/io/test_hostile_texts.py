@@ -82,6 +82,19 @@ def test_a_line_without_an_end_is_refused(monkeypatch: pytest.MonkeyPatch) -> No
         list(text_lines(b"1\n" + b"1" * 20))
 
 
+@pytest.mark.parametrize("line", [b"\n", b" \r\n", b"\t\n", b";;\n"])
+def test_a_text_of_nothing_but_empty_lines_is_refused(line: bytes) -> None:
+    assert len(list(text_lines(2 * (b"1\n" + line * 9_000)))) == 18_002
+    with pytest.raises(ValueError, match="line 10002 is one of more than 10000 empty lines"):
+        list(text_lines(b"1\n" + line * 20_000))
+
+
+def test_a_header_without_an_end_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bomb.mot").write_text("a\n" * 2000)
+    with pytest.raises(ValueError, match=r"bomb\.mot: .*no line endheader among the first 1000"):
+        read_mot(tmp_path / "bomb.mot")
+
+
 def test_the_size_of_a_text_is_seen_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "large.trc"
     with path.open("wb") as file:

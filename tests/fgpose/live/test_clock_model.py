@@ -82,7 +82,7 @@ def test_the_line_is_that_of_the_linear_programme() -> None:
     for n in (2, 3, 50, 300):
         x = np.sort(rng.uniform(0, 600, n))
         y = 0.3 + 2e-4 * x + rng.exponential(0.05, n)
-        slope, height = envelope_line(x, y, float(x.mean()), n / 0.05, 0.0, 1.0)
+        slope, height = envelope_line(np.stack([x, y], axis=1), float(x.mean()), n / 0.05, 0.0, 1.0)
         constraints = np.stack([np.ones(n), x - x.mean()], axis=1)
         solution = linprog([-1.0, 0.0], constraints, y, bounds=[(None, None)] * 2).x
         # With a prior of 1 s/s only the points count; the solver's tolerance is 1e-7.

@@ -158,13 +158,13 @@ def test_the_motion_tells_how_late_a_camera_is():
 
 def test_motion_proves_a_clock_beside_one_that_is_proven() -> None:
     """It tells how late images come, beside a camera of which that is known; without one it does not."""
-    told = CameraStatus("late", CameraState.OK, motion_sigma_s=0.01, unproven_s=0.6)
-    vague, untold = replace(told, motion_sigma_s=0.05), replace(told, motion_sigma_s=None)
-    proven, lost = CameraStatus("other", CameraState.OK, unproven_s=0.0), CameraStatus("other", CameraState.LOST)
-    assert is_told_by_motion(told, [told, proven])
-    for camera, other in ((vague, proven), (untold, proven), (told, replace(told, name="other")), (told, lost)):
-        assert not is_told_by_motion(camera, [camera, other])
-    assert not is_told_by_motion(replace(proven, motion_sigma_s=0.01), [proven])
+    late = CameraStatus("late", CameraState.OK, unproven_s=0.6)
+    proven = CameraStatus("other", CameraState.OK, unproven_s=0.0)
+    lost = replace(proven, state=CameraState.LOST)
+    assert is_told_by_motion("late", 0.01, [late, proven])
+    for sigma_s, other in ((0.05, proven), (0.01, replace(late, name="other")), (0.01, lost)):
+        assert not is_told_by_motion("late", sigma_s, [late, other])
+    assert not is_told_by_motion("other", 0.01, [proven])
 
 
 def test_an_image_that_was_there_before_is_not_used_again():
