@@ -45,6 +45,8 @@ from timeline import Timeline
 SESSION_S = 600.0
 _START_S = 1.7e9
 _RATE_HZ, _VISIT_S, _N_PEOPLE = 5.0, 50.0, (1, 2)
+# Between visits, so that the judge has looked: who comes next appears elsewhere, and has to be found first.
+_NOBODY_S = 2.0
 _LAG_S = 0.3
 _DENSE_S, _USUAL_S, _SPARSE_S = 1 / 12, 0.3, (0.5, 1.5)
 # Dense from shortly before a fault begins, or ends, for so long.
@@ -78,7 +80,7 @@ class Storm:
     def visit(self, minute: int) -> Visit:
         """Who comes: the storm of each session begins anew."""
         rng = np.random.default_rng([self._seed, self.result.n_sessions, minute])
-        first = round((60.0 * minute + float(rng.uniform(0.0, 60.0 - _VISIT_S))) * _RATE_HZ)
+        first = round((60.0 * minute + float(rng.uniform(_NOBODY_S, 60.0 - _VISIT_S))) * _RATE_HZ)
         return Visit(int(rng.integers(len(self.clips))), first)
 
     def count(self, done: Session) -> None:
