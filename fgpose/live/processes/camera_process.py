@@ -19,7 +19,7 @@ from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened
 from fgpose.live.processes.parts import Parts
-from fgpose.live.processes.worker import HANGS_S, Worker
+from fgpose.live.processes.worker import HANGS_S, PartEndedError, Worker
 
 _LOG = logging.getLogger("fgpose.live")
 _LOOKS_S = 0.2
@@ -111,7 +111,7 @@ class CameraProcess:
     def _read(self) -> None:
         """Hear the process, and the next one when it has ended."""
         while not self._reader.stopped.is_set():
-            began_s = time.monotonic()
+            began_s, reason = time.monotonic(), ""
             try:
                 while True:
                     self._take(self._process.read())
@@ -119,10 +119,12 @@ class CameraProcess:
             except Exception as error:
                 if self._reader.stopped.is_set():
                     return
-                if not isinstance(error, EOFError):
+                if isinstance(error, PartEndedError):
+                    reason = str(error)
+                elif not isinstance(error, EOFError):
                     _LOG.exception("a message of a process of cameras cannot be taken")
             self._wait_s = _FIRST_WAIT_S if time.monotonic() - began_s > _WORKS_S else self._wait_s
-            self._restart()
+            self._restart(reason)
             self._wait_s = min(2 * self._wait_s, _LAST_WAIT_S)
 
     def _take(self, message: Any) -> None:
@@ -136,14 +138,14 @@ class CameraProcess:
         elif not isinstance(message, Opened):
             self._hear(message)
 
-    def _restart(self) -> None:
+    def _restart(self, reason: str) -> None:
         self._is_running = False
         self._process.kill()
         self._process.close()
-        status = self._process.status
-        self._parts.restarted(self._name, f"status {status}")
-        reason = f"its process ended with status {status} and is started again"
-        self._statuses = _unknown(self._job.live_rig, reason, self._statuses)
+        reason = reason or f"status {self._process.status}"
+        self._parts.restarted(self._name, reason)
+        said = f"its process ended ({reason}) and is started again"
+        self._statuses = _unknown(self._job.live_rig, said, self._statuses)
         if self._reader.stopped.wait(self._wait_s):
             return
         process = ChildProcess(_SERVER)

@@ -15,7 +15,7 @@ from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened, Smal
 from fgpose.live.processes.detectors import Detectors
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.shown import ShownPictures
-from fgpose.live.processes.worker import Worker
+from fgpose.live.processes.worker import PartEndedError, Worker
 from fgpose.monocular.network import Network
 
 STATUS_S = 0.1
@@ -63,6 +63,8 @@ def _serve(
     def tell() -> None:
         while not telling.stopped.wait(STATUS_S):
             send(cameras.statuses())
+            if hung := detectors.hung():
+                send(PartEndedError(f"the network does not answer for an image of {', '.join(hung)}"))
 
     telling = Worker(f"telling of {', '.join(cameras.cameras)}", tell, parts)
     show = ShownPictures(lambda camera, picture: send(SmallPicture(camera, picture))) if job.has_viewer else None

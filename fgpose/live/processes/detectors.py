@@ -6,6 +6,7 @@ import logging
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -21,6 +22,8 @@ from fgpose.monocular.network import Network, Tracker
 _LOG = logging.getLogger("fgpose.live")
 _LOOKS_S = 0.2
 _JOIN_S = 2.0
+# A network that takes so long for one image does not come back. The first image may take seconds.
+_HANGS_S = 10.0
 # A tenth of the share of a core that others get who want it too.
 _NICE = 10
 
@@ -61,6 +64,8 @@ class Detectors:
         """Their images when they were told to go on; those of others had no new one and may come yet."""
         self._looked_s: dict[str, float] = {}
         """When the image of each camera was taken at which a thread last looked."""
+        self._began_s: dict[str, float] = {}
+        """When a thread began to look at the image at which it looks now, of time.monotonic."""
         self._failed: set[str] = set()
         self._stopped = threading.Event()
         self._workers = [Worker(f"detector {n}", self._run, parts) for n in range(n_threads)]
@@ -77,6 +82,11 @@ class Detectors:
                     self._next[name] = newest
             self._cameras.changed.notify_all()
 
+    def hung(self) -> list[str]:
+        """Cameras for whose image the network does not answer. A thread cannot be ended: only the process can."""
+        now_s = time.monotonic()
+        return [camera for camera, began_s in self._began_s.copy().items() if now_s - began_s > _HANGS_S]
+
     def close(self) -> None:
         """Stop when the images at hand are done."""
         self._stopped.set()
@@ -89,9 +99,11 @@ class Detectors:
             image, is_looked_at = self._take(), False
             if image is None:
                 continue
+            self._began_s[image.camera] = time.monotonic()
             try:
                 is_looked_at = self._look(image)
             finally:
+                del self._began_s[image.camera]
                 if not is_looked_at:
                     self.go_on([image.camera])
 

@@ -154,6 +154,20 @@ def test_a_process_that_ends_or_hangs_is_started_again(
     assert (restarts.part, restarts.n, restarts.reason) == (f"the process of {a}", 1, "status -9")
 
 
+def test_a_network_that_hangs_is_begun_again_with_its_process(
+    three: CameraRig, videos: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HANGS_ONCE", str(tmp_path / "has hung"))
+    parts, rig = Parts(), looping(three, videos)
+    with CameraFeed(rig, Clock(), counting_network.open_hanging, n_jobs=1, parts=parts) as feed:
+        (first,) = feed.process_ids
+        taken_until(feed, lambda images: images and feed.process_ids != (first,))
+        names = ", ".join(feed.rig.names)
+    (restarts,) = parts.so_far()
+    assert (restarts.part, restarts.n) == (f"the process of {names}", 1)
+    assert restarts.reason.startswith("the network does not answer for an image of ring_")
+
+
 def test_states_and_pictures_are_told(three: CameraRig, videos: list[Path]) -> None:
     events: list[CameraEvent] = []
     shown: dict[str, np.ndarray] = {}

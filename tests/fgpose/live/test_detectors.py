@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -125,3 +126,17 @@ def test_a_thread_that_ends_is_begun_again_and_its_camera_goes_on(cameras: Camer
     cameras.take_images(2)
     assert looking.times_s(1) == [2]
     assert [(each.part, each.n) for each in looking.parts.so_far()] == [("detector 0", 1)]
+
+
+def test_a_network_that_does_not_answer_is_told(
+    cameras: Cameras, looking: Looking, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fgpose.live.detectors._HANGS_S", 0.0)
+    assert looking.detectors.hung() == []
+    cameras.take_images(1)
+    end_s = time.monotonic() + LONG_S
+    while not (hung := looking.detectors.hung()):
+        assert time.monotonic() < end_s
+    assert len(hung) == 1  # there is one thread
+    monkeypatch.setattr("fgpose.live.detectors._HANGS_S", LONG_S)
+    assert looking.detectors.hung() == []
