@@ -185,7 +185,7 @@ class _Factorized:
     def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
         n_changes = self.free.size
         of_joints = right_hand_side[n_changes:].reshape(*self.reduced.by_step.shape[:2], 3)
-        eliminated = self.reduced.eliminated(right_hand_side[:n_changes], of_joints)
+        eliminated = right_hand_side[:n_changes] - self.reduced.eliminated(of_joints)
         changes = np.zeros(n_changes)
         changes[self.free] = np.linalg.solve(self._information(), eliminated[self.free])
         return np.append(changes, self.reduced.joint_steps_m(changes, of_joints))

@@ -14,13 +14,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, Groups
 from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
 from fgpose.calibration.from_people.focal_check import check_focal
 from fgpose.calibration.from_people.grounds import gather
 from fgpose.calibration.from_people.metric import Metric, to_metric
-from fgpose.calibration.from_people.projection import FOCAL, OFFSET, TRANSLATION
 from fgpose.calibration.from_people.scaffold import scaffolds
 from fgpose.calibration.from_people.scale import MeasuredDistance, check_stature
 from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
@@ -28,7 +28,6 @@ from fgpose.calibration.from_people.somebody_else import with_the_walker
 from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
 from fgpose.calibration.from_people.together import together
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.unknowns import Groups
 from fgpose.calibration.from_people.verdict import findings
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.calibration.from_people.walker import main_tracks
@@ -53,16 +52,12 @@ class Parts:
     """Every pair of cameras is tried as the first; else only the first two."""
     joint_focal: bool = True
     """Unknown focal lengths are estimated; else their guesses are held."""
-    bones: bool = False
-    """Bones keep their lengths but for 40 mm. On simulated walks this costs accuracy: the errors of the joints make
-    bones longer from one side than from another."""
     bias: bool = True
     """The detections of a view are off by the same in all frames of one direction of the body."""
 
 
 _ALL = Parts()
 _STEPS = 7
-_HELD_M, _BONE_M = 1e-6, 0.04  # standard deviations
 _INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
 _LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
@@ -207,10 +202,7 @@ class _Adjusting:
 
 
 def _adjusting(rig: CameraRig, focal: Focal, parts: Parts, *, clocks: bool) -> _Adjusting:
-    config = AdjustmentConfig(
-        bias_m=AdjustmentConfig.bias_m if parts.bias else _HELD_M,
-        bone_m=_BONE_M if parts.bones else AdjustmentConfig.bone_m,
-    )
+    config = AdjustmentConfig(n_sectors=AdjustmentConfig.n_sectors if parts.bias else 0)
     return _Adjusting(_unknown_lenses(rig, focal) if parts.joint_focal else (), clocks, config)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.estimation.weights import LEAST_WEIGHT
@@ -28,31 +29,15 @@ class Evidence:
     """Of the walk."""
     joints: Int[np.ndarray, " joint"]
     """Of the skeleton."""
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
-    """With the lenses that the rig has; zero where the weight is."""
-    velocity_pxps: Float[np.ndarray, "frame camera joint 2"]
-    """Of the detections; zero where too few are known."""
-    weights: Float[np.ndarray, "frame camera joint"]
-    """Information relative to a good detection with independent errors; 0: not used."""
-    bones: Int[np.ndarray, "bone 2"]
-    """Places of their joints in joints."""
-    length_of_bone: Int[np.ndarray, " bone"]
-    """Mirrored bones share one."""
-    counted_as_one: float
-    """So many frames are one independent measurement."""
+    sightings: Sightings
 
-    @property
-    def n_lengths(self) -> int:
-        return int(self.length_of_bone.max(initial=-1)) + 1
-
-    def only(self, known: Bool[np.ndarray, "frame joint"]) -> Evidence:
-        """Without the detections of joints that are not known."""
-        return replace(self, weights=np.where(known[:, None], self.weights, 0.0))
-
-    @property
-    def measured_px(self) -> Float[np.ndarray, "frame camera joint 2"]:
-        """Undistorted; NaN = not used."""
-        return np.where(self.weights[..., None] > 0, self.undistorted_px, np.nan)
+    def of_skeleton(
+        self, joints_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton
+    ) -> Float[np.ndarray, "frame all 3"]:
+        """Our joints in their places among all; NaN = the others."""
+        every_m = np.full((len(joints_m), skeleton.n_joints, 3), np.nan)
+        every_m[:, self.joints] = joints_m
+        return every_m
 
 
 def evidence_of(walk: Walk, rig: CameraRig, max_frames: int) -> Evidence:
@@ -70,17 +55,13 @@ def evidence_of(walk: Walk, rig: CameraRig, max_frames: int) -> Evidence:
     known &= known.sum(axis=1, keepdims=True) >= 2
     counted_as_one = float(correlated_frames(usual_step_s(walk.time_s[frames]), CORRELATION_S))
     confidence = np.maximum(walk.confidence[frames][:, :, joints], LEAST_WEIGHT)
-    bones, length_of_bone = _bones(walk.skeleton, joints)
-    return Evidence(
-        frames=frames,
-        joints=joints,
+    sightings = Sightings(
         undistorted_px=np.where(known[..., None], undistorted_px, 0.0),
-        velocity_pxps=np.where(known[..., None], velocity_pxps, 0.0),
         weights=np.where(known, confidence / counted_as_one, 0.0),
-        bones=bones,
-        length_of_bone=length_of_bone,
-        counted_as_one=counted_as_one,
+        velocity_pxps=np.where(known[..., None], velocity_pxps, 0.0),
+        offsets_s=np.zeros(rig.n_cameras),
     )
+    return Evidence(frames, joints, sightings)
 
 
 def body_joints(skeleton: Skeleton) -> Int[np.ndarray, " joint"]:
@@ -158,14 +139,3 @@ def _slopes(
     products = np.sum(from_mean_s * np.where(known, points_px, 0.0), axis=1)
     enough = (known.sum(axis=1) >= 3) & (spread_s2 > 0)
     return np.divide(products, spread_s2, out=np.zeros_like(products), where=enough)
-
-
-def _bones(
-    skeleton: Skeleton, joints: Int[np.ndarray, " joint"]
-) -> tuple[Int[np.ndarray, "bone 2"], Int[np.ndarray, " bone"]]:
-    """The bones between these joints, and which have one length, numbered from zero."""
-    place = {int(joint): number for number, joint in enumerate(joints)}
-    pairs = zip(skeleton.bones, skeleton.length_of_bone, strict=True)
-    kept = [(place[a], place[b], length) for (a, b), length in pairs if a in place and b in place]
-    table = np.array(kept, dtype=int).reshape(-1, 3)
-    return table[:, :2], np.unique(table[:, 2], return_inverse=True)[1].reshape(-1)

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.elimination import Eliminated
-from fgpose.calibration.from_people.projection import FOCAL
-from fgpose.calibration.from_people.scene import SceneState
-from fgpose.calibration.from_people.scene_problem import SceneProblem
-from fgpose.calibration.from_people.unknowns import Unknowns
+from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
+from fgpose.calibration.adjustment.unknowns import FOCAL, Unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,7 +20,7 @@ class FocalCheck:
     """Standard deviation of the change."""
 
 
-def check_focal(problem: SceneProblem, adjusted: SceneState) -> FocalCheck:
+def check_focal(problem: BundleProblem, adjusted: Bundle) -> FocalCheck:
     """One Gauss-Newton step from a scene that was adjusted with the given focal lengths, for each camera with its own
     free: Rao's score test. Large changes are too small, as the step is that of a linear problem.
 
@@ -34,13 +31,10 @@ def check_focal(problem: SceneProblem, adjusted: SceneState) -> FocalCheck:
     return FocalCheck(change, sigma)
 
 
-def _step(problem: SceneProblem, adjusted: SceneState, camera: int) -> tuple[float, float]:
+def _step(problem: BundleProblem, adjusted: Bundle, camera: int) -> tuple[float, float]:
     """Change of the focal length of a camera, and its standard deviation."""
     held = problem.unknowns
-    unknowns = Unknowns.of(held.n_cameras, held.n_lengths, ((camera,),), clocks=held.clocks)
-    free = problem.with_unknowns(unknowns)
-    equations = Eliminated(free.equations(adjusted))
-    step = equations.solve(-free.gradient(adjusted))[: unknowns.n_shared]
-    covariance = unknowns.camera_covariance(equations.shared_covariance())
-    change = unknowns.of_cameras(step)[camera, FOCAL]
-    return float(change), float(np.sqrt(covariance[camera, FOCAL, camera, FOCAL]))
+    free = problem.with_unknowns(Unknowns.of(held.n_cameras, held.poses, ((camera,),), clocks=held.clocks))
+    step = free.equations(adjusted).solve(-free.gradient(adjusted))[: free.unknowns.n_shared]
+    change = free.unknowns.of_cameras(step)[camera, FOCAL]
+    return float(change), float(np.sqrt(free.covariance(adjusted)[camera, FOCAL, camera, FOCAL]))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.calibration.adjustment.unknowns import Groups
 from fgpose.calibration.from_people.alignment import aligned
 from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding
@@ -16,7 +17,6 @@ from fgpose.calibration.from_people.focal_check import FocalCheck
 from fgpose.calibration.from_people.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.metric import Metric
 from fgpose.calibration.from_people.sigmas import disagreement
-from fgpose.calibration.from_people.unknowns import Groups
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import is_of_another_size

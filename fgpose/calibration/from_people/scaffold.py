@@ -106,7 +106,7 @@ class _Views:
     @staticmethod
     def of(walk: Walk, intrinsics: CameraRig) -> _Views:
         evidence = evidence_of(walk, intrinsics, _MAX_FRAMES)
-        used, measured_px = frames_of(walk, evidence.frames), evidence.measured_px
+        used, measured_px = frames_of(walk, evidence.frames), evidence.sightings.measured_px
         radii_px = [body_radius_px(measured_px[:, c]) for c in range(intrinsics.n_cameras)]
         pairs = list(combinations(range(intrinsics.n_cameras), 2))
         return _Views(
@@ -144,14 +144,14 @@ class _Views:
             residual=residual,
             score=float(np.max(residual)) + self._bone_spread(joints),
             referee_deg=self._referee_deg(rig),
-            n_joints=tuple((self.evidence.weights > 0).sum(axis=(0, 2)).tolist()),
+            n_joints=tuple((self.evidence.sightings.weights > 0).sum(axis=(0, 2)).tolist()),
         )
 
     def least_shared(self) -> str:
         """Which cameras see nobody together with the others, in words; or, if all do, that no poses explain it."""
         from scipy.sparse.csgraph import connected_components
 
-        seen = (self.evidence.weights > 0).astype(int)
+        seen = (self.evidence.sightings.weights > 0).astype(int)
         shared = np.einsum("tcj,tdj->cd", seen, seen)
         n_groups, group_of = connected_components(shared >= _LEAST_POINTS, directed=False)
         if n_groups == 1:
@@ -169,7 +169,8 @@ class _Views:
     def _joints(self, poses: dict[int, np.ndarray]) -> Float[np.ndarray, "frame joint 3"]:
         """What the cameras that have a pose triangulate; NaN = not known."""
         cameras, rig = list(poses), CameraRig(tuple(self._camera(c, pose) for c, pose in poses.items()))
-        measured_px, weights = self.evidence.measured_px[:, cameras], self.evidence.weights[:, cameras]
+        sightings = self.evidence.sightings
+        measured_px, weights = sightings.measured_px[:, cameras], sightings.weights[:, cameras]
         return triangulate_robust(measured_px, weights, rig, _INLIER_SHARE * self.radius_px).positions_m
 
     def _camera(self, c: int, world_T_camera: Float[np.ndarray, "4 4"]) -> Camera:
@@ -179,7 +180,7 @@ class _Views:
         """world_T_camera of a camera that sees joints whose place is known."""
         import cv2
 
-        points_px = self.evidence.measured_px[:, c]
+        points_px = self.evidence.sightings.measured_px[:, c]
         known = np.isfinite(joints).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
         if known.sum() < _LEAST_POINTS:
             return None
@@ -204,7 +205,7 @@ class _Views:
     def _residual(self, c: int, pose: np.ndarray, joints: Float[np.ndarray, "frame joint 3"]) -> float:
         """Median reprojection error as a share of the body's radius; infinite where half the joints are behind."""
         camera = self._camera(c, pose)
-        points_px = self.evidence.measured_px[:, c]
+        points_px = self.evidence.sightings.measured_px[:, c]
         known = np.isfinite(joints).all(axis=-1) & np.isfinite(points_px).all(axis=-1)
         if not known.any():
             return np.inf
@@ -214,8 +215,7 @@ class _Views:
 
     def _bone_spread(self, joints: Float[np.ndarray, "frame joint 3"]) -> float:
         """By which share bones differ from their usual length: the median over bones of their median deviation."""
-        bones = self.evidence.bones
-        lengths = np.linalg.norm(joints[:, bones[:, 1]] - joints[:, bones[:, 0]], axis=-1)
+        lengths = self.walk.skeleton.bone_lengths(self.evidence.of_skeleton(joints, self.walk.skeleton))
         lengths = lengths[:, np.isfinite(lengths).any(axis=0)]
         if not lengths.size:
             return 0.0
@@ -243,11 +243,14 @@ class _Views:
 
     def _at_unit(self, c: int) -> Float[np.ndarray, "frame joint 2"]:
         K = self.intrinsics.cameras[c].K
-        return (self.evidence.measured_px[:, c] - K[:2, 2]) / np.diag(K)[:2]
+        return (self.evidence.sightings.measured_px[:, c] - K[:2, 2]) / np.diag(K)[:2]
 
     def _tolerance(self, a: int, b: int) -> float:
         """Of both cameras, at unit focal length."""
-        radii = [body_radius_px(self.evidence.measured_px[:, c]) / self.intrinsics.cameras[c].K[0, 0] for c in (a, b)]
+        radii = [
+            body_radius_px(self.evidence.sightings.measured_px[:, c]) / self.intrinsics.cameras[c].K[0, 0]
+            for c in (a, b)
+        ]
         return _TOLERANCE_SHARE * float(np.mean(radii))
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
 
+from fgpose.calibration.adjustment.sightings import SeenFrom
 from fgpose.sampling import nearest
 from fgpose.skeleton import Skeleton
 
@@ -15,31 +14,17 @@ N_SECTORS = 8
 """Of the full circle around the axis of the trunk."""
 
 
-@dataclass(frozen=True, eq=False)
-class SeenFrom:
-    """How cameras stand to the body in each frame."""
-
-    sector: Int[np.ndarray, "frame camera"]
-    axes: Float[np.ndarray, "camera 2 2"]
-    """Of the image, in columns, with respect to the body; see upright."""
-
-    @staticmethod
-    def anywhere(n_frames: int, n_cameras: int) -> SeenFrom:
-        """Where nothing is known of it."""
-        return SeenFrom(np.zeros((n_frames, n_cameras), dtype=int), np.tile(np.eye(2), (n_cameras, 1, 1)))
-
-    @staticmethod
-    def of(
-        joints_m: Float[np.ndarray, "frame joint 3"],
-        skeleton: Skeleton,
-        world_T_camera: Float[np.ndarray, "camera 4 4"],
-        n_sectors: int,
-    ) -> SeenFrom:
-        """From joints of the whole skeleton, NaN = not known."""
-        return SeenFrom(
-            sectors(joints_m, skeleton, world_T_camera[:, :3, 3], n_sectors),
-            upright(joints_m, skeleton, world_T_camera),
-        )
+def seen_from(
+    joints_m: Float[np.ndarray, "frame joint 3"],
+    skeleton: Skeleton,
+    world_T_camera: Float[np.ndarray, "camera 4 4"],
+    n_sectors: int,
+) -> SeenFrom:
+    """How cameras stand to a body in each frame, from joints of the whole skeleton, NaN = not known."""
+    if not n_sectors:
+        return SeenFrom.anywhere(len(joints_m), len(world_T_camera))
+    sector = sectors(joints_m, skeleton, world_T_camera[:, :3, 3], n_sectors)
+    return SeenFrom(np.eye(n_sectors)[sector], upright(joints_m, skeleton, world_T_camera))
 
 
 def sectors(
