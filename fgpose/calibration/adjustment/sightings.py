@@ -14,13 +14,20 @@ class Sightings:
     """The detections in the frames that are used; those of several people one after the other."""
 
     undistorted_px: Float[np.ndarray, "frame camera joint 2"]
-    """With the lenses that the rig has, at the times of their frames as offsets_s say; zero where the weight is."""
+    """With the lenses that the rig has, at the times of their frames as offsets_s say; NaN = missing."""
     weights: Float[np.ndarray, "frame camera joint"]
     """Information of each relative to a good detection with independent errors; 0: not used."""
     velocity_pxps: Float[np.ndarray, "frame camera joint 2"]
     """Of the joints in the images; zero where it is not known, or clocks are held."""
     offsets_s: Float[np.ndarray, " camera"]
     """Changes of the clocks that are accounted for in undistorted_px."""
+
+    @staticmethod
+    def on_time(
+        undistorted_px: Float[np.ndarray, "frame camera joint 2"], weights: Float[np.ndarray, "frame camera joint"]
+    ) -> Sightings:
+        """Where clocks are held."""
+        return Sightings(undistorted_px, weights, np.zeros_like(undistorted_px), np.zeros(weights.shape[1]))
 
     @staticmethod
     def together(people: Sequence[Sightings]) -> Sightings:

@@ -25,7 +25,6 @@ from fgpose.calibration.from_people.sectors import N_SECTORS, seen_from
 from fgpose.calibration.from_people.unit import scaled, unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.config import ProjectionConfig
-from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 
@@ -43,8 +42,6 @@ class AdjustmentConfig:
 
     max_frames: int = 300
     """Frames that are used, spread evenly. Raising it takes longer, and tells hardly more."""
-    max_iterations: int = 60
-    """Of each minimisation."""
     n_sectors: int = N_SECTORS
     """Directions from which the biases of a view are told apart; 0: there are none."""
     bias_m: float = 0.02
@@ -128,6 +125,11 @@ class _Solved:
     state: Bundle
     converged: bool
 
+    @staticmethod
+    def of(problem: BundleProblem, start: Bundle) -> _Solved:
+        solution = problem.solve(start)
+        return _Solved(problem, solution.state, solution.convergence.converged)
+
     @property
     def rig(self) -> CameraRig:
         return changed_rig(self.problem.rig, self.state.changes)
@@ -150,7 +152,7 @@ class _Task:
         state = Bundle.of(np.zeros((self.rig.n_cameras, N_OF_CAMERA)), joints_m)
         unknowns = Unknowns.of(self.rig.n_cameras, self._others, self.unknown_lenses)
         noise = self._noise(_ROUGH_SIGMA_SHARE * self._radius_px)
-        return self._solved(BundleProblem(self.rig, self.evidence.sightings.only(known), unknowns, noise), state)
+        return _Solved.of(BundleProblem(self.rig, self.evidence.sightings.only(known), unknowns, noise), state)
 
     def finely(self, before: _Solved) -> _Solved:
         """With the errors that the detections have, clocks and biases."""
@@ -165,11 +167,7 @@ class _Task:
         skeleton, n_sectors = self.walk.skeleton, self.config.n_sectors
         sides = seen_from(self.evidence.of_skeleton(joints_m, skeleton), skeleton, world_T_camera, n_sectors)
         problem = BundleProblem(given, self.evidence.sightings.only(known), self._unknowns, noise, sides)
-        return self._solved(problem, Bundle.of(changes, joints_m, n_sectors))
-
-    def _solved(self, problem: BundleProblem, start: Bundle) -> _Solved:
-        solution = levenberg_marquardt(problem, start, self.config.max_iterations)
-        return _Solved(problem, solution.state, solution.convergence.converged)
+        return _Solved.of(problem, Bundle.of(changes, joints_m, n_sectors))
 
     @property
     def _others(self) -> range:

@@ -55,13 +55,8 @@ def evidence_of(walk: Walk, rig: CameraRig, max_frames: int) -> Evidence:
     known &= known.sum(axis=1, keepdims=True) >= 2
     counted_as_one = float(correlated_frames(usual_step_s(walk.time_s[frames]), CORRELATION_S))
     confidence = np.maximum(walk.confidence[frames][:, :, joints], LEAST_WEIGHT)
-    sightings = Sightings(
-        undistorted_px=np.where(known[..., None], undistorted_px, 0.0),
-        weights=np.where(known, confidence / counted_as_one, 0.0),
-        velocity_pxps=np.where(known[..., None], velocity_pxps, 0.0),
-        offsets_s=np.zeros(rig.n_cameras),
-    )
-    return Evidence(frames, joints, sightings)
+    weights = np.where(known, confidence / counted_as_one, 0.0)
+    return Evidence(frames, joints, Sightings(undistorted_px, weights, velocity_pxps, np.zeros(rig.n_cameras)))
 
 
 def body_joints(skeleton: Skeleton) -> Int[np.ndarray, " joint"]:

@@ -35,8 +35,9 @@ def sightings(noise: DetectionNoise) -> Sightings:
     seen = simulate(walking(121, 30.0), load_skeleton("h36m_17"), RIG, 30.0, noise, NO_OCCLUSION, seed=0).observations
     weights = 0.3 * seen.confidence[FRAMES]
     weights[1, 2, 5] = weights[:, 0, 9] = 0.0
-    velocity_pxps = np.gradient(seen.points2d_px, 1 / 30, axis=0)[FRAMES]
-    return Sightings(seen.points2d_px[FRAMES], weights, velocity_pxps, np.array([0.0, 0.01, -0.005]))
+    points2d_px, velocity_pxps = seen.points2d_px[FRAMES], np.gradient(seen.points2d_px, 1 / 30, axis=0)[FRAMES]
+    points2d_px[1, 2, 5] = np.nan
+    return Sightings(points2d_px, weights, velocity_pxps, np.array([0.0, 0.01, -0.005]))
 
 
 def true_state() -> Bundle:

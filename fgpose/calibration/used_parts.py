@@ -1,4 +1,4 @@
-"""The part of a recording that a calibration uses, and the weight of each detection."""
+"""The part of a recording that a calibration uses."""
 
 from __future__ import annotations
 
@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from fgpose.config import Config
-from fgpose.estimation.noise import CORRELATION_S, correlated_frames
-from fgpose.estimation.weights import LEAST_WEIGHT
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
@@ -19,27 +17,6 @@ from fgpose.sampling import fair_limits, spread_evenly
 # A camera that is off by a degree moves its detections by 20 to 30 px: with the usual threshold it would never be
 # an inlier, and could not be calibrated.
 _INLIER_FACTOR = 2.5
-
-
-@dataclass(frozen=True, eq=False)
-class Sightings:
-    """The detections in the frames that are used; those of several people one after the other."""
-
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
-    """Detections, moved to the times of their frames as offset_changes say."""
-    weights: Float[np.ndarray, "frame camera joint"]
-    """Information of each relative to a good detection with independent errors."""
-    velocities_mps: Float[np.ndarray, "frame joint 3"]
-    """Of the joints; zero where clocks are held."""
-    offset_changes: Float[np.ndarray, " camera"]
-    """Calibration.changes of the clocks that are accounted for in undistorted_px."""
-
-    @staticmethod
-    def together(people: Sequence[Sightings]) -> Sightings:
-        """Those of several people; the cameras' clocks are the same."""
-        names = ("undistorted_px", "weights", "velocities_mps")
-        arrays = {name: np.concatenate([getattr(own, name) for own in people]) for name in names}
-        return Sightings(**arrays, offset_changes=people[0].offset_changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,28 +66,6 @@ def frames_of_each(people: Sequence[Observations], at_most: int) -> list[Int[np.
     """The frames of use of each person, all together so many at most."""
     wanted = [len(frames_of_use(own, own.n_frames)) for own in people]
     return [frames_of_use(own, int(limit)) for own, limit in zip(people, fair_limits(wanted, at_most), strict=True)]
-
-
-def sighting_weights(
-    used: Bool[np.ndarray, "frame camera joint"],
-    confidence: Float[np.ndarray, "frame camera joint"],
-    step_s: float,
-    config: Config,
-    *,
-    poses: bool,
-) -> Float[np.ndarray, "frame camera joint"]:
-    """Sightings.weights of one person: by confidence, discounted for errors that are correlated in time.
-
-    The errors that matter to a pose do not average out, so that all detections of a person in a camera together count
-    as calibration.independent_measurements at most. The agreement of the views, which the estimator uses too, depends
-    on the calibration that is judged, so it is not used here.
-    """
-    counted_as_one = np.full(used.shape[1], correlated_frames(step_s, CORRELATION_S))
-    if poses:
-        of_camera = used.sum(axis=(0, 2)) / config.calibration.independent_measurements
-        counted_as_one = np.maximum(counted_as_one, of_camera)
-    weights = np.maximum(confidence, LEAST_WEIGHT) / counted_as_one[:, None]
-    return np.where(used, weights, 0.0)
 
 
 def agreed_joints_m(
