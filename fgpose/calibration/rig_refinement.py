@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.adjustment.cameras import changed_rig
+from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.problem import Bundle
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA
@@ -128,7 +128,7 @@ def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> 
     start = Bundle.of(np.zeros((rig.n_cameras, N_OF_CAMERA)), joints_m)
     solution = rig_problem(rig, sightings, config, poses=True, clocks=False).solve(start)
     converged = all(smoothed for _, smoothed in on_time) and solution.convergence.converged
-    return Adjusted(changed_rig(rig, solution.state.changes), undistorted_px, confidence, converged)
+    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, converged)
 
 
 def _on_time_px(

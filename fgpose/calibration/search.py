@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.adjustment.cameras import changed_rig
+from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, ROTATION, TRANSLATION
@@ -132,7 +132,7 @@ class _Setting:
 
     def candidate(self, changes: Float[np.ndarray, "camera 11"]) -> _Candidate:
         """The motions with a calibration, and the adjustment that starts from there."""
-        rig = changed_rig(self.rig, changes)
+        rig = adjusted_rig(self.rig, changes)
         motions = [self._motion(*own, rig, changes) for own in zip(self.parts, self.frames, strict=True)]
         sightings = Sightings.together([motion.sightings for motion in motions])
         problem = rig_problem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)

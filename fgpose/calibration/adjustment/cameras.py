@@ -13,7 +13,7 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_factors.projection import NEAREST_M
 
 
-def changed_rig(rig: CameraRig, changes: Float[np.ndarray, "camera 11"]) -> CameraRig:
+def adjusted_rig(rig: CameraRig, changes: Float[np.ndarray, "camera 11"]) -> CameraRig:
     """The rig with its cameras changed; see unknowns.N_OF_CAMERA."""
     return CameraRig(tuple(_changed(camera, own) for camera, own in zip(rig.cameras, changes, strict=True)))
 

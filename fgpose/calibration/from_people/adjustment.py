@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.adjustment.cameras import changed_rig
+from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.noise import Noise
 from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, POSE, Groups, Unknowns
@@ -132,7 +132,7 @@ class _Solved:
 
     @property
     def rig(self) -> CameraRig:
-        return changed_rig(self.problem.rig, self.state.changes)
+        return adjusted_rig(self.problem.rig, self.state.changes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.calibration.adjustment.cameras import changed_rig
+from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.problem import Bundle
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, POSE
@@ -67,7 +67,7 @@ def test_a_changed_rig(rig: fgpose.CameraRig) -> None:
     """By hand: one camera steps 1 cm to its right, one turns to its right, one is late."""
     changes, angle = UNCHANGED.copy(), np.deg2rad(0.5)
     changes[0, 3], changes[1, 1], changes[2, OFFSET] = 0.01, angle, 0.15
-    moved = changed_rig(rig, changes)
+    moved = adjusted_rig(rig, changes)
     right = rig.cameras[0].world_T_camera[:3, 0]
     np.testing.assert_allclose(moved.cameras[0].position_m - rig.cameras[0].position_m, 0.01 * right, atol=1e-12)
     old, new = rig.cameras[1].world_T_camera, moved.cameras[1].world_T_camera

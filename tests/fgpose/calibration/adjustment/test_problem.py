@@ -8,7 +8,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from fgpose.calibration.adjustment.cameras import changed_rig
+from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.noise import Noise
 from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
 from fgpose.calibration.adjustment.sightings import SeenFrom, Sightings
@@ -100,7 +100,7 @@ def test_the_detections_cost_what_they_cost_in_gtsam() -> None:
     problem = BundleProblem(RIG, own, ALL_POSES, noise)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     values.insert(0, gtsam.Cal3f(1145 * np.exp(0.1), 500.0, 500.0))
-    for c, camera in enumerate(changed_rig(RIG, changes).cameras):
+    for c, camera in enumerate(adjusted_rig(RIG, changes).cameras):
         values.insert(gtsam.symbol("x", c), gtsam.Pose3(camera.world_T_camera))
     for t, c, j in np.argwhere(own.weights > 0).tolist():
         point = gtsam.symbol("p", 17 * t + j)
@@ -140,7 +140,7 @@ def test_the_covariance_is_of_small_changes_of_the_cameras_as_they_are_now() -> 
     turned, back = UNCHANGED.copy(), UNCHANGED.copy()
     turned[2, :3] = 0.3, -0.2, 0.1
     back[2, :3] = -turned[2, :3]
-    elsewhere = BundleProblem(changed_rig(RIG, turned), own, unknowns, noise)
+    elsewhere = BundleProblem(adjusted_rig(RIG, turned), own, unknowns, noise)
     here, there = (
         BundleProblem(RIG, own, unknowns, noise).covariance(Bundle.of(UNCHANGED, joints_m)),
         elsewhere.covariance(Bundle.of(back, joints_m)),
