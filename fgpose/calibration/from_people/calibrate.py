@@ -15,22 +15,22 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, Groups
-from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
-from fgpose.calibration.from_people.focal_check import check_focal
-from fgpose.calibration.from_people.grounds import gather
-from fgpose.calibration.from_people.metric import Metric, to_metric
-from fgpose.calibration.from_people.scaffold import scaffolds
-from fgpose.calibration.from_people.scale import MeasuredDistance, check_stature
-from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
-from fgpose.calibration.from_people.somebody_else import with_the_walker
-from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
-from fgpose.calibration.from_people.together import together
+from fgpose.calibration.from_people.rig.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.rig.focal_check import check_focal
+from fgpose.calibration.from_people.rig.scaffold import scaffolds
+from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
+from fgpose.calibration.from_people.rig.walk_adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.starts.together import together
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.verdict import findings
+from fgpose.calibration.from_people.verdict.grounds import gather
+from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
+from fgpose.calibration.from_people.verdict.verdict import findings
 from fgpose.calibration.from_people.walk import Track, Walk
-from fgpose.calibration.from_people.walker import main_tracks
+from fgpose.calibration.from_people.world.metric import Metric, to_metric
+from fgpose.calibration.from_people.world.scale import MeasuredDistance, check_stature
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust

@@ -9,8 +9,8 @@ import pytest
 from jaxtyping import Float
 from walks import FPS, SKELETON, bare, position_errors_m, rotation_errors_deg, walk
 
-from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
-from fgpose.calibration.from_people.evidence import evidence_of
+from fgpose.calibration.from_people.rig.evidence import evidence_of
+from fgpose.calibration.from_people.rig.walk_adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import DetectionNoise, ring_rig, walking
 

@@ -14,16 +14,16 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.evidence import (
+from fgpose.calibration.from_people.rig.evidence import (
     Evidence,
     body_joints,
     body_radius_px,
     evidence_of,
     frames_of,
 )
-from fgpose.calibration.from_people.referee import angle_deg, procrustes_pose
-from fgpose.calibration.from_people.relative_pose import RelativePose, relative_poses
-from fgpose.calibration.from_people.unit import unit_of
+from fgpose.calibration.from_people.rig.referee import angle_deg, procrustes_pose
+from fgpose.calibration.from_people.rig.relative_pose import RelativePose, relative_poses
+from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate_robust

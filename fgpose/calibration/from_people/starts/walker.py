@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.from_people.body_size import mean_joint, steady_radius
-from fgpose.calibration.from_people.correlation import Correlation, correlate, peaks
-from fgpose.calibration.from_people.motion_signals import MotionSignals, motion_signals
+from fgpose.calibration.from_people.starts.correlation import Correlation, correlate, peaks
+from fgpose.calibration.from_people.starts.motion_signals import MotionSignals, motion_signals
 from fgpose.calibration.from_people.tracks import chained, no_track
 from fgpose.calibration.from_people.walk import Track
 from fgpose.skeleton import Skeleton

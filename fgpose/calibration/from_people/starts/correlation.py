@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals
+from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals
 
 # Two tracks that have less in common say nothing: a quarter of the shorter one, and of short ones more.
 _MIN_SHARE = 0.25

@@ -8,11 +8,11 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.from_people.clocks import Clocks
-from fgpose.calibration.from_people.joining import Joined
-from fgpose.calibration.from_people.motion_signals import MotionSignals
-from fgpose.calibration.from_people.same_view import shows_the_same
-from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.starts.clocks import Clocks
+from fgpose.calibration.from_people.starts.joining import Joined
+from fgpose.calibration.from_people.starts.motion_signals import MotionSignals
+from fgpose.calibration.from_people.starts.same_view import shows_the_same
+from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose.sampling import usual_step_s
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.geometry.camera import CameraRig
 
 _CELL_M = 0.5  # of the floor: half a step; a person fills one

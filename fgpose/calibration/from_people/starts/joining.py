@@ -9,10 +9,10 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.calibration.from_people.correlation import PEAK_WIDTH_S, Correlation, correlate, peaks
-from fgpose.calibration.from_people.epipolar_shift import fit_epipolar_shift
-from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals
-from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.starts.correlation import PEAK_WIDTH_S, Correlation, correlate, peaks
+from fgpose.calibration.from_people.starts.epipolar_shift import fit_epipolar_shift
+from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals
+from fgpose.calibration.from_people.starts.views import View
 
 _MAX_PEAKS = 8
 _MIN_PEAK = 0.4  # of the highest one

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.anatomy import Anatomy
-from fgpose.calibration.from_people.steps import Steps
+from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.calibration.from_people.world.steps import Steps
 from fgpose.kinematics.vertical import geometric_median
 
 # Of the axis from ankles to head over a walk, forwards and to the side, radians: 3 degrees, as single frames are off.

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.from_people.clocks import ClockShift, solve_clocks
-from fgpose.calibration.from_people.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
-from fgpose.calibration.from_people.joining import join_cameras
-from fgpose.calibration.from_people.motion_signals import motion_signals
-from fgpose.calibration.from_people.placed_joining import join_placed
-from fgpose.calibration.from_people.start_findings import about_clock, nobody, not_joined, same_camera
-from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.starts.clocks import ClockShift, solve_clocks
+from fgpose.calibration.from_people.starts.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
+from fgpose.calibration.from_people.starts.joining import join_cameras
+from fgpose.calibration.from_people.starts.motion_signals import motion_signals
+from fgpose.calibration.from_people.starts.placed_joining import join_placed
+from fgpose.calibration.from_people.starts.start_findings import about_clock, nobody, not_joined, same_camera
+from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton

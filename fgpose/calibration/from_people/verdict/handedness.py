@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.anatomy import Anatomy
+from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.skeleton import Skeleton
 
 # By how much the poses of two views have to correlate better with one of them mirrored. Views of one person correlate

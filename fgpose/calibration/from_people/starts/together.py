@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.from_people.body_size import steady_radius
-from fgpose.calibration.from_people.interpolation import between_images, smaller_around
-from fgpose.calibration.from_people.start_findings import in_words
-from fgpose.calibration.from_people.starts import Starts
+from fgpose.calibration.from_people.starts.interpolation import between_images, smaller_around
+from fgpose.calibration.from_people.starts.start_findings import in_words
+from fgpose.calibration.from_people.starts.starts import Starts
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.sampling import nearest, usual_step_s
 from fgpose.skeleton import Skeleton

@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float
 from fgpose.calibration.adjustment.unknowns import Groups
 from fgpose.calibration.disagreement import allowed_third_view_mrad
 from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.from_people.coverage import Coverage
-from fgpose.calibration.from_people.focal_check import FocalCheck
-from fgpose.calibration.from_people.grounds import Grounds
+from fgpose.calibration.from_people.rig.focal_check import FocalCheck
+from fgpose.calibration.from_people.verdict.coverage import Coverage
+from fgpose.calibration.from_people.verdict.grounds import Grounds
 
 # Of good calibrations of simulated walkers the worst camera has 4 mrad in the median and 8 at most; where one is late,
 # 25 and more.

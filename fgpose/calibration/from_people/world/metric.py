@@ -9,9 +9,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.rig_alignment import Similarity
-from fgpose.calibration.from_people.anatomy import Anatomy
-from fgpose.calibration.from_people.floor import Floor, find_floor
-from fgpose.calibration.from_people.scale import (
+from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.calibration.from_people.world.floor import Floor, find_floor
+from fgpose.calibration.from_people.world.scale import (
     MeasuredDistance,
     Scale,
     adult_cue,
@@ -20,9 +21,8 @@ from fgpose.calibration.from_people.scale import (
     network_cue,
     stature_cues,
 )
-from fgpose.calibration.from_people.steps import Steps
-from fgpose.calibration.from_people.vertical import Vertical, find_vertical, is_upright
-from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.world.steps import Steps
+from fgpose.calibration.from_people.world.vertical import Vertical, find_vertical, is_upright
 from fgpose.geometry.camera import Camera, CameraRig
 
 # Statures per second: 0.4 m/s, half of a slow walk.

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.geometry.camera import CameraRig
 
 # Of adults the mean over both sexes, and their standard deviation (coefficient of variation 4.5 %, and 4 % between the

@@ -20,9 +20,9 @@ from fgpose.calibration.adjustment.cameras import adjusted_rig
 from fgpose.calibration.adjustment.noise import Noise
 from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
 from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, POSE, Groups, Unknowns
-from fgpose.calibration.from_people.evidence import Evidence, body_radius_px, evidence_of, frames_of
-from fgpose.calibration.from_people.sectors import N_SECTORS, seen_from
-from fgpose.calibration.from_people.unit import scaled, unit_of
+from fgpose.calibration.from_people.rig.evidence import Evidence, body_radius_px, evidence_of, frames_of
+from fgpose.calibration.from_people.rig.sectors import N_SECTORS, seen_from
+from fgpose.calibration.from_people.rig.unit import scaled, unit_of
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.config import ProjectionConfig
 from fgpose.geometry.camera import CameraRig

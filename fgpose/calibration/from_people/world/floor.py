@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.anatomy import Anatomy
-from fgpose.calibration.from_people.steps import Steps
+from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.calibration.from_people.world.steps import Steps
 
 # Of the height of the foot, as a share of the stature: 14 mm of bias of its detections (20 to 40 mm in the image, less
 # where several views agree), which no number of steps averages out on a way to and fro.

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.clocks import ClockShift
-from fgpose.calibration.from_people.views import HALF_STRIDE_S, View
+from fgpose.calibration.from_people.starts.clocks import ClockShift
+from fgpose.calibration.from_people.starts.views import HALF_STRIDE_S, View
 from fgpose.sampling import spread_evenly
 
 SPREAD = 0.05

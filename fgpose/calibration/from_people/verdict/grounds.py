@@ -8,16 +8,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import Groups
-from fgpose.calibration.from_people.alignment import aligned
-from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding
-from fgpose.calibration.from_people.coverage import Coverage, coverage
-from fgpose.calibration.from_people.cross_checks import referee_deg, third_view_mrad
-from fgpose.calibration.from_people.focal_check import FocalCheck
-from fgpose.calibration.from_people.handedness import handedness, mirrored_views
-from fgpose.calibration.from_people.metric import Metric
-from fgpose.calibration.from_people.sigmas import disagreement
+from fgpose.calibration.from_people.rig.focal_check import FocalCheck
+from fgpose.calibration.from_people.verdict.alignment import aligned
+from fgpose.calibration.from_people.verdict.coverage import Coverage, coverage
+from fgpose.calibration.from_people.verdict.cross_checks import referee_deg, third_view_mrad
+from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
+from fgpose.calibration.from_people.verdict.sigmas import disagreement
 from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.calibration.from_people.world.metric import Metric
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import is_of_another_size
 

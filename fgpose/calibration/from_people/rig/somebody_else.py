@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.evidence import body_radius_px
-from fgpose.calibration.from_people.starts import Starts
-from fgpose.calibration.from_people.together import seen_at
+from fgpose.calibration.from_people.rig.evidence import body_radius_px
+from fgpose.calibration.from_people.starts.starts import Starts
+from fgpose.calibration.from_people.starts.together import seen_at
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.geometry.camera import CameraRig
 

@@ -14,11 +14,11 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.from_people.correlation import peaks
-from fgpose.calibration.from_people.epipolar_shift import INDEPENDENT_S, SPREAD
-from fgpose.calibration.from_people.joining import Joined, Joining
-from fgpose.calibration.from_people.motion_signals import RATE_HZ
-from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.starts.correlation import peaks
+from fgpose.calibration.from_people.starts.epipolar_shift import INDEPENDENT_S, SPREAD
+from fgpose.calibration.from_people.starts.joining import Joined, Joining
+from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ
+from fgpose.calibration.from_people.starts.views import View
 from fgpose.sampling import spread_evenly
 
 # Somebody who walks is 50 mm further after this, twice what detectors miss a joint by.

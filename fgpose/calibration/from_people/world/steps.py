@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.from_people.anatomy import Anatomy
+from fgpose.calibration.from_people.world.anatomy import Anatomy
 
 # Statures per second: 0.35 m/s. A foot swings at 2 to 4 m/s; noise of 15 mm looks like 0.1 m/s over the window.
 _STANDS = 0.2

@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.assessment.rig_alignment import Similarity
-from fgpose.calibration.from_people.alignment import about_centroid, aligned
 from fgpose.calibration.from_people.calibrated import CameraSigmas
+from fgpose.calibration.from_people.verdict.alignment import about_centroid, aligned
 from fgpose.geometry.camera import CameraRig
 
 # What all cameras together say of the inflation counts as so many numbers beside a camera's own disagreement, which has

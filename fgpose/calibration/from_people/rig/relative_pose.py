@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.referee import angle_deg
+from fgpose.calibration.from_people.rig.referee import angle_deg
 
 _RUNS = 8
 _MAX_POINTS = 1500  # for each proposal; thrice as many change no result by a tenth of its error

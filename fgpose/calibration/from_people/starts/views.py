@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.body_size import steady_radius
-from fgpose.calibration.from_people.interpolation import between_images
+from fgpose.calibration.from_people.starts.interpolation import between_images
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import Camera
 from fgpose.geometry.epipolar_distance import essential_matrix
