@@ -121,6 +121,8 @@ def _assembled(
 ) -> Float[np.ndarray, "unknown unknown"]:
     """The matrix of all cameras and of the biases of all joints, which are linked through the cameras alone."""
     n_joints, n_biases, n_rows = crossing.shape
+    if not n_biases:
+        return of_cameras
     diagonal, joints = np.zeros((n_joints, n_biases, n_joints, n_biases)), np.arange(n_joints)
     diagonal[joints, :, joints] = of_biases
     n = n_joints * n_biases

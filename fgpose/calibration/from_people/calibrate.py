@@ -20,7 +20,7 @@ from fgpose.calibration.from_people.rig.evidence import body_radius_px, frames_o
 from fgpose.calibration.from_people.rig.focal_check import check_focal
 from fgpose.calibration.from_people.rig.scaffold import scaffolds
 from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
-from fgpose.calibration.from_people.rig.walk_adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.from_people.rig.walk_adjustment import AdjustedWalk, AdjustmentConfig, adjust, lens_groups
 from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, find_starts
 from fgpose.calibration.from_people.starts.together import together
 from fgpose.calibration.from_people.starts.walker import main_tracks
@@ -172,12 +172,12 @@ class _Adjusting:
     clocks: bool
     config: AdjustmentConfig
 
-    def of(self, walk: Walk, rig: CameraRig) -> Adjusted:
+    def of(self, walk: Walk, rig: CameraRig) -> AdjustedWalk:
         return adjust(walk, rig, unknown_lenses=self.unknown_lenses, clocks=self.clocks, config=self.config)
 
     def of_walker(
         self, walk: Walk, rig: CameraRig, everybody: Mapping[str, Sequence[Track]], starts: Starts
-    ) -> tuple[Walk, Adjusted, Float[np.ndarray, "frame joint 3"]]:
+    ) -> tuple[Walk, AdjustedWalk, Float[np.ndarray, "frame joint 3"]]:
         """Again where views showed somebody else: the walk, the scene, and the joints of all frames."""
         adjusted = self.of(walk, rig)
         joints = _joints(walk, adjusted.rig)
@@ -187,7 +187,7 @@ class _Adjusting:
         adjusted = self.of(of_walker, adjusted.rig)
         return of_walker, adjusted, _joints(of_walker, adjusted.rig)
 
-    def halves(self, walk: Walk, rig: CameraRig) -> tuple[Adjusted, Adjusted] | None:
+    def halves(self, walk: Walk, rig: CameraRig) -> tuple[AdjustedWalk, AdjustedWalk] | None:
         """Of each half of the recording; None where one is too short, or shows too little."""
         if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
             return None
@@ -213,22 +213,22 @@ def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
     return triangulate_robust(undistorted_px, walk.confidence, rig, _INLIER_SHARE * radius_px).positions_m
 
 
-def _of_positions(adjusted: Adjusted) -> Float[np.ndarray, "camera 3 camera 3"]:
+def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 3"]:
     """Covariance of the positions of the cameras, in the gauge of the rig."""
     rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
     own = adjusted.covariance[:, TRANSLATION, :, TRANSLATION]
     return np.einsum("cij,cjdk,dlk->cidl", rotations, own, rotations)
 
 
-def _estimate(adjusted: Adjusted) -> RigEstimate:
+def _estimate(adjusted: AdjustedWalk) -> RigEstimate:
     return RigEstimate.of(adjusted.rig, adjusted.covariance, FOCAL, OFFSET)
 
 
 def _judged(
     walk: Walk,
     starts: Starts,
-    adjusted: Adjusted,
-    halves: tuple[Adjusted, Adjusted] | None,
+    adjusted: AdjustedWalk,
+    halves: tuple[AdjustedWalk, AdjustedWalk] | None,
     metric: Metric,
     estimated_lenses: Groups,
 ) -> CalibratedFromPeople:
@@ -259,7 +259,7 @@ def _judged(
     )
 
 
-def _unused(walk: Walk, adjusted: Adjusted) -> Bool[np.ndarray, " frame"]:
+def _unused(walk: Walk, adjusted: AdjustedWalk) -> Bool[np.ndarray, " frame"]:
     """Frames that the adjustment did not use."""
     return ~np.isin(walk.time_s, adjusted.walk.time_s)
 

@@ -58,7 +58,7 @@ class AdjustmentConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Adjusted:
+class AdjustedWalk:
     """The most probable scene."""
 
     rig: CameraRig
@@ -90,7 +90,7 @@ def adjust(
     unknown_lenses: Groups = (),
     clocks: bool = True,
     config: AdjustmentConfig | None = None,
-) -> Adjusted:
+) -> AdjustedWalk:
     """The scene that explains a walk best, near a rig that is roughly right (scaffold).
 
     Args:
@@ -107,7 +107,7 @@ def adjust(
     _check_lenses(rig, unknown_lenses)
     task = _Task(walk, rig, evidence_of(walk, rig, config.max_frames), config, unknown_lenses, clocks)
     solved = task.finely(task.finely(task.roughly()))
-    return Adjusted(
+    return AdjustedWalk(
         rig=solved.rig,
         walk=frames_of(walk, task.evidence.frames),
         covariance=solved.problem.covariance(solved.state),

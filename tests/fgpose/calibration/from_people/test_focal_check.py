@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_adjustment import MORE, RIG, started
+from test_walk_adjustment import MORE, RIG, started
 from walks import walk
 
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck, check_focal

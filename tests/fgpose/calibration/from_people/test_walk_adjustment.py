@@ -10,7 +10,7 @@ from jaxtyping import Float
 from walks import FPS, SKELETON, bare, position_errors_m, rotation_errors_deg, walk
 
 from fgpose.calibration.from_people.rig.evidence import evidence_of
-from fgpose.calibration.from_people.rig.walk_adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.from_people.rig.walk_adjustment import AdjustedWalk, AdjustmentConfig, adjust, lens_groups
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import DetectionNoise, ring_rig, walking
 
@@ -53,11 +53,11 @@ def test_perfect_detections_give_the_rig() -> None:
 
 
 @pytest.fixture(scope="module")
-def noisy() -> Adjusted:
+def noisy() -> AdjustedWalk:
     return adjust(walk(RIG, 600, DetectionNoise(), bias_m=0.03), started(RIG), config=MORE)
 
 
-def test_biased_detections_are_within_the_stated_errors(noisy: Adjusted) -> None:
+def test_biased_detections_are_within_the_stated_errors(noisy: AdjustedWalk) -> None:
     assert noisy.converged
     # Figures of the issue: 0.7 degrees and 30 mm in the median, 1.5 and 60 for the worst, though the walker circles.
     assert np.median(rotation_errors_deg(noisy.rig, RIG)[1:]) < 0.7
@@ -68,7 +68,7 @@ def test_biased_detections_are_within_the_stated_errors(noisy: Adjusted) -> None
     assert (sigmas_deg < 1.5).all()
 
 
-def test_the_first_camera_and_the_unit_of_a_body_are_the_gauge(noisy: Adjusted) -> None:
+def test_the_first_camera_and_the_unit_of_a_body_are_the_gauge(noisy: AdjustedWalk) -> None:
     frames = np.round(noisy.walk.time_s * FPS).astype(int)
     assert len(frames) == 150
     truth_m = walking(600, FPS)[frames]
@@ -99,7 +99,7 @@ def test_a_principal_point_that_is_not_in_the_middle() -> None:
     found = adjust(walk(rig, 600), start, unknown_lenses=((0, 1, 2, 3),), config=MORE)
     held = adjust(walk(rig, 600), start, config=MORE)
 
-    def apart_deg(adjusted: Adjusted) -> float:
+    def apart_deg(adjusted: AdjustedWalk) -> float:
         return float(rotation_errors_deg(adjusted.rig, rig).max())
 
     # Perfect detections; the prior pulls a little.
