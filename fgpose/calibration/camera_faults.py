@@ -11,7 +11,7 @@ from fgpose.association.recording import Association
 from fgpose.calibration.everybody import each_person
 from fgpose.calibration.rig_refinement import SIGNIFICANT_SIGMAS, has_moved, moves
 from fgpose.calibration.search import Found, search
-from fgpose.calibration.sightings import seen_by_two
+from fgpose.calibration.used_parts import seen_by_two
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -87,7 +87,7 @@ def camera_faults(
 
 def _faults(found: Found, rig: CameraRig, config: Config, step_s: float) -> tuple[CameraFault, ...]:
     late_s = found.rig.time_offsets_s - rig.time_offsets_s
-    offsets_s, sigma_s = _relative_to_nearest(late_s, found.sigmas[:, 6])
+    offsets_s, sigma_s = _relative_to_nearest(late_s, found.offset_sigma_s)
     rotation_deg, translation_m = moves(rig, found.rig)
     late = np.abs(offsets_s) > np.maximum(SIGNIFICANT_SIGMAS * sigma_s, _NOTICEABLE_FRAMES * step_s)
     moved = has_moved(rotation_deg, translation_m, config)

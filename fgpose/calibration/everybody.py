@@ -11,7 +11,7 @@ from jaxtyping import Int
 from fgpose.association.chosen_person import each_camera_alone
 from fgpose.association.recording import Association, associate
 from fgpose.calibration.moved_views import moved_with_cameras
-from fgpose.calibration.sightings import Adjusted
+from fgpose.calibration.used_parts import Adjusted
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations

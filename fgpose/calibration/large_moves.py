@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.sightings import Adjusted
+from fgpose.calibration.used_parts import Adjusted
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust

@@ -10,19 +10,16 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig
+from fgpose.calibration.adjustment.cameras import adjusted_rig
+from fgpose.calibration.adjustment.problem import Bundle
+from fgpose.calibration.adjustment.sightings import Sightings
+from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA
 from fgpose.calibration.everybody import on_everybody
 from fgpose.calibration.large_moves import refuse_large_moves
 from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
-from fgpose.calibration.sightings import (
-    Adjusted,
-    Sightings,
-    agreed_joints_m,
-    frames_of_each,
-    seen_by_two,
-    sighting_weights,
-)
+from fgpose.calibration.rig_problem import rig_problem, sighting_weights
+from fgpose.calibration.used_parts import Adjusted, agreed_joints_m, frames_of_each, seen_by_two
 from fgpose.config import Config
 from fgpose.estimation.delays import by_mean_clock, delays_s, on_time_px
 from fgpose.geometry.camera import CameraRig
@@ -58,7 +55,7 @@ def refine_rig(observations: Recording, rig: CameraRig, config: Config | None = 
     """Move the cameras, as little as needed, so that they agree on the person, or on everybody.
 
     Poses of the cameras and joints of up to calibration.max_frames frames are variables; the calibration is the prior,
-    robust, for most cameras were not touched (fgpose.calibration.bundle_adjustment). Known delays (time stamps, offsets
+    robust, for most cameras were not touched (fgpose.calibration.adjustment). Known delays (time stamps, offsets
     of the rig) are corrected first. A common shift of all cameras and joints by a few centimetres cannot be seen in the
     images; it is known only as well as the calibration was. The errors of a detector are correlated from frame to
     frame, so the detections of a person in a camera together count as calibration.independent_measurements
@@ -120,17 +117,18 @@ def _refined(people: Sequence[Observations], rig: CameraRig, config: Config) -> 
     undistorted_px = np.concatenate([px[used] for (px, _), used in zip(on_time, frames, strict=True)])
     confidence = np.concatenate([own.confidence[used] for own, used in zip(people, frames, strict=True)])
     joints_m = agreed_joints_m(undistorted_px, confidence, rig, config)
-    known = np.asarray(np.isfinite(joints_m).all(axis=-1))
-    used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
     begins = np.cumsum([len(own) for own in frames])[:-1]
     steps_s = [usual_step_s(own.frame_time_s[of_own]) for own, of_own in zip(people, frames, strict=True)]
-    of_each = zip(np.split(used, begins), np.split(confidence, begins), steps_s, strict=True)
-    weights = np.concatenate([sighting_weights(*own, config, poses=True) for own in of_each])
-    start = Calibration(np.zeros((rig.n_cameras, 7)), np.nan_to_num(joints_m))
-    sightings = Sightings(undistorted_px, weights, np.zeros_like(start.joints_m), np.zeros(rig.n_cameras))
-    solution = BundleProblem(rig, sightings, config, poses=True, clocks=False).solve(start)
+    arrays = (np.split(array, begins) for array in (undistorted_px, joints_m, confidence))
+    weights = [
+        sighting_weights(own_px, own_m, own_confidence, step_s, config, poses=True)
+        for own_px, own_m, own_confidence, step_s in zip(*arrays, steps_s, strict=True)
+    ]
+    sightings = Sightings.on_time(undistorted_px, np.concatenate(weights))
+    start = Bundle.of(np.zeros((rig.n_cameras, N_OF_CAMERA)), joints_m)
+    solution = rig_problem(rig, sightings, config, poses=True, clocks=False).solve(start)
     converged = all(smoothed for _, smoothed in on_time) and solution.convergence.converged
-    return Adjusted(moved_rig(rig, solution.state.changes, config), undistorted_px, confidence, converged)
+    return Adjusted(adjusted_rig(rig, solution.state.changes), undistorted_px, confidence, converged)
 
 
 def _on_time_px(

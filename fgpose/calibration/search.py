@@ -8,21 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration, moved_rig, prior_sigmas
+from fgpose.calibration.adjustment.cameras import adjusted_rig
+from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
+from fgpose.calibration.adjustment.sightings import Sightings
+from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, ROTATION, TRANSLATION
 from fgpose.calibration.motion import has_converged, smoothed_motion
 from fgpose.calibration.moved_views import moved_with_cameras
-from fgpose.calibration.sightings import (
+from fgpose.calibration.rig_problem import rig_problem, sighting_weights
+from fgpose.calibration.used_parts import (
     Adjusted,
-    Sightings,
     agreed_joints_m,
     best_seen_of_each,
     frames_of_each,
     seen_by_two,
-    sighting_weights,
 )
 from fgpose.config import Config
 from fgpose.estimation.delays import on_time_px
 from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import linearized_projection
 from fgpose.observations import Observations
 from fgpose.sampling import usual_step_s
 from fgpose.trajectory import Trajectory
@@ -37,10 +40,10 @@ _TOLERANCE_SIGMAS = 0.1
 class Found(Adjusted):
     """The best of the calibrations that were tried."""
 
-    sigmas: Float[np.ndarray, "camera 7"]
-    """Standard deviations of what was estimated: radians, metres, seconds; zero for what was held."""
+    offset_sigma_s: Float[np.ndarray, " camera"]
+    """Standard deviations of the time offsets; zero where they were held."""
     objective: float
-    """See fgpose.calibration.bundle_adjustment; at the smoothed motion."""
+    """See fgpose.calibration.adjustment.problem; at the smoothed motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +52,7 @@ class _Motion:
 
     sightings: Sightings
     joints_m: Float[np.ndarray, "frame joint 3"]
-    """Zero where not known."""
+    """NaN where not known."""
     smoothed: bool
     """Whether the smoother has converged."""
 
@@ -60,9 +63,8 @@ class _Candidate:
 
     rig: CameraRig
     problem: BundleProblem
-    state: Calibration
+    state: Bundle
     objective: float
-    undistorted_px: Float[np.ndarray, "frame camera joint 2"]
     smoothed: bool
     """Whether the smoother has converged."""
 
@@ -78,7 +80,7 @@ def search(people: Sequence[Observations], rig: CameraRig, config: Config, *, po
         ValueError: poses are wanted, and no joint is seen by two cameras that agree.
     """
     setting = _setting(people, rig, config, poses=poses, clocks=clocks)
-    tolerances, changes, rounds = setting.tolerances(), np.zeros((rig.n_cameras, 7)), 1
+    tolerances, changes, rounds = setting.tolerances(), np.zeros((rig.n_cameras, N_OF_CAMERA)), 1
     best = setting.candidate(changes)
     solution = best.problem.solve(best.state)
     proposed = solution.state.changes
@@ -94,10 +96,10 @@ def search(people: Sequence[Observations], rig: CameraRig, config: Config, *, po
             proposed = (best.state.changes + changes) / 2
     return Found(
         rig=best.rig,
-        sigmas=best.problem.sigmas(best.state) * prior_sigmas(config),
+        offset_sigma_s=np.sqrt(np.einsum("cici->ci", best.problem.covariance(best.state))[:, OFFSET]),
         objective=best.objective,
         converged=not unsettled and best.smoothed and solution.convergence.converged,
-        undistorted_px=best.undistorted_px,
+        undistorted_px=best.problem.sightings.undistorted_px,
         confidence=setting.confidence,
     )
 
@@ -115,47 +117,50 @@ class _Setting:
     poses: bool
     clocks: bool
 
-    def tolerances(self) -> Float[np.ndarray, " 7"]:
-        """Changes of a camera, in standard deviations of the priors, that are negligible."""
-        step_s = min(usual_step_s(part.frame_time_s) for part in self.parts)
-        sigma_s = self.config.calibration.offset_sigma_s
-        return np.array([*6 * [_TOLERANCE_SIGMAS], _TOLERANCE_FRAMES * step_s / sigma_s])
+    def tolerances(self) -> Float[np.ndarray, " 11"]:
+        """Changes of a camera that are negligible."""
+        prior, negligible = self.config.calibration, np.zeros(N_OF_CAMERA)
+        negligible[ROTATION] = _TOLERANCE_SIGMAS * np.deg2rad(prior.rotation_sigma_deg)
+        negligible[TRANSLATION] = _TOLERANCE_SIGMAS * prior.translation_sigma_m
+        negligible[OFFSET] = _TOLERANCE_FRAMES * min(usual_step_s(part.frame_time_s) for part in self.parts)
+        return negligible
 
     @property
     def confidence(self) -> Float[np.ndarray, "frame camera joint"]:
         """Of the detections in the frames that are used."""
         return np.concatenate([part.confidence[used] for part, used in zip(self.parts, self.frames, strict=True)])
 
-    def candidate(self, changes: Float[np.ndarray, "camera 7"]) -> _Candidate:
+    def candidate(self, changes: Float[np.ndarray, "camera 11"]) -> _Candidate:
         """The motions with a calibration, and the adjustment that starts from there."""
-        rig = moved_rig(self.rig, changes, self.config)
+        rig = adjusted_rig(self.rig, changes)
         motions = [self._motion(*own, rig, changes) for own in zip(self.parts, self.frames, strict=True)]
         sightings = Sightings.together([motion.sightings for motion in motions])
-        problem = BundleProblem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
-        state = Calibration(changes, np.concatenate([motion.joints_m for motion in motions]))
+        problem = rig_problem(self.rig, sightings, self.config, poses=self.poses, clocks=self.clocks)
+        state = Bundle.of(changes, np.concatenate([motion.joints_m for motion in motions]))
         smoothed = all(motion.smoothed for motion in motions)
-        return _Candidate(rig, problem, state, problem.error(state), sightings.undistorted_px, smoothed)
+        return _Candidate(rig, problem, state, problem.error(state), smoothed)
 
     def _motion(
         self,
         part: Observations,
         frames: Int[np.ndarray, " sample"],
         rig: CameraRig,
-        changes: Float[np.ndarray, "camera 7"],
+        changes: Float[np.ndarray, "camera 11"],
     ) -> _Motion:
         trajectory = smoothed_motion(moved_with_cameras(part, self.rig, rig), rig, self.config)
         undistorted_px = on_time_px(part, rig, trajectory.positions_m)[frames]
-        joints_m, velocities_mps = trajectory.positions_m[frames], _velocities_mps(trajectory)[frames]
-        known = np.asarray(np.isfinite(joints_m + velocities_mps).all(axis=-1))
-        used = np.isfinite(undistorted_px).all(axis=-1) & known[:, None]
-        step_s = usual_step_s(part.frame_time_s[frames])
+        velocities_mps = _velocities_mps(trajectory)[frames]
+        known = np.isfinite(velocities_mps).all(axis=-1, keepdims=True)
+        joints_m = np.where(known, trajectory.positions_m[frames], np.nan)
+        _, by_joint, _ = linearized_projection(undistorted_px, rig, joints_m)
+        confidence, step_s = part.confidence[frames], usual_step_s(part.frame_time_s[frames])
         sightings = Sightings(
             undistorted_px,
-            sighting_weights(used, part.confidence[frames], step_s, self.config, poses=self.poses),
-            np.where(known[..., None], velocities_mps, 0.0),
-            changes[:, 6],
+            sighting_weights(undistorted_px, joints_m, confidence, step_s, self.config, poses=self.poses),
+            (by_joint @ np.where(known, velocities_mps, 0.0)[:, None, ..., None])[..., 0],
+            changes[:, OFFSET],
         )
-        return _Motion(sightings, np.where(known[..., None], joints_m, 0.0), has_converged(trajectory))
+        return _Motion(sightings, joints_m, has_converged(trajectory))
 
 
 def _setting(people: Sequence[Observations], rig: CameraRig, config: Config, *, poses: bool, clocks: bool) -> _Setting:

@@ -31,7 +31,7 @@ class SelfCalibration(Generic[Recording]):
     refinement: RigRefinement[Recording]
     time_offsets: TimeOffsets
     objective: float
-    """The objective of the calibration (fgpose.calibration.bundle_adjustment); at most that of the given rig."""
+    """The objective of the calibration (fgpose.calibration.adjustment.problem); at most that of the given rig."""
     converged: bool
     """Whether the last round changed nothing, and its optimisers have converged."""
 
@@ -74,7 +74,7 @@ def self_calibrate(observations: Recording, rig: CameraRig, config: Config | Non
     config = config or Config()
     found, reassigned = on_everybody(observations, rig, config, _both)
     refined = refinement(observations, rig, found, config, reassigned)
-    offsets = TimeOffsets(found.rig.time_offsets_s, found.sigmas[:, 6], found.rig, found.converged, reassigned)
+    offsets = TimeOffsets(found.rig.time_offsets_s, found.offset_sigma_s, found.rig, found.converged, reassigned)
     return SelfCalibration(found.rig, refined.observations, refined, offsets, found.objective, found.converged)
 
 

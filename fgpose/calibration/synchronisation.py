@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.calibrated import Finding, Grade
-from fgpose.calibration.from_people.start_findings import AMBIGUOUS_REMEDY, in_words
-from fgpose.calibration.from_people.starts import Starts, find_starts
+from fgpose.calibration.from_people.starts.start_findings import AMBIGUOUS_REMEDY, in_words
+from fgpose.calibration.from_people.starts.starts import Starts, find_starts
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
-from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import PeopleObservations
 
@@ -41,8 +41,8 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
     """Find when each camera of a rig began, however far apart that is, from the motion of the person who is seen most.
 
     At the right shift the joints of one camera lie on the epipolar lines of those of another; see
-    fgpose.calibration.from_people.placed_joining. fgpose.estimate_time_offsets, which uses everybody, refines offsets
-    of less than a quarter of a second.
+    fgpose.calibration.from_people.starts.placed_joining. fgpose.estimate_time_offsets, which uses everybody, refines
+    offsets of less than a quarter of a second.
 
     Args:
         people: what the cameras saw, each by its own clock.

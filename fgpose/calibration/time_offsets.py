@@ -47,7 +47,7 @@ def estimate_time_offsets(
         ValueError: the cameras of the observations and of the rig differ.
     """
     found, reassigned = on_everybody(observations, rig, config or Config(), _clocks)
-    return TimeOffsets(found.rig.time_offsets_s, found.sigmas[:, 6], found.rig, found.converged, reassigned)
+    return TimeOffsets(found.rig.time_offsets_s, found.offset_sigma_s, found.rig, found.converged, reassigned)
 
 
 def _clocks(people: Sequence[Observations], rig: CameraRig, config: Config) -> Found:

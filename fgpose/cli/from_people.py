@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from fgpose.calibration.from_people.calibrate import Focal
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-    from fgpose.calibration.from_people.starts import GivenStart
+    from fgpose.calibration.from_people.starts.starts import GivenStart
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
     from fgpose.monocular.sources import Sources
@@ -118,7 +118,7 @@ class FromPeopleOptions:
         Raises:
             ValueError: as cameras_of; or all videos but one are too short to find when they begin.
         """
-        from fgpose.calibration.from_people.start_findings import SHORT_S
+        from fgpose.calibration.from_people.starts.start_findings import SHORT_S
         from fgpose.monocular.sources import Sources
 
         rig = self.cameras_of([clip.name for clip in clips], [clip.size_px for clip in clips])
@@ -138,7 +138,7 @@ class FromPeopleOptions:
         """
         if not self.sound:
             return {}
-        from fgpose.calibration.from_people.starts import GivenStart
+        from fgpose.calibration.from_people.starts.starts import GivenStart
         from fgpose.monocular.sound import SIGMA_S, starts_by_sound
 
         starts = starts_by_sound(clips)
@@ -193,7 +193,7 @@ class FromPeopleOptions:
 
 
 def _check_height(height_m: float) -> None:
-    from fgpose.calibration.from_people.scale import check_stature
+    from fgpose.calibration.from_people.world.scale import check_stature
 
     try:
         check_stature(height_m)

@@ -28,8 +28,8 @@ _LYING_DEG = 60.0
 _LEAST_FRAMES = 3
 # A body whose axis is farther than this from its median, in more than 40 % of the frames, tells nothing.
 _SCATTER_DEG, _LEAST_SHARE = 45.0, 0.6
-# Lean of a walker: 3 degrees (calibration/from_people/vertical.py); cameras on tripods are level to one or two. An axis
-# is told from a tilt at the first where cameras take part, at the second where bodies alone do.
+# Lean of a walker: 3 degrees (calibration/from_people/world/vertical.py); cameras on tripods are level to one or two.
+# An axis is told from a tilt at the first where cameras take part, at the second where bodies alone do.
 _LEVEL_DEG, _LEAN_DEG, _UNNOTICED_LEAN_DEG = 5.0, 20.0, 15.0
 # Bodies and cameras mean the same tilt where they differ by less than this share of it.
 _SAME_TILT = 0.6

@@ -9,11 +9,11 @@ from jaxtyping import Float
 
 from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-from fgpose.calibration.from_people.starts import Starts
-from fgpose.calibration.from_people.together import together
+from fgpose.calibration.from_people.starts.starts import Starts
+from fgpose.calibration.from_people.starts.together import together
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Walk
-from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.epipolar_distance import pairs_px
 from fgpose.geometry.reprojection import reprojection_residual_px

@@ -74,7 +74,6 @@ ABLATIONS: tuple[CalibrationMethod, ...] = (
     Method("no referee", "ours", Chain(Parts(referee=False))),
     Method("first pair as scaffold", "ours", Chain(Parts(choose_scaffold=False))),
     Method("focal length held", "ours", Chain(Parts(joint_focal=False))),
-    Method("with bones", "ours", Chain(Parts(bones=True))),
     Method("no bias model", "ours", Chain(Parts(bias=False))),
 )
 """The chain without a change, then with one part turned on or off at a time."""

@@ -26,7 +26,7 @@ from fgpose.calibration.changes.rays import Rays
 # Weak: what is bumped turns by degrees and moves by centimetres.
 _SIGMAS = np.repeat([np.deg2rad(2.0), 0.05], 3)
 _ROUNDS = 5
-# As fgpose.calibration.sightings: the errors of a network on one person in one view are correlated.
+# As fgpose.calibration.used_parts: the errors of a network on one person in one view are correlated.
 _INDEPENDENT_MEASUREMENTS = 50.0
 # In-sample gain below which the blocks that did not enter need not be asked.
 _LEAST_GAIN = 20.0

@@ -14,24 +14,23 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.adjustment import Adjusted, AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.adjustment.unknowns import FOCAL, OFFSET, TRANSLATION, Groups
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
-from fgpose.calibration.from_people.evidence import body_radius_px, frames_of
-from fgpose.calibration.from_people.focal_check import check_focal
-from fgpose.calibration.from_people.grounds import gather
-from fgpose.calibration.from_people.metric import Metric, to_metric
-from fgpose.calibration.from_people.projection import FOCAL, OFFSET, TRANSLATION
-from fgpose.calibration.from_people.scaffold import scaffolds
-from fgpose.calibration.from_people.scale import MeasuredDistance, check_stature
-from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas
-from fgpose.calibration.from_people.somebody_else import with_the_walker
-from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
-from fgpose.calibration.from_people.together import together
+from fgpose.calibration.from_people.rig.evidence import body_radius_px, frames_of
+from fgpose.calibration.from_people.rig.focal_check import check_focal
+from fgpose.calibration.from_people.rig.scaffold import scaffolds
+from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
+from fgpose.calibration.from_people.rig.walk_adjustment import AdjustedWalk, AdjustmentConfig, adjust, lens_groups
+from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.starts.together import together
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.unknowns import Groups
-from fgpose.calibration.from_people.verdict import findings
+from fgpose.calibration.from_people.verdict.grounds import gather
+from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
+from fgpose.calibration.from_people.verdict.verdict import findings
 from fgpose.calibration.from_people.walk import Track, Walk
-from fgpose.calibration.from_people.walker import main_tracks
+from fgpose.calibration.from_people.world.metric import Metric, to_metric
+from fgpose.calibration.from_people.world.scale import MeasuredDistance, check_stature
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust
@@ -53,16 +52,12 @@ class Parts:
     """Every pair of cameras is tried as the first; else only the first two."""
     joint_focal: bool = True
     """Unknown focal lengths are estimated; else their guesses are held."""
-    bones: bool = False
-    """Bones keep their lengths but for 40 mm. On simulated walks this costs accuracy: the errors of the joints make
-    bones longer from one side than from another."""
     bias: bool = True
     """The detections of a view are off by the same in all frames of one direction of the body."""
 
 
 _ALL = Parts()
 _STEPS = 7
-_HELD_M, _BONE_M = 1e-6, 0.04  # standard deviations
 _INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further apart are not those of one person
 _LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
@@ -177,12 +172,12 @@ class _Adjusting:
     clocks: bool
     config: AdjustmentConfig
 
-    def of(self, walk: Walk, rig: CameraRig) -> Adjusted:
+    def of(self, walk: Walk, rig: CameraRig) -> AdjustedWalk:
         return adjust(walk, rig, unknown_lenses=self.unknown_lenses, clocks=self.clocks, config=self.config)
 
     def of_walker(
         self, walk: Walk, rig: CameraRig, everybody: Mapping[str, Sequence[Track]], starts: Starts
-    ) -> tuple[Walk, Adjusted, Float[np.ndarray, "frame joint 3"]]:
+    ) -> tuple[Walk, AdjustedWalk, Float[np.ndarray, "frame joint 3"]]:
         """Again where views showed somebody else: the walk, the scene, and the joints of all frames."""
         adjusted = self.of(walk, rig)
         joints = _joints(walk, adjusted.rig)
@@ -192,7 +187,7 @@ class _Adjusting:
         adjusted = self.of(of_walker, adjusted.rig)
         return of_walker, adjusted, _joints(of_walker, adjusted.rig)
 
-    def halves(self, walk: Walk, rig: CameraRig) -> tuple[Adjusted, Adjusted] | None:
+    def halves(self, walk: Walk, rig: CameraRig) -> tuple[AdjustedWalk, AdjustedWalk] | None:
         """Of each half of the recording; None where one is too short, or shows too little."""
         if walk.time_s[-1] - walk.time_s[0] < 2 * _LEAST_HALF_S:
             return None
@@ -207,10 +202,7 @@ class _Adjusting:
 
 
 def _adjusting(rig: CameraRig, focal: Focal, parts: Parts, *, clocks: bool) -> _Adjusting:
-    config = AdjustmentConfig(
-        bias_m=AdjustmentConfig.bias_m if parts.bias else _HELD_M,
-        bone_m=_BONE_M if parts.bones else AdjustmentConfig.bone_m,
-    )
+    config = AdjustmentConfig(n_sectors=AdjustmentConfig.n_sectors if parts.bias else 0)
     return _Adjusting(_unknown_lenses(rig, focal) if parts.joint_focal else (), clocks, config)
 
 
@@ -221,22 +213,22 @@ def _joints(walk: Walk, rig: CameraRig) -> Float[np.ndarray, "frame joint 3"]:
     return triangulate_robust(undistorted_px, walk.confidence, rig, _INLIER_SHARE * radius_px).positions_m
 
 
-def _of_positions(adjusted: Adjusted) -> Float[np.ndarray, "camera 3 camera 3"]:
+def _of_positions(adjusted: AdjustedWalk) -> Float[np.ndarray, "camera 3 camera 3"]:
     """Covariance of the positions of the cameras, in the gauge of the rig."""
     rotations = np.stack([camera.world_T_camera[:3, :3] for camera in adjusted.rig.cameras])
     own = adjusted.covariance[:, TRANSLATION, :, TRANSLATION]
     return np.einsum("cij,cjdk,dlk->cidl", rotations, own, rotations)
 
 
-def _estimate(adjusted: Adjusted) -> RigEstimate:
+def _estimate(adjusted: AdjustedWalk) -> RigEstimate:
     return RigEstimate.of(adjusted.rig, adjusted.covariance, FOCAL, OFFSET)
 
 
 def _judged(
     walk: Walk,
     starts: Starts,
-    adjusted: Adjusted,
-    halves: tuple[Adjusted, Adjusted] | None,
+    adjusted: AdjustedWalk,
+    halves: tuple[AdjustedWalk, AdjustedWalk] | None,
     metric: Metric,
     estimated_lenses: Groups,
 ) -> CalibratedFromPeople:
@@ -267,7 +259,7 @@ def _judged(
     )
 
 
-def _unused(walk: Walk, adjusted: Adjusted) -> Bool[np.ndarray, " frame"]:
+def _unused(walk: Walk, adjusted: AdjustedWalk) -> Bool[np.ndarray, " frame"]:
     """Frames that the adjustment did not use."""
     return ~np.isin(walk.time_s, adjusted.walk.time_s)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.handedness import handedness
+from fgpose.calibration.from_people.verdict.handedness import handedness
 from fgpose.diagnosis.body.limb_sides import exchanged_limbs, twist
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity

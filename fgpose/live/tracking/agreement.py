@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from fgpose.association.tracked import Tracked
 from fgpose.calibration.disagreement import Disagreement, allowed_third_view_mrad, disagreement
-from fgpose.calibration.from_people.cross_checks import third_view_of
+from fgpose.calibration.from_people.verdict.cross_checks import third_view_of
 from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.common_sightings import CommonSighting, CommonSightings

@@ -146,7 +146,7 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
         seen.update(given, people=people, intrinsics=intrinsics)
         return calibrated(recording.rig, recording, Finding("cam_2", Grade.COARSE, "seen on one line", "walk across"))
 
-    found = Chain(Parts(bones=True), stand_in)(recording)
+    found = Chain(Parts(bias=False), stand_in)(recording)
     assert seen == {
         "people": recording.people,
         "intrinsics": recording.intrinsics,
@@ -154,7 +154,7 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
         "stature_m": recording.given.stature_m,
         "distances": (),
         "synchronised": True,
-        "parts": Parts(bones=True),
+        "parts": Parts(bias=False),
     }
     assert (found.rig, found.outcome, found.reasons) == (recording.rig, "coarse", ("cam_2: seen on one line",))
     assert score_calibration(recording, found, OURS).is_right

@@ -13,11 +13,14 @@ import fgpose
 from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, associate
 from fgpose.calibration import everybody
-from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration
+from fgpose.calibration.adjustment.problem import Bundle
+from fgpose.calibration.adjustment.sightings import Sightings
+from fgpose.calibration.adjustment.unknowns import N_OF_CAMERA, OFFSET, POSE
 from fgpose.calibration.camera_faults import camera_faults
 from fgpose.calibration.everybody import reassigned_share
+from fgpose.calibration.rig_problem import rig_problem
 from fgpose.calibration.self_calibration import calibrate_cameras
-from fgpose.calibration.sightings import Sightings, best_seen_of_each, frames_of_each, seen_by_two
+from fgpose.calibration.used_parts import best_seen_of_each, frames_of_each, seen_by_two
 from fgpose.config import CalibrationConfig, Config
 from fgpose.people import Detections, PeopleObservations
 from fgpose.sampling import fair_limits
@@ -132,18 +135,21 @@ def test_one_person_is_calibrated_on_as_ever(walking_scene: Scene, rig: fgpose.C
 
 def test_the_objective_is_the_sum_over_people(walking_scene: Scene, rig: fgpose.CameraRig) -> None:
     """But for the prior, which the cameras have once."""
-    frames, changes = slice(10, 13), np.random.default_rng(0).uniform(-2.0, 2.0, (4, 7))
-    detected, velocities_mps = walking_scene.observations, np.gradient(walking_scene.truth_m, 1 / 30, axis=0)
+    frames, changes = slice(10, 13), np.zeros((4, N_OF_CAMERA))
+    changes[:, POSE] = np.random.default_rng(0).uniform(-0.005, 0.005, (4, 6))
+    changes[1:, OFFSET] = 0.1, 0.0, -0.2
+    detected = walking_scene.observations
+    velocity_pxps = np.gradient(detected.points2d_px, 1 / 30, axis=0)
     first, second = (
-        Sightings(detected.points2d_px[f], detected.confidence[f], velocities_mps[f], np.zeros(4))
+        Sightings(detected.points2d_px[f], detected.confidence[f], velocity_pxps[f], np.zeros(4))
         for f in (frames, slice(20, 24))
     )
     joints_m = walking_scene.truth_m[frames], walking_scene.truth_m[20:24]
 
     def terms(sightings: Sightings, joints_m: np.ndarray) -> tuple[float, np.ndarray]:
-        problem = BundleProblem(rig, sightings, CONFIG, poses=True, clocks=True)
-        state = Calibration(changes, joints_m)
-        return problem.error(state), problem.gradient(state)[: changes.size]
+        problem = rig_problem(rig, sightings, CONFIG, poses=True, clocks=True)
+        state = Bundle.of(changes, joints_m)
+        return problem.error(state), problem.gradient(state)[: problem.unknowns.n_shared]
 
     nobody = replace(first, weights=np.zeros_like(first.weights))
     prior = terms(nobody, joints_m[0])

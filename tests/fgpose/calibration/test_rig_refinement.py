@@ -7,7 +7,7 @@ import pytest
 from turned_cameras import turned
 
 import fgpose
-from fgpose.calibration import bundle_adjustment
+from fgpose.calibration.adjustment import problem
 from fgpose.config import SolverConfig
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
@@ -118,5 +118,5 @@ def test_an_optimiser_that_has_not_converged_is_told(
     late = rig.with_time_offsets(np.array([0.0, 0.01, 0.0, 0.0]))
     hasty = fgpose.Config(solver=SolverConfig(max_iterations=1))
     assert not fgpose.refine_rig(walking_scene.observations.frames(slice(0, 10)), late, hasty).converged
-    monkeypatch.setattr(bundle_adjustment, "_MAX_ITERATIONS", 1)
+    monkeypatch.setattr(problem, "_MAX_ITERATIONS", 1)
     assert not fgpose.refine_rig(walking_scene.observations, turned(rig, 2, 1.0)).converged

@@ -11,9 +11,10 @@ from turned_cameras import turned
 
 import fgpose
 from fgpose.calibration import motion, search
-from fgpose.calibration.bundle_adjustment import BundleProblem, Calibration
+from fgpose.calibration.adjustment.problem import Bundle, BundleProblem
+from fgpose.calibration.adjustment.unknowns import OFFSET, ROTATION
 from fgpose.calibration.self_calibration import calibrate_cameras
-from fgpose.calibration.sightings import best_seen
+from fgpose.calibration.used_parts import best_seen
 from fgpose.config import CalibrationConfig, Config, SolverConfig
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.solvers.levenberg_marquardt import Solution
@@ -114,9 +115,12 @@ def test_never_worse_than_what_was_given(filmed: Scene, rig: fgpose.CameraRig, m
     """Where every adjustment leads astray the given rig comes back as it was."""
     observations, solve = filmed.observations.frames(slice(0, 12)), BundleProblem.solve
 
-    def astray(problem: BundleProblem, start: Calibration) -> Solution[Calibration]:
+    def astray(problem: BundleProblem, start: Bundle) -> Solution[Bundle]:
         solution = solve(problem, start)
-        return replace(solution, state=replace(solution.state, changes=solution.state.changes + 3.0))
+        changes = solution.state.changes.copy()
+        changes[:, ROTATION] += 0.005
+        changes[:, OFFSET] += 0.3
+        return replace(solution, state=replace(solution.state, changes=changes))
 
     given = Config(calibration=CalibrationConfig(max_rounds=1))
     objective = fgpose.self_calibrate(observations, rig, given).objective

@@ -6,9 +6,9 @@ from functools import cache
 
 import numpy as np
 
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
-from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig

@@ -6,7 +6,7 @@ import pytest
 from adjusted_rigs import moved
 
 from fgpose.assessment.rig_alignment import Similarity
-from fgpose.calibration.from_people.alignment import about_centroid, aligned
+from fgpose.calibration.from_people.verdict.alignment import about_centroid, aligned
 from fgpose_benchmarks.synthetic import ring_rig
 
 RIG = ring_rig(4)

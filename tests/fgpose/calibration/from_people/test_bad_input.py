@@ -13,9 +13,9 @@ import pytest
 
 from fgpose.calibration.from_people.calibrate import calibrate
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
-from fgpose.calibration.from_people.starts import find_starts
+from fgpose.calibration.from_people.starts.starts import find_starts
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections, PeopleObservations
 from fgpose_benchmarks.synthetic import WalkScene, film, ring_rig, stature_m, walkers

@@ -13,7 +13,7 @@ import fgpose
 from fgpose.assessment import rigs
 from fgpose.calibration.from_people.calibrate import Parts, calibrate
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
-from fgpose.calibration.from_people.starts import GivenStart
+from fgpose.calibration.from_people.starts.starts import GivenStart
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import Clocks, WalkScene, film, find_studio, stature_m, walkers
 

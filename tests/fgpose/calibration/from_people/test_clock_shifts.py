@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from filmed_walk import true_offset_s, walk_scene, walk_tracks
 
-from fgpose.calibration.from_people.clocks import ClockShift, solve_clocks
-from fgpose.calibration.from_people.correlation import correlate, peaks
-from fgpose.calibration.from_people.epipolar_shift import fit_epipolar_shift
-from fgpose.calibration.from_people.motion_signals import RATE_HZ, MotionSignals, motion_signals
-from fgpose.calibration.from_people.views import View
+from fgpose.calibration.from_people.starts.clocks import ClockShift, solve_clocks
+from fgpose.calibration.from_people.starts.correlation import correlate, peaks
+from fgpose.calibration.from_people.starts.epipolar_shift import fit_epipolar_shift
+from fgpose.calibration.from_people.starts.motion_signals import RATE_HZ, MotionSignals, motion_signals
+from fgpose.calibration.from_people.starts.views import View
 from fgpose.calibration.from_people.walk import Track
 from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, NO_NOISE
 from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film

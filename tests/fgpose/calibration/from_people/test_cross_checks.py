@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from adjusted_rigs import FPS, adjusted, moved, walker
 
-from fgpose.calibration.from_people.coverage import coverage
-from fgpose.calibration.from_people.cross_checks import referee_deg, third_view_mrad
-from fgpose.calibration.from_people.handedness import handedness, mirrored_views
+from fgpose.calibration.from_people.verdict.coverage import coverage
+from fgpose.calibration.from_people.verdict.cross_checks import referee_deg, third_view_mrad
+from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import ring_rig

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_adjustment import MORE, RIG, started
+from test_walk_adjustment import MORE, RIG, started
 from walks import walk
 
-from fgpose.calibration.from_people.adjustment import adjust
-from fgpose.calibration.from_people.focal_check import FocalCheck, check_focal
+from fgpose.calibration.from_people.rig.focal_check import FocalCheck, check_focal
+from fgpose.calibration.from_people.rig.walk_adjustment import adjust
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_benchmarks.synthetic import DetectionNoise
 

@@ -8,12 +8,12 @@ import pytest
 from adjusted_rigs import FPS, Adjusted, adjusted, angle_deg, walker
 
 from fgpose.assessment.rig_alignment import Similarity
-from fgpose.calibration.from_people.anatomy import Anatomy
-from fgpose.calibration.from_people.metric import Metric, to_metric
-from fgpose.calibration.from_people.scale import MeasuredDistance
-from fgpose.calibration.from_people.steps import Steps
-from fgpose.calibration.from_people.vertical import find_vertical
 from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.calibration.from_people.world.metric import Metric, to_metric
+from fgpose.calibration.from_people.world.scale import MeasuredDistance
+from fgpose.calibration.from_people.world.steps import Steps
+from fgpose.calibration.from_people.world.vertical import find_vertical
 from fgpose.geometry.camera import CameraRig
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.calibration.from_people.referee import angle_deg
-from fgpose.calibration.from_people.relative_pose import relative_poses, sampson_errors
+from fgpose.calibration.from_people.rig.referee import angle_deg
+from fgpose.calibration.from_people.rig.relative_pose import relative_poses, sampson_errors
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import ring_rig, walking
 

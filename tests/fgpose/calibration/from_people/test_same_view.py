@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fgpose.calibration.from_people.same_view import shows_the_same
-from fgpose.calibration.from_people.starts import GivenStart, find_starts
+from fgpose.calibration.from_people.starts.same_view import shows_the_same
+from fgpose.calibration.from_people.starts.starts import GivenStart, find_starts
+from fgpose.calibration.from_people.starts.views import View
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.views import View
-from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_benchmarks.synthetic import WalkScene, film, ring_rig, walkers
 

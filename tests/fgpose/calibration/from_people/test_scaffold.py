@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from walks import SKELETON, bare, position_errors_m, rotation_errors_deg, walk
 
-from fgpose.calibration.from_people.evidence import body_joints
-from fgpose.calibration.from_people.scaffold import Scaffold, scaffold, scaffolds
+from fgpose.calibration.from_people.rig.evidence import body_joints
+from fgpose.calibration.from_people.rig.scaffold import Scaffold, scaffold, scaffolds
 from fgpose_benchmarks.synthetic import DetectionNoise, ring_rig
 
 RIG = ring_rig(3)

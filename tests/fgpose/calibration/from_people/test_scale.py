@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from adjusted_rigs import walker
 
-from fgpose.calibration.from_people.anatomy import Anatomy
 from fgpose.calibration.from_people.calibrated import Grade
-from fgpose.calibration.from_people.scale import (
+from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.calibration.from_people.world.scale import (
     MeasuredDistance,
     ScaleCue,
     adult_cue,

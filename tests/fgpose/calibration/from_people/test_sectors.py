@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from walks import SKELETON
 
-from fgpose.calibration.from_people.sectors import sectors, upright
+from fgpose.calibration.from_people.rig.sectors import sectors, upright
 from fgpose_benchmarks.synthetic import ring_rig, walking
 
 RIG = ring_rig(4)

@@ -7,8 +7,8 @@ import pytest
 from adjusted_rigs import moved
 
 from fgpose.assessment.rig_alignment import Similarity
-from fgpose.calibration.from_people.alignment import aligned
-from fgpose.calibration.from_people.sigmas import RigEstimate, camera_sigmas, disagreement
+from fgpose.calibration.from_people.verdict.alignment import aligned
+from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas, disagreement
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose_benchmarks.synthetic import ring_rig
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from walks import SKELETON, walk
 
-from fgpose.calibration.from_people.somebody_else import with_the_walker
-from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.rig.somebody_else import with_the_walker
+from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, find_starts
 from fgpose.calibration.from_people.walk import Track, Walk
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose_benchmarks.synthetic import ring_rig

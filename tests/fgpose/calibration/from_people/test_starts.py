@@ -7,10 +7,10 @@ import pytest
 from filmed_walk import intrinsics_of, true_offset_s, walk_scene, walk_tracks
 
 from fgpose.calibration.from_people.calibrated import Grade
-from fgpose.calibration.from_people.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, find_starts
+from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks, no_track
 from fgpose.calibration.from_people.walk import Track
-from fgpose.calibration.from_people.walker import main_tracks
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.recordings import load_recording
 from fgpose.people import PeopleObservations

@@ -8,11 +8,10 @@ import pytest
 from adjusted_rigs import adjusted, moved, rig_errors
 
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
-from fgpose.calibration.from_people.coverage import Coverage
-from fgpose.calibration.from_people.focal_check import FocalCheck
-from fgpose.calibration.from_people.grounds import Grounds, gather
-from fgpose.calibration.from_people.metric import to_metric
-from fgpose.calibration.from_people.verdict import (
+from fgpose.calibration.from_people.rig.focal_check import FocalCheck
+from fgpose.calibration.from_people.verdict.coverage import Coverage
+from fgpose.calibration.from_people.verdict.grounds import Grounds, gather
+from fgpose.calibration.from_people.verdict.verdict import (
     findings,
     focal_undetermined,
     focal_wrong,
@@ -27,6 +26,7 @@ from fgpose.calibration.from_people.verdict import (
     uncertain,
     worst_camera,
 )
+from fgpose.calibration.from_people.world.metric import to_metric
 
 NAMES = ("a", "b", "c")
 NO_CAMERA = np.zeros(4, dtype=bool)

@@ -1,0 +1,57 @@
+"""The normal equations of the adjustment, from its steps to its covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.estimation.elimination import ReducedSystem
+
+
+class Factorized:
+    """Gauss-Newton's equations of shared unknowns and biases, the joints eliminated, and factorised.
+
+    Args:
+        reduced: of all rows of the cameras, and of the biases.
+        columns: Unknowns.columns.
+        of_shared: what priors and damping add for the shared unknowns.
+        of_biases: the same for each bias.
+
+    Raises:
+        LinAlgError: they are not positive definite.
+    """
+
+    def __init__(
+        self,
+        reduced: ReducedSystem,
+        columns: Float[np.ndarray, "row shared"],
+        of_shared: Float[np.ndarray, "shared shared"],
+        of_biases: float,
+    ) -> None:
+        from scipy.linalg import LinAlgError, block_diag, cho_factor
+
+        n_biases = len(reduced.gradient) - len(columns)
+        self._reduced, self._n_shared = reduced, columns.shape[1]
+        self._columns = block_diag(columns, np.eye(n_biases))
+        system = self._columns.T @ reduced.information @ self._columns
+        system += block_diag(of_shared, of_biases * np.eye(n_biases))
+        self._factor = cho_factor(system, lower=True, overwrite_a=True, check_finite=False)
+        if not np.isfinite(self._factor[0]).all():
+            raise LinAlgError("the normal equations are not finite")
+
+    def solve(self, right_hand_side: Float[np.ndarray, " unknown"]) -> Float[np.ndarray, " unknown"]:
+        """Of everything: shared unknowns, biases, joints, one after the other."""
+        from scipy.linalg import cho_solve
+
+        outer, of_joints = np.split(right_hand_side, [len(self._factor[0])])
+        of_joints = of_joints.reshape(*self._reduced.by_step.shape[:2], 3)
+        outer = outer - self._columns.T @ self._reduced.eliminated(of_joints)
+        outer = cho_solve(self._factor, outer, check_finite=False)
+        return np.append(outer, self._reduced.joint_steps_m(self._columns @ outer, of_joints))
+
+    def covariance(self) -> Float[np.ndarray, "shared shared"]:
+        """Marginal, of the shared unknowns: biases and joints are unknown too."""
+        from scipy.linalg import cho_solve
+
+        unit = np.eye(len(self._factor[0]), self._n_shared)
+        return cho_solve(self._factor, unit, check_finite=False)[: self._n_shared]

@@ -1,0 +1,294 @@
+"""The verdict on a calibration: good, coarse or failed, each with the reason and the remedy in words.
+
+Every criterion is a function of plain numbers. Failed means that a camera may be more than 5 degrees off; coarse, that
+it is good enough to begin from and not to measure with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.calibration.adjustment.unknowns import Groups
+from fgpose.calibration.disagreement import allowed_third_view_mrad
+from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.rig.focal_check import FocalCheck
+from fgpose.calibration.from_people.verdict.coverage import Coverage
+from fgpose.calibration.from_people.verdict.grounds import Grounds
+
+# Of good calibrations of simulated walkers the worst camera has 4 mrad in the median and 8 at most; where one is late,
+# 25 and more.
+_COARSE_MRAD = 10.0
+# A network's own 3D is 5 to 15 degrees off; twisted solutions are off by 30 and more.
+_REFEREE_COARSE_DEG, _REFEREE_FAILED_DEG = 15.0, 25.0
+# The whole recording is off by half of what its halves disagree by, or more if both share an error.
+_HALVES_COARSE_DEG, _HALVES_FAILED_DEG = 3.0, 8.0
+_HALVES_COARSE, _HALVES_FAILED = 0.06, 0.16  # position, as a share of the distance to the person: 3 and 9 degrees
+# Rotation, root of the sum over the axes: 5 degrees off would be three, and one and a quarter, standard deviations.
+_SIGMA_COARSE_DEG, _SIGMA_FAILED_DEG = 1.5, 4.0
+_SIGMA_COARSE, _SIGMA_FAILED = 0.03, 0.08  # position, as a share of the distance to the person
+# A focal length that is 3 % off costs 14 mm and 0.8 degrees.
+_FOCAL_COARSE, _FOCAL_FAILED = 0.03, 0.10
+# A focal length that is a tenth off costs 47 mm and 2.7 degrees; K of another resolution is 30 % off and more.
+_WRONG_FOCAL_SIGMAS, _WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED = 3.0, 0.1, 0.2
+# What is known less well is not known: who stays in one place looks alike at all focal lengths.
+_KNOWN_FOCAL = 0.05
+# One wrong focal length changes those of cameras beside it by up to half as much.
+_FOCAL_TO_WORST = 0.5
+_FOCAL_DEPTH_RATIO = 1.5  # two are needed to be sure
+_LEAST_ACROSS_M, _LEAST_ALONG_M = 0.15, 0.3  # standard deviations: a line is 0.5 m wide, a place 1 m
+_LEAST_IMAGE_SHARE = 0.25
+_LEAST_SEEN_S, _LEAST_DURATION_S = 3.0, 5.0
+_LEAST_UPRIGHT = 0.5
+_MOST_TILT_DEG = 70.0  # a camera under the ceiling that looks 60 degrees down is tilted by so much
+_THROUGH = "walk through its whole view, near and far"
+_OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames that say the other
+
+
+def findings(grounds: Grounds) -> tuple[Finding, ...]:
+    """All reasons against a calibration, the gravest first; none: it is good."""
+    names, sigmas, distance_m = grounds.camera_names, grounds.sigmas, grounds.distance_m
+    too_short = recording_too_short(grounds.duration_s)
+    # What is the cause of others comes before them.
+    found = [
+        *mirrors(names, grounds.mirrored, grounds.handedness),
+        *of_another_size(names, grounds.off_centre),
+        *worst_camera(names, grounds.third_view_mrad),
+        *twisted(names, grounds.referee_deg),
+        *halves_disagree(names, grounds.halves_deg, grounds.halves_m / distance_m),
+        *uncertain(names, sigmas.direction_deg, sigmas.position_m / distance_m),
+        *focal_undetermined(names, grounds.estimated_lenses, sigmas.focal, grounds.coverage.depth_ratio),
+        *focal_wrong(names, grounds.focal_check),
+        *start_uncertain(names, grounds.start_certain),
+        *poorly_covered(
+            names,
+            grounds.coverage,
+            certain(sigmas.direction_deg, sigmas.position_m / distance_m),
+            is_short=bool(too_short),
+        ),
+        *nobody_checks(len(names)),
+        *too_short,
+        *nobody_upright(grounds.upright, grounds.camera_tilt_deg),
+        *grounds.of_scale,
+    ]
+    return tuple(sorted(found, key=_gravity, reverse=True))
+
+
+def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " camera"]) -> list[Finding]:
+    """Views that do not see the person where the others do."""
+    known = third_view_mrad[np.isfinite(third_view_mrad)]
+    typical = float(np.median(known)) if known.size else np.inf
+    allowed_mrad = allowed_third_view_mrad(typical)
+    found = []
+    for name, mrad in zip(names, third_view_mrad.tolist(), strict=True):
+        if not np.isfinite(mrad):
+            reason, remedy = "no other two cameras see the person when it does", "walk where several cameras see you"
+            found.append(Finding(name, Grade.COARSE, reason, remedy))
+        elif mrad > min(_COARSE_MRAD, allowed_mrad):
+            reason = f"it sees the person {mrad:.0f} mrad beside where the others do (median: {typical:.0f} mrad)"
+            remedy = (
+                "check its start, its frame rate and its lens (K of this resolution?), and that its picture is not "
+                "mirrored; record longer, and walk through its whole view"
+            )
+            found.append(Finding(name, Grade.FAILED if mrad > allowed_mrad else Grade.COARSE, reason, remedy))
+    return found
+
+
+def twisted(names: Sequence[str], referee_deg: Float[np.ndarray, " camera"]) -> list[Finding]:
+    """Views in which the network sees another pose than was reconstructed."""
+    reason = "its direction contradicts the 3D of its own images by {0:.0f} degrees"
+    remedy = "walk across its view and towards it, so that you are seen from several sides"
+    return _graded(names, referee_deg, (_REFEREE_COARSE_DEG, _REFEREE_FAILED_DEG), reason, remedy)
+
+
+def halves_disagree(
+    names: Sequence[str], rotation_deg: Float[np.ndarray, " camera"], position: Float[np.ndarray, " camera"]
+) -> list[Finding]:
+    """Cameras that the first half of the recording has elsewhere than the second. Positions are shares of the distance
+    to the person."""
+    remedy = "record longer, and walk through its whole view in different directions"
+    turned = "the two halves of the recording disagree about its direction by {0:.1f} degrees"
+    moved = "the two halves of the recording disagree about its place by {0:.0%} of the distance to the person"
+    found = _graded(names, rotation_deg, (_HALVES_COARSE_DEG, _HALVES_FAILED_DEG), turned, remedy)
+    return _worst_of_each(found + _graded(names, position, (_HALVES_COARSE, _HALVES_FAILED), moved, remedy))
+
+
+def uncertain(
+    names: Sequence[str], direction_deg: Float[np.ndarray, " camera"], position: Float[np.ndarray, " camera"]
+) -> list[Finding]:
+    """Cameras whose stated sigmas are large. Positions are shares of the distance to the person."""
+    remedy = "record longer, and walk through its whole view in different directions"
+    turned = "its direction is known to {0:.1f} degrees only"
+    moved = "its place is known to {0:.0%} of the distance to the person only"
+    found = _graded(names, direction_deg, (_SIGMA_COARSE_DEG, _SIGMA_FAILED_DEG), turned, remedy)
+    return _worst_of_each(found + _graded(names, position, (_SIGMA_COARSE, _SIGMA_FAILED), moved, remedy))
+
+
+def certain(
+    direction_deg: Float[np.ndarray, " camera"], position: Float[np.ndarray, " camera"]
+) -> Bool[np.ndarray, " camera"]:
+    """Whether the stated sigmas of a camera are less than half of what counts as coarse."""
+    return np.asarray((direction_deg < _SIGMA_COARSE_DEG / 2) & (position < _SIGMA_COARSE / 2))
+
+
+def focal_undetermined(
+    names: Sequence[str],
+    estimated: Groups,
+    sigma: Float[np.ndarray, " camera"],
+    depth_ratio: Float[np.ndarray, " camera"],
+) -> list[Finding]:
+    """Cameras whose focal length was estimated and is not known well; sigmas are shares of it. Of cameras that share a
+    lens it is enough that one saw the person near and far."""
+    remedy = "walk towards it and away from it, or give its focal length"
+    reason = "its focal length is not determined (known to {0:.0%})"
+    own = [c for lens in estimated for c in lens]
+    found = _graded([names[c] for c in own], sigma[own], (_FOCAL_COARSE, _FOCAL_FAILED), reason, remedy)
+    flagged = {finding.camera for finding in found}
+    for lens in estimated:
+        ratio = np.max(np.nan_to_num(depth_ratio[list(lens)], nan=1.0))
+        for c in (c for c in lens if names[c] not in flagged and ratio < _FOCAL_DEPTH_RATIO):
+            reason = f"its focal length hardly shows: the person was {ratio:.1f} times as far away at most as at least"
+            found.append(Finding(names[c], Grade.COARSE, reason, remedy))
+    return found
+
+
+def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[Finding]:
+    """Cameras whose given focal length the images contradict, as K of another resolution."""
+    if check is None:
+        return []
+    known = (check.sigma < _KNOWN_FOCAL) & (np.abs(check.change) > _WRONG_FOCAL_SIGMAS * check.sigma)
+    change = np.where(known, np.abs(check.change), 0.0)
+    change = np.where(change > _FOCAL_TO_WORST * change.max(), change, 0.0)
+    reason = "its focal length seems to be {0:.0%} off what was given"
+    remedy = "check that K belongs to this camera and this resolution, or let the focal length be estimated"
+    return _graded(names, change, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
+
+
+def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[Finding]:
+    """Cameras whose principal point is far from the middle of the image."""
+    reason = "the principal point of its K is far from the middle of its image, as of images of another size"
+    remedy = "check that K belongs to this camera and this resolution"
+    flags = [] if off_centre is None else off_centre.tolist()
+    return [Finding(name, Grade.COARSE, reason, remedy) for name, is_off in zip(names, flags, strict=False) if is_off]
+
+
+def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
+    """Cameras that may have been put at the wrong time."""
+    remedy = "walk fast with turns and stops in between, or give synchronised videos (--synchronised)"
+    return [
+        Finding(name, Grade.COARSE, "its start is not certain", remedy)
+        for name, known in zip(names, is_certain.tolist(), strict=True)
+        if not known
+    ]
+
+
+def poorly_covered(
+    names: Sequence[str], coverage: Coverage, is_certain: Bool[np.ndarray, " camera"], *, is_short: bool = False
+) -> list[Finding]:
+    """Cameras that saw the person in one place, on one line, in a corner of the image, or hardly at all.
+
+    A line or a corner only matter where the camera is not certain all the same. In one place both halves of a recording
+    share their errors, so that nothing shows how certain it is. Of a recording that is short as a whole, that is all
+    that is to be said.
+    """
+    if is_short:
+        return []
+    never = np.zeros(len(names), dtype=bool)
+    criteria = (
+        (coverage.seen_s, _LEAST_SEEN_S, never, "saw the person for {0:.1f} s only", "walk longer where it sees you"),
+        (coverage.along_m, _LEAST_ALONG_M, never, "saw the person in one place only", _THROUGH),
+        (
+            coverage.across_m,
+            _LEAST_ACROSS_M,
+            is_certain,
+            "saw the person on one line only",
+            "walk across its view as well",
+        ),
+        (coverage.image_share, _LEAST_IMAGE_SHARE, is_certain, "saw the person in {0:.0%} of its image only", _THROUGH),
+    )
+    found = []
+    for c, name in enumerate(names):
+        # The first that holds says it all: who was in one place was on one line as well.
+        held = (row for row in criteria if not row[0][c] >= row[1] and not row[2][c])
+        for values, _, _, reason, remedy in held:
+            found.append(Finding(name, Grade.COARSE, "it " + reason.format(float(values[c])), remedy))
+            break
+    return _once(found, names)
+
+
+def _once(found: list[Finding], names: Sequence[str]) -> list[Finding]:
+    """What holds for every camera is said once."""
+    if len(names) < 2 or [finding.camera for finding in found] != list(names) or len({f.reason for f in found}) > 1:
+        return found
+    return [replace(found[0], camera="", reason=found[0].reason.replace("it saw", "every camera saw"))]
+
+
+def mirrors(names: Sequence[str], mirrored: Bool[np.ndarray, " camera"], handedness: float) -> list[Finding]:
+    """Views in which left is right, and a reconstruction that is turned inside out."""
+    found = [
+        Finding(
+            name,
+            Grade.FAILED,
+            "it sees the person mirrored",
+            "switch the mirroring of the camera off, or cover the mirror in its view",
+        )
+        for name, is_mirrored in zip(names, mirrored.tolist(), strict=True)
+        if is_mirrored
+    ]
+    if handedness < -_OWN_HAND and not found:
+        reason = "the reconstructed body is turned inside out: its knees bend backwards"
+        found.append(Finding("", Grade.FAILED, reason, "walk nearer to the cameras, and in several directions"))
+    return found
+
+
+def nobody_checks(n_cameras: int) -> list[Finding]:
+    """Of two cameras, simulated ones were off by two degrees that neither the halves nor the epipolar planes show."""
+    if n_cameras > 2:
+        return []
+    reason = "two cameras have no third one that checks them"
+    return [Finding("", Grade.COARSE, reason, "add a third camera that sees the walk, if only for the calibration")]
+
+
+def recording_too_short(duration_s: float) -> list[Finding]:
+    if duration_s >= _LEAST_DURATION_S:
+        return []
+    reason = f"two cameras saw the person for {duration_s:.1f} s only"
+    return [Finding("", Grade.COARSE, reason, "record somebody who walks around for half a minute")]
+
+
+def nobody_upright(upright: float, camera_tilt_deg: float) -> list[Finding]:
+    """A vertical that is not one: of somebody who bends, sits or lies."""
+    if camera_tilt_deg > _MOST_TILT_DEG:
+        reason = f"the person lies, or the cameras do: up differs by {camera_tilt_deg:.0f} degrees between them"
+        return [Finding("", Grade.COARSE, reason, "walk upright, and turn the videos so that up is up")]
+    if upright >= _LEAST_UPRIGHT:
+        return []
+    reason = f"the vertical is not certain: the person is upright in {upright:.0%} of the frames only"
+    return [Finding("", Grade.COARSE, reason, "walk upright through the room")]
+
+
+def _graded(
+    names: Sequence[str], values: Float[np.ndarray, " camera"], limits: tuple[float, float], reason: str, remedy: str
+) -> list[Finding]:
+    """Of values above the limits for coarse and failed; NaN is none."""
+    found = []
+    for name, value in zip(names, values.tolist(), strict=True):
+        if value > limits[0]:
+            grade = Grade.FAILED if value > limits[1] else Grade.COARSE
+            found.append(Finding(name, grade, reason.format(value), remedy))
+    return found
+
+
+def _worst_of_each(found: list[Finding]) -> list[Finding]:
+    """One finding a camera, its gravest."""
+    worst: dict[str, Finding] = {}
+    for finding in sorted(found, key=_gravity):
+        worst[finding.camera] = finding
+    return list(worst.values())
+
+
+def _gravity(finding: Finding) -> int:
+    return list(Grade).index(finding.grade)
