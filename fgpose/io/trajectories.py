@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -62,21 +62,35 @@ def save_trajectory(
         ImportError: C3D without ezc3d.
         OSError: the file cannot be written.
     """
-    path, made_by = Path(path), "" if origin is None else origin.step
-    match _extension(path):
-        case ".parquet":
-            write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path, origin)
-        case ".npz":
-            write_npz(trajectory, path, made_by)
-        case ".trc":
-            write_trc(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig), made_by)
-        case ".c3d":
-            up = resolved_up([trajectory], world_up, path, origin and origin.rig)
-            write_c3d(trajectory, path, up, made_by=made_by)
-        case extension:
-            others = trajectory_formats()[extension]
-            with replacing(path, others.check) as temporary:
-                others.write(trajectory, temporary)
+    _write({0: trajectory}, {0: np.arange(trajectory.n_frames)}, Path(path), world_up, origin)
+
+
+def _write(
+    people: Mapping[int, Trajectory],
+    frames: Mapping[int, Int[np.ndarray, " own_frame"]],
+    path: Path,
+    world_up: UpChoice | WorldUp,
+    origin: Origin | None,
+) -> tuple[Path, ...]:
+    extension, made_by = _extension(path), "" if origin is None else origin.step
+    if extension == ".parquet":
+        write_parquet(people, frames, path, origin)
+        return (path,)
+    up = resolved_up(people.values(), world_up, path, origin and origin.rig) if extension in (".trc", ".c3d") else "z"
+    paths = people_paths(path, people)
+    for own_path, trajectory in zip(paths, people.values(), strict=True):
+        match extension:
+            case ".npz":
+                write_npz(trajectory, own_path, made_by)
+            case ".trc":
+                write_trc(trajectory, own_path, up, made_by)
+            case ".c3d":
+                write_c3d(trajectory, own_path, up, made_by=made_by)
+            case _:
+                others = trajectory_formats()[extension]
+                with replacing(own_path, others.check) as temporary:
+                    others.write(trajectory, temporary)
+    return paths
 
 
 def _extension(path: Path) -> str:
@@ -94,7 +108,8 @@ def save_people(
     time_s: Float[np.ndarray, " frame"] | None = None,
     origin: Origin | None = None,
 ) -> tuple[Path, ...]:
-    """Write the trajectories of several people: one table as .parquet; .npz, .trc or .c3d for each, NAME_person1.trc.
+    """Write the trajectories of people as save_trajectory that of one: one table as .parquet; .npz, .trc or .c3d for
+    each, NAME_person1.trc, where there are several.
 
     The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers are
     those of the recording: the place of a time among all times.
@@ -116,33 +131,28 @@ def save_people(
         OSError: a file cannot be written.
     """
     path = Path(path)
-    paths = people_paths(path, trajectories)
     if not trajectories or min(trajectories) < 0:
         raise ValueError(
             f"{path}: people with numbers from 0 are needed, got {', '.join(map(str, trajectories)) or 'nobody'}"
         )
-    if path.suffix.lower() == ".parquet":
-        try:
-            write_parquet(trajectories, _frame_numbers(trajectories, time_s), path, origin)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
-        return paths
-    check_output(path)
-    if path.suffix.lower() in (".trc", ".c3d"):
-        world_up = resolved_up(trajectories.values(), world_up, path, origin and origin.rig)
-    for own_path, trajectory in zip(paths, trajectories.values(), strict=True):
-        save_trajectory(trajectory, own_path, world_up, origin)
-    return paths
+    if _extension(path) != ".parquet":
+        check_output(path)
+        return _write(trajectories, {}, path, world_up, origin)
+    try:
+        return _write(trajectories, _frame_numbers(trajectories, time_s), path, world_up, origin)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
-def people_paths(path: str | Path, people: Iterable[int] = ()) -> tuple[Path, ...]:
-    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person.
+def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, ...]:
+    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person,
+    named after its number where there are several.
 
     Raises:
         ValueError: the extension is none of EXTENSIONS.
     """
     path = Path(path)
-    if _extension(path) == ".parquet":
+    if _extension(path) == ".parquet" or len(people) == 1:
         return (path,)
     return tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)
 
