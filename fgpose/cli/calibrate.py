@@ -266,7 +266,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             fps=self.fps,
             points3d_unit=self.points3d_unit,
         )
-        return source.people, source.rig
+        return source.observations, source.rig
 
 
 def _print_bumped(console: Console, bumped: BumpedRig[Any], written: Sequence[Path]) -> None:

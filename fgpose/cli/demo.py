@@ -216,7 +216,7 @@ def _run(source: Source) -> tuple[Result, float]:
     with progress_bar("online estimator") as progress:
         tracked = run_track(source, config, progress)
     trajectories = {**refined, "online": tracked.trajectories["online"], **smoothed}
-    return Result(source, config, trajectories, ("smoothed",), tracked.update_ms), batch_s
+    return Result(source, config, trajectories, ("smoothed",), update_ms=tracked.update_ms), batch_s
 
 
 def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> None:

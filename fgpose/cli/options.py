@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import Positional, arg
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.association.chosen_person import PersonRegion
-    from fgpose.pipeline import Outputs, PeopleSource, Progress, Source
-
-    AnySource = TypeVar("AnySource", Source, PeopleSource)
+    from fgpose.calibration.moved_views import Recording
+    from fgpose.observations import Observations
+    from fgpose.pipeline import AnySource, Outputs, Progress, Source
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 
@@ -77,31 +77,27 @@ class RecordingOptions(KeypointOptions):
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
     ] = None
 
-    def load(self) -> Source:
+    def load(self) -> Source[Observations]:
         """Read the recording of one person. Raises ValueError and OSError as pipeline.load_source."""
         return self.prepared(self._one())
 
-    def load_people(self) -> Source | PeopleSource:
+    def load_people(self) -> AnySource:
         """Read the recording: of everybody, or of one person, as is wanted and as many as there are."""
-        from fgpose.pipeline import PeopleSource, load_people_source
+        from fgpose.pipeline import load_people_source
 
         if self.people == "1" or self._region() is not None:
-            return self.prepared(self._one())
+            return self.load()
         everybody = first_frames(load_people_source(*self._files, **self._reading), self.frames)
-        wanted = everybody.one_or_all() if self.people == "auto" else everybody
-        if isinstance(wanted, PeopleSource):
-            return self.prepared(wanted)
-        return self.prepared(wanted)
+        return self.prepared(everybody.one_or_all() if self.people == "auto" else everybody)
 
-    def prepared(self, source: AnySource) -> AnySource:
+    def prepared(self, source: Source[Recording]) -> Source[Recording]:
         """What is done with a recording before anything else."""
         return source
 
-    def _one(self) -> Source:
+    def _one(self) -> Source[Observations]:
         from fgpose.pipeline import load_source
 
-        person = self._region() or "consistent"
-        return first_frames(load_source(*self._files, **self._reading, person=person), self.frames)
+        return first_frames(load_source(*self._files, **self._reading, person=self._region() or 0), self.frames)
 
     @property
     def _files(self) -> tuple[Path, Path, str]:
@@ -170,7 +166,7 @@ class ParameterOptions(OutputOptions):
     with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
-def first_frames(source: AnySource, frames: int | None) -> AnySource:
+def first_frames(source: Source[Recording], frames: int | None) -> Source[Recording]:
     """The beginning of a recording. Raises ValueError unless the number is positive."""
     if frames is None:
         return source

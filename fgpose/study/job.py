@@ -8,7 +8,7 @@ from typing import Any
 
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.pipeline import PeopleSource, Source, load_people_source, load_source
+from fgpose.pipeline import AnySource, load_people_source, load_source
 from fgpose.skeleton import Skeleton
 from fgpose.study.networks import network
 from fgpose.study.recording import Recording
@@ -59,7 +59,7 @@ class Job:
             return network(self.study).skeleton
         return load_skeleton(skeleton_of(self.study))
 
-    def source(self) -> Source | PeopleSource:
+    def source(self) -> AnySource:
         """Everybody, or one person, as is wanted and as many as there are. Raises ValueError and OSError as
         load_people_source."""
         given = self.keypoints, self.calibration, self.skeleton

@@ -19,10 +19,10 @@ from fgpose.trajectory import Trajectory
 from fgpose.viewer.clock import Clock
 from fgpose.viewer.people_blueprint import people_blueprint
 from fgpose.viewer.people_content import association_rows, nobody, person_rows, update_rows
-from fgpose.viewer.people_recording import PeopleRecording
 from fgpose.viewer.people_scene import log_people_scene, log_person_styles
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.presence import Presence, presence_of_tracked
+from fgpose.viewer.recording import Recording
 from fgpose.viewer.rerun_session import RerunSession, Target
 from fgpose.viewer.scene import up_vector
 from fgpose.viewer.session import UpAxis
@@ -39,8 +39,8 @@ class _Last:
     """What is shown in the frame after it, if there is one: otherwise they would stay where they were."""
 
 
-class RerunPeopleRecording(RerunSession, PeopleRecording):
-    """See PeopleRecording and open_people_recording."""
+class RerunPeopleRecording(RerunSession, Recording):
+    """See Recording and open_people_recording."""
 
     server_mb: ClassVar[float] = 1024.0  # 20,000 frames of 8 people in 8 cameras take half of it
     is_of_system: ClassVar[bool] = False
