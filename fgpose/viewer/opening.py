@@ -11,11 +11,14 @@ from typing import Any
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.analytics import leave_out_analytics
-from fgpose.viewer.calibration_recording import CalibrationRecording, NullCalibrationRecording
+from fgpose.viewer.calibration_recording import CalibrationRecording
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import Recording
 from fgpose.viewer.session import UpAxis
 from fgpose.viewer.system_recording import SystemRecording
+
+# Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
+_RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
 
 
 def open_recording(
@@ -69,13 +72,11 @@ def open_recording(
     if path is None and not live:
         return Recording()
     with _rerun_needed():
-        from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
         from fgpose.viewer.rerun_recording import RerunRecording
         from fgpose.viewer.rerun_session import Target
-    target = Target(None if path is None else Path(path), port if live else None, endless, made_by)
-    if trajectories is None:
-        return RerunPeopleRecording(target, rig, skeleton, up, pictures)
-    return RerunRecording(target, (rig, skeleton, tuple(trajectories)), up, pictures)
+    server_mb = _PEOPLE_MB if trajectories is None else _RESULTS_MB
+    target = Target(None if path is None else Path(path), port if live else None, endless, made_by, server_mb)
+    return RerunRecording(target, (rig, skeleton, tuple(trajectories or ())), up, pictures)
 
 
 def _are_no_names(trajectories: Sequence[str]) -> bool:
@@ -117,7 +118,7 @@ def open_calibration_recording(
     """
     pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
     if path is None:
-        return NullCalibrationRecording()
+        return CalibrationRecording()
     with _rerun_needed():
         from fgpose.viewer.rerun_calibration_recording import RerunCalibrationRecording
         from fgpose.viewer.rerun_session import Target
@@ -152,7 +153,9 @@ def open_system_recording(
     with _rerun_needed():
         from fgpose.viewer.rerun_session import Target
         from fgpose.viewer.rerun_system_recording import RerunSystemRecording
-    target = Target(None if path is None else Path(path), port if live else None, endless=True, made_by="live")
+    target = Target(
+        None if path is None else Path(path), port if live else None, endless=True, made_by="live", server_mb=_SYSTEM_MB
+    )
     # The oldest are dropped for viewers; a limit would end the pictures after some hours.
     pictures = PictureOptions(None, 80, None, None)
     return RerunSystemRecording(target, rig, skeleton, up, pictures)

@@ -20,8 +20,8 @@ class Recording(Session):
     """Takes everything that can be shown of a recording; this one shows nothing.
 
     ``fgpose.viewer.open_recording`` gives one that does: for the results of one person, which are compared
-    (log_observations to log_estimate), or for people who come and go (log_association to log_tracked); it shows
-    nothing of the other kind. All of them are context managers. A person has one colour everywhere, whoever else is
+    (log_observations to log_estimate), or for people who come and go (log_association to log_tracked); what is not of
+    its kind is a ValueError. All of them are context managers. A person has one colour everywhere, whoever else is
     there.
     """
 

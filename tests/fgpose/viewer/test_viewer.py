@@ -653,22 +653,24 @@ def test_recording_to_nowhere_takes_everything(
 
 
 def test_every_recording_takes_the_same_calls() -> None:
-    from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
     from fgpose.viewer.rerun_recording import RerunRecording
 
     calls = {name for name in dir(Recording) if name.startswith("log_")} | {"close", "discard", "flush", "wants_image"}
-    shown = [
-        {name for name in calls if getattr(each, name) is not getattr(Recording, name)}
-        for each in (RerunRecording, RerunPeopleRecording)
-    ]
-    assert set.union(*shown) == calls
-    for each in (RerunRecording, RerunPeopleRecording):
-        assert {name for name in dir(each) if not name.startswith("_")} <= calls | {
-            "viewer_url",
-            "server_mb",
-            "time_kind",
-            "is_of_system",
-        }
+    assert all(getattr(RerunRecording, name) is not getattr(Recording, name) for name in calls)
+    own = {name for name in dir(RerunRecording) if not name.startswith("_")}
+    assert own <= calls | {"viewer_url", "time_kind"}
+
+
+def test_a_recording_refuses_what_it_was_not_opened_for(rig: CameraRig, trajectory: Trajectory, tmp_path: Path) -> None:
+    with (
+        open_recording(tmp_path / "one.rrd", rig, SKELETON) as compared,
+        open_recording(tmp_path / "people.rrd", rig, SKELETON, None) as people,
+    ):
+        for call in (lambda: compared.log_person(0, trajectory), lambda: compared.log_tracked(0, [], [])):
+            with pytest.raises(ValueError, match="opened for fused, refined, smoothed of one person, not for people"):
+                call()
+        with pytest.raises(ValueError, match="opened for people, not for 'smoothed'"):
+            people.log_trajectory("smoothed", trajectory)
 
 
 def test_viewer_is_loaded_only_when_a_recording_is_opened() -> None:
