@@ -14,6 +14,7 @@ from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, 
 from fgpose.io.atomic import check_replaceable, replacing
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
 from fgpose.io.content import first_bytes
+from fgpose.io.folders import own_paths
 from fgpose.io.formats import trajectory_formats
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.origin import Origin
@@ -152,9 +153,7 @@ def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, 
         ValueError: the extension is none of EXTENSIONS.
     """
     path = Path(path)
-    if _extension(path) == ".parquet" or len(people) == 1:
-        return (path,)
-    return tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)
+    return (path,) if _extension(path) == ".parquet" else own_paths(path, people)
 
 
 def _frame_numbers(

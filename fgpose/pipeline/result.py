@@ -49,10 +49,7 @@ class Result:
     @property
     def seen(self) -> Observations | Association:
         """What the cameras saw of whom."""
-        if self.association is not None:
-            return self.association
-        assert isinstance(self.source.observations, Observations)
-        return self.source.observations
+        return self.source.observations if self.association is None else self.association
 
     @property
     def rig(self) -> CameraRig:
@@ -89,7 +86,6 @@ def show(result: Result, recording: Recording) -> None:
 def _show_compared(result: Result, recording: Recording) -> None:
     """The results of one person side by side, with what each detection and each factor does to the last of them."""
     source, main, config = result.source, result.main[0], result.config
-    assert isinstance(source.observations, Observations)
     evidence = source.evidence(config)
     weights = evidence.weights
     if main.visibility is not None:
