@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -56,7 +56,7 @@ class Smooth(EstimatorOptions):
         from fgpose.pipeline import run_smooth
 
         outputs = self.checked_outputs("smoothed")
-        source = self.load_people()
+        source = self.load()
         with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
@@ -84,7 +84,7 @@ class Refine(EstimatorOptions):
         if self.people == "all":
             raise ValueError("refine estimates one person: use --people 1 or --person-region; smooth takes everybody")
         outputs = self.checked_outputs("refined")
-        source = self.load()
+        source = replace(self, people="1").load()
         with live_viewer(outputs, source, ("fused", "refined")) as viewer:
             with progress_bar("refining") as progress:
                 result = run_refine(source, self.parameters, progress)
@@ -111,7 +111,7 @@ class Track(EstimatorOptions):
         from fgpose.pipeline import run_track, show
 
         outputs = self.checked_outputs("smoothed", "online")
-        source = self.load_people()
+        source = self.load()
         with live_viewer(outputs, source, ("smoothed", "online"), grows=True) as viewer:
             with progress_bar("tracking") as progress:
                 result = run_track(source, self.parameters, progress, viewer)
@@ -142,7 +142,7 @@ class Info(RecordingOptions):
         from fgpose.diagnosis.diagnose import diagnose
         from fgpose.people import PeopleObservations
 
-        source, console = self.load_people(), new_console()
+        source, console = self.load(), new_console()
         seen = source.observations
         if isinstance(seen, PeopleObservations):
             everybody = source.succession.association if source.succession else _told_apart(seen, source.rig)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, first_frames, new_console, progress_bar, wanted_region
+from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, checked_frames, new_console, progress_bar, wanted_region
 from fgpose.observations import check_confidence
 
 if TYPE_CHECKING:
@@ -156,14 +156,15 @@ class VideoOptions(NetworkOptions):
         region = wanted_region(self.people, self.person_region)
         succession = None
         if self.people != "1" and region is None:
-            everybody = first_frames(Source(detected.rig, detected.people).confident(self.min_confidence), self.frames)
+            everybody = Source(detected.rig, detected.people).confident(self.min_confidence)
+            everybody = everybody.first_frames(checked_frames(self.frames))
             wanted = everybody if self.people == "all" else everybody.one_or_all()
             if isinstance(wanted.observations, PeopleObservations):
                 return wanted
             succession = wanted.succession
         followed = detected.follow(0 if region is None else region)
         one = Source(detected.rig, followed.observations).confident(self.min_confidence)
-        observations = first_frames(one, self.frames).observations
+        observations = one.first_frames(checked_frames(self.frames)).observations
         corrected = correct_flips(observations, detected.rig)
         print_views(console, corrected, followed.problems[: observations.n_frames])
         return Source(detected.rig, corrected.observations, None, followed.chosen, succession)

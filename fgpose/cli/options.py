@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from fgpose.association.chosen_person import PersonRegion
     from fgpose.calibration.moved_views import Recording
-    from fgpose.observations import Observations
     from fgpose.pipeline import AnySource, Outputs, Progress, Source
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
@@ -77,39 +76,20 @@ class RecordingOptions(KeypointOptions):
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
     ] = None
 
-    def load(self) -> Source[Observations]:
-        """Read the recording of one person. Raises ValueError and OSError as pipeline.load_source."""
-        return self.prepared(self._one())
+    def load(self) -> AnySource:
+        """Read the recording: of everybody, or of one person, as is wanted and as many as there are. Raises ValueError
+        and OSError as pipeline.load_source."""
+        from fgpose.pipeline import load_source
 
-    def load_people(self) -> AnySource:
-        """Read the recording: of everybody, or of one person, as is wanted and as many as there are."""
-        from fgpose.pipeline import load_people_source
-
-        if self.people == "1" or self._region() is not None:
-            return self.load()
-        everybody = first_frames(load_people_source(*self._files, **self._reading), self.frames)
-        return self.prepared(everybody.one_or_all() if self.people == "auto" else everybody)
+        names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit", "min_confidence")
+        reading: dict[str, Any] = {name: getattr(self, name) for name in names}
+        people = wanted_region(self.people, self.person_region) or self.people
+        files = self.keypoints, self.rig, self.skeleton
+        return self.prepared(load_source(*files, people=people, n_frames=checked_frames(self.frames), **reading))
 
     def prepared(self, source: Source[Recording]) -> Source[Recording]:
         """What is done with a recording before anything else."""
         return source
-
-    def _one(self) -> Source[Observations]:
-        from fgpose.pipeline import load_source
-
-        return first_frames(load_source(*self._files, **self._reading, person=self._region() or 0), self.frames)
-
-    @property
-    def _files(self) -> tuple[Path, Path, str]:
-        return self.keypoints, self.rig, self.skeleton
-
-    @property
-    def _reading(self) -> dict[str, Any]:
-        names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit", "min_confidence")
-        return {name: getattr(self, name) for name in names}
-
-    def _region(self) -> PersonRegion | None:
-        return wanted_region(self.people, self.person_region)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,13 +146,11 @@ class ParameterOptions(OutputOptions):
     with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
-def first_frames(source: Source[Recording], frames: int | None) -> Source[Recording]:
-    """The beginning of a recording. Raises ValueError unless the number is positive."""
-    if frames is None:
-        return source
-    if frames < 1:
+def checked_frames(frames: int | None) -> int | None:
+    """How many frames are wanted. Raises ValueError unless the number is positive."""
+    if frames is not None and frames < 1:
         raise ValueError(f"--frames must be at least 1, got {frames}")
-    return source.first_frames(frames)
+    return frames
 
 
 def wanted_region(people: str, region: str | None) -> PersonRegion | None:

@@ -4,7 +4,6 @@ from fgpose.association.recording import Progress as Progress
 from fgpose.pipeline.calibration import show_calibrated as show_calibrated
 from fgpose.pipeline.calibration import write_bumped as write_bumped
 from fgpose.pipeline.calibration import write_calibration as write_calibration
-from fgpose.pipeline.load import load_people_source as load_people_source
 from fgpose.pipeline.load import load_source as load_source
 from fgpose.pipeline.outputs import Display as Display
 from fgpose.pipeline.outputs import OutputError as OutputError

@@ -12,11 +12,11 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.camera_names import counted_otherwise, seen_cameras
 from fgpose.io.keypoints import keypoint_cameras, load_people
-from fgpose.observations import Observations, check_confidence
+from fgpose.observations import check_confidence
 from fgpose.people import PeopleObservations
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.origin import origin_of
-from fgpose.pipeline.source import Source
+from fgpose.pipeline.source import AnySource, Source
 from fgpose.skeleton import Skeleton
 
 
@@ -31,58 +31,50 @@ class Reading(TypedDict, total=False):
     """Detections below it are taken for missing."""
 
 
+Wanted = Literal["auto", "all", "1"] | PersonRegion
+"""Everybody, the main person, or the one in a region; auto: as many as there are, see Source.one_or_all."""
+
+
 def load_source(
     keypoints: Path,
     calibration: Path,
     skeleton: str | Path | Skeleton,
     *,
     cameras: tuple[str, ...] = (),
-    person: int | PersonRegion = 0,
+    people: Wanted = "auto",
+    n_frames: int | None = None,
     **reading: Unpack[Reading],
-) -> Source[Observations]:
-    """Read what the cameras saw of one person, see load_people_source; all cameras tell who that is.
-
-    Args:
-        person: 0 for the main one, 1 for the next, ...; or the one in a region (chosen_person).
-
-    Raises:
-        ValueError, OSError: as load_people_source; or there is no such person.
-    """
-    everybody = _everybody(keypoints, calibration, skeleton, cameras, reading)
-    try:
-        one = everybody.one(person)
-    except ValueError as error:
-        raise ValueError(f"{keypoints}: {error}") from None
-    return one.subset(cameras)
-
-
-def load_people_source(
-    keypoints: Path,
-    calibration: Path,
-    skeleton: str | Path | Skeleton,
-    *,
-    cameras: tuple[str, ...] = (),
-    **reading: Unpack[Reading],
-) -> Source[PeopleObservations]:
-    """Read a recording of everybody: load_rig and load_people, which say what is read and what each argument means.
-    Where the cameras began at different moments (on_common_clock), its times are those of the rig.
+) -> AnySource:
+    """Read a recording: load_rig and load_people, which say what is read and what each argument means. Where the
+    cameras began at different moments (on_common_clock), its times are those of the rig.
 
     Args:
         keypoints: folder or file of the detected joints.
         calibration: file of the cameras.
         skeleton: what the keypoints are.
-        cameras: use only these, in this order. Calibration and keypoints may then have cameras that the other lacks.
+        cameras: use only these, in this order. Calibration and keypoints may then have cameras that the other lacks;
+            all together tell who is the one who is wanted.
+        people: who is wanted.
+        n_frames: use only so many, from the beginning.
         reading: how both are read.
 
     Raises:
-        ValueError: something is wrong with a file, a camera is unknown, or the cameras that are wanted seem to have
-            other numbers in the keypoints; the message names it.
+        ValueError: something is wrong with a file, a camera is unknown, there is nobody in the region, or the cameras
+            that are wanted seem to have other numbers in the keypoints; the message names it.
         OSError: a file cannot be read.
 
     Warns:
         UserWarning: as load_people.
     """
-    return _everybody(keypoints, calibration, skeleton, cameras, reading).subset(cameras)
+    everybody = _everybody(keypoints, calibration, skeleton, cameras, reading)
+    if people in ("auto", "all"):
+        everybody = everybody.subset(cameras).first_frames(n_frames)
+        return everybody if people == "all" else everybody.one_or_all()
+    try:
+        one = everybody.one(people if isinstance(people, PersonRegion) else 0)
+    except ValueError as error:
+        raise ValueError(f"{keypoints}: {error}") from None
+    return one.subset(cameras).first_frames(n_frames)
 
 
 def _everybody(

@@ -68,8 +68,10 @@ class Source(Generic[Recording]):
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
         return replace(self, observations=self.observations.confident(least))
 
-    def first_frames(self, n_frames: int) -> Source[Recording]:
-        """The beginning of the recording."""
+    def first_frames(self, n_frames: int | None) -> Source[Recording]:
+        """The beginning of the recording; None: all of it."""
+        if n_frames is None:
+            return self
         return replace(self, observations=self.observations.first_frames(n_frames))
 
     def subset(self, cameras: tuple[str, ...]) -> Source[Recording]:
