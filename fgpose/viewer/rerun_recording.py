@@ -20,17 +20,28 @@ from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer import palette, paths
 from fgpose.viewer.blueprint import blueprint, people_blueprint
 from fgpose.viewer.clock import Clock
-from fgpose.viewer.content import observation_rows, residual_rows, trajectory_rows
-from fgpose.viewer.people_content import association_rows, nobody, person_rows, update_rows
-from fgpose.viewer.people_scene import log_people_scene, log_person_styles
+from fgpose.viewer.people_content import (
+    association_rows,
+    log_people_scene,
+    log_person_styles,
+    nobody,
+    person_rows,
+    update_rows,
+)
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.presence import Presence, presence_of_tracked
 from fgpose.viewer.recording import Recording
 from fgpose.viewer.rerun_session import RerunSession, Target
+from fgpose.viewer.results_content import (
+    log_residual_styles,
+    log_scene,
+    observation_rows,
+    residual_rows,
+    trajectory_rows,
+)
 from fgpose.viewer.rows import scalar_rows
 from fgpose.viewer.scene import up_vector
 from fgpose.viewer.session import UpAxis
-from fgpose.viewer.trajectory_scene import log_residual_styles, log_scene
 
 _EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
 
