@@ -179,6 +179,10 @@ class Observations:
         )
         return part
 
+    def first_frames(self, n_frames: int) -> Observations:
+        """The beginning. Raises ValueError when no frame is left."""
+        return self.frames(slice(0, n_frames))
+
     def per_detection(self, change: Callable[[np.ndarray], np.ndarray]) -> dict[str, Any]:
         """The arrays whose axes begin with frame, camera, joint, each changed, by name; None where there is none."""
         arrays = {name: getattr(self, name) for name in _PER_DETECTION}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -237,6 +237,15 @@ class PeopleObservations:
         """Which images belong together: as given, else those of about the same time (see match_frames)."""
         return self.given_frames or match_frames([self.times_s(name) for name in self.camera_names])
 
+    @property
+    def n_frames(self) -> int:
+        return len(self.frames.image)
+
+    @property
+    def frame_time_s(self) -> Float[np.ndarray, " frame"]:
+        """One time per frame: the mean over the cameras where they differ."""
+        return self.frames.frame_time_s
+
     @staticmethod
     def of_frames(
         skeleton: Skeleton,
@@ -277,6 +286,12 @@ class PeopleObservations:
     def image(self, frame: int, camera: int) -> Detections:
         """That of a camera, by its number, in a frame; there must be one."""
         return self.by_camera[self.camera_names[camera]][self.frames.image[frame, camera]]
+
+    def __iter__(self) -> Iterator[list[Detections]]:
+        """Frame by frame, each its images, as Tracker.update takes them."""
+        by_camera = [self.by_camera[name] for name in self.camera_names]
+        for of_frame in self.frames.image.tolist():
+            yield [images[i] for images, i in zip(by_camera, of_frame, strict=True) if i != NO_IMAGE]
 
     @property
     def n_most(self) -> int:

@@ -256,17 +256,18 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
     def _keypoints_of_rig(self, rig: Path) -> tuple[PeopleObservations, CameraRig]:
         """What a detector saw in the images of the cameras of --from."""
-        from fgpose.pipeline import load_people_source
+        from fgpose.pipeline import load_source
 
-        source = load_people_source(
+        source = load_source(
             self.recording,
             rig,
             self._needed_skeleton(),
             cameras=self.cameras,
             fps=self.fps,
             points3d_unit=self.points3d_unit,
+            people="all",
         )
-        return source.people, source.rig
+        return source.observations, source.rig
 
 
 def _print_bumped(console: Console, bumped: BumpedRig[Any], written: Sequence[Path]) -> None:

@@ -12,41 +12,31 @@ if TYPE_CHECKING:
     import numpy as np
     from rich.console import Console
 
+    from fgpose.calibration.moved_views import Recording
     from fgpose.calibration.self_calibration import CameraCalibration
-    from fgpose.cli.options import AnySource
     from fgpose.config import Config
     from fgpose.io.origin import Origin
-    from fgpose.pipeline import Outputs
+    from fgpose.pipeline import Outputs, Source
 
 
 def calibrated(
-    source: AnySource, config: Config, outputs: Outputs, console: Console, *, poses: bool, clocks: bool
-) -> AnySource:
+    source: Source[Recording], config: Config, outputs: Outputs, console: Console, *, poses: bool, clocks: bool
+) -> Source[Recording]:
     """The recording with refined camera poses, with estimated time offsets, with both or with neither.
 
     Of several people, the cameras are calibrated on all. Writes the resulting calibration as NAME_calibration.toml and
     prints what has changed.
     """
-    from fgpose.calibration.self_calibration import calibrate_cameras
-    from fgpose.pipeline import PeopleSource
-    from fgpose.pipeline.origin import recalibrated
+    from fgpose.pipeline import run_calibrate
 
     if source.origin is not None:
         source = replace(source, origin=replace(source.origin, command=command_line()))
     if not poses and not clocks:
         return source
-    status = new_console(stderr=True).status("calibrating the cameras")
-    if isinstance(source, PeopleSource):
-        with status:
-            everybody = calibrate_cameras(source.people, source.rig, config, poses=poses, clocks=clocks)
-        origin = source.origin and recalibrated(source.origin, source.rig, everybody)
-        _save_and_print(everybody, origin, source.people.frames.frame_time_s, outputs, console)
-        return replace(source, rig=everybody.rig, people=everybody.observations, origin=origin)
-    with status:
-        one = calibrate_cameras(source.observations, source.rig, config, poses=poses, clocks=clocks)
-    origin = source.origin and recalibrated(source.origin, source.rig, one)
-    _save_and_print(one, origin, source.observations.frame_time_s, outputs, console)
-    return replace(source, rig=one.rig, observations=one.observations, origin=origin)
+    with new_console(stderr=True).status("calibrating the cameras"):
+        after, found = run_calibrate(source, config, poses=poses, clocks=clocks)
+    _save_and_print(found, after.origin, source.observations.frame_time_s, outputs, console)
+    return after
 
 
 def _save_and_print(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
@@ -13,18 +13,18 @@ from fgpose.cli.options import ParameterOptions, RecordingOptions, new_console, 
 from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
-    from fgpose.cli.options import AnySource
-    from fgpose.observations import Observations
-    from fgpose.pipeline import OnUpdate, Outputs, Source
-    from fgpose.trajectory import Estimate
-    from fgpose.viewer import Recording
+    from fgpose.association.recording import Association
+    from fgpose.calibration.moved_views import Recording
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.people import PeopleObservations
+    from fgpose.pipeline import Outputs, Source
 
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatorOptions(ParameterOptions, RecordingOptions):
     """What smooth, track and refine have in common."""
 
-    def prepared(self, source: AnySource) -> AnySource:
+    def prepared(self, source: Source[Recording]) -> Source[Recording]:
         outputs, console = self.outputs(self.keypoints), new_console()
         wanted = {"poses": self.refine_calibration, "clocks": self.estimate_time_offsets}
         return calibrated(source, self.parameters, outputs, console, **wanted)
@@ -52,17 +52,12 @@ class Smooth(EstimatorOptions):
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer, opener
-        from fgpose.cli.people import estimate_people
-        from fgpose.pipeline import PeopleSource, run_smooth, run_smooth_people
+        from fgpose.cli.live import live_viewer
+        from fgpose.pipeline import run_smooth
 
         outputs = self.checked_outputs("smoothed")
-        source = self.load_people()
-        if isinstance(source, PeopleSource):
-            run = run_smooth_people, "smoothing"
-            return estimate_people(source, self.parameters, outputs, *run, strict=self.strict)
-        names = ("fused", "refined", "smoothed") if outputs.shown else ("smoothed",)
-        with live_viewer(outputs, opener(source, names, outputs)) as viewer:
+        source = self.load()
+        with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
             return deliver(result, outputs, viewer, strict=self.strict)
@@ -83,14 +78,14 @@ class Refine(EstimatorOptions):
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer, opener
+        from fgpose.cli.live import live_viewer
         from fgpose.pipeline import run_refine
 
         if self.people == "all":
             raise ValueError("refine estimates one person: use --people 1 or --person-region; smooth takes everybody")
         outputs = self.checked_outputs("refined")
-        source = self.load()
-        with live_viewer(outputs, opener(source, ("fused", "refined"), outputs)) as viewer:
+        source = replace(self, people="1").load()
+        with live_viewer(outputs, source, ("fused", "refined")) as viewer:
             with progress_bar("refining") as progress:
                 result = run_refine(source, self.parameters, progress)
             return deliver(result, outputs, viewer, strict=self.strict)
@@ -112,30 +107,17 @@ class Track(EstimatorOptions):
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer, opener
-        from fgpose.cli.people import track_people
-        from fgpose.pipeline import PeopleSource, run_track, show
+        from fgpose.cli.live import live_viewer
+        from fgpose.pipeline import run_track, show
 
         outputs = self.checked_outputs("smoothed", "online")
-        source = self.load_people()
-        if isinstance(source, PeopleSource):
-            return track_people(source, self.parameters, outputs, strict=self.strict)
-        with live_viewer(outputs, opener(source, ("smoothed", "online"), outputs), grows=True) as viewer:
-            on_update = None if viewer is None else self._frame_display(source, viewer)
+        source = self.load()
+        with live_viewer(outputs, source, ("smoothed", "online"), grows=True) as viewer:
             with progress_bar("tracking") as progress:
-                result = run_track(source, self.parameters, progress, on_update)
+                result = run_track(source, self.parameters, progress, viewer)
             # A live viewer has seen every frame already.
             display = show if viewer is None else lambda result, viewer: None
             return deliver(result, outputs, viewer, display, strict=self.strict)
-
-    def _frame_display(self, source: Source, viewer: Recording) -> OnUpdate:
-        """What shows each frame in a live viewer."""
-        weights = source.evidence(self.parameters).weights
-
-        def on_update(seen: Observations, estimate: Estimate, update_ms: float) -> None:
-            viewer.log_estimate(estimate, seen, weights[estimate.frame], update_ms=update_ms)
-
-        return on_update
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,29 +138,34 @@ class Info(RecordingOptions):
         from fgpose.assessment.recording_info import recording_info
         from fgpose.cli.findings import print_findings
         from fgpose.cli.info_tables import print_info
-        from fgpose.cli.people import associated
-        from fgpose.cli.people_tables import print_association
-        from fgpose.cli.tables import print_presence
+        from fgpose.cli.tables import print_association, print_presence
         from fgpose.diagnosis.diagnose import diagnose
-        from fgpose.pipeline import PeopleSource
+        from fgpose.people import PeopleObservations
 
-        source, console = self.load_people(), new_console()
-        everybody = None
-        if isinstance(source, PeopleSource):
-            everybody = source.association or associated(source)
+        source, console = self.load(), new_console()
+        seen = source.observations
+        if isinstance(seen, PeopleObservations):
+            everybody = source.succession.association if source.succession else _told_apart(seen, source.rig)
             print_association(console, everybody, source.succession)
             source = source.one()
+            seen = everybody if everybody.people else source.observations
             console.print("Of the person who is seen most; late and moved cameras by everybody:")
         else:
             if source.chosen is not None and source.chosen.n_people > 1:
                 console.print(f"Looked at is {source.chosen}.", soft_wrap=True)
             print_presence(console, source)
-        recording = everybody if everybody and everybody.people else source.observations
         with new_console(stderr=True).status("comparing the cameras"):
             info = recording_info(source.observations, source.rig, self.min_gap_s)
-            diagnosis = diagnose(recording, source.rig)
+            diagnosis = diagnose(seen, source.rig)
         print_info(console, info)
         print_findings(console, diagnosis)
+
+
+def _told_apart(people: PeopleObservations, rig: CameraRig) -> Association:
+    from fgpose.association.recording import associate
+
+    with progress_bar("telling people apart") as progress:
+        return associate(people, rig, progress=progress)
 
 
 @dataclass(frozen=True, kw_only=True)

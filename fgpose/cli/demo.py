@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from fgpose.cli.options import first_frames, new_console, progress_bar
+from fgpose.cli.options import checked_frames, new_console, progress_bar
 from fgpose.extensions import added
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ class Demo:
         outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"), step="demo")
         outputs.check(("smoothed",), calibration=True)
         console = new_console()
-        source = first_frames(Source(*load_recording(self.recording)), self.frames)
+        source = Source(*load_recording(self.recording)).first_frames(checked_frames(self.frames))
         console.print(f"{self.recording}: real detections of a man balancing on one leg")
         print_source(console, source)
         source = calibrated(source, Config(), outputs, console, poses=True, clocks=False)
@@ -216,7 +216,7 @@ def _run(source: Source) -> tuple[Result, float]:
     with progress_bar("online estimator") as progress:
         tracked = run_track(source, config, progress)
     trajectories = {**refined, "online": tracked.trajectories["online"], **smoothed}
-    return Result(source, config, trajectories, ("smoothed",), tracked.update_ms), batch_s
+    return Result(source, config, trajectories, ("smoothed",), update_ms=tracked.update_ms), batch_s
 
 
 def _say_how_to_open(console: Console, outputs: Outputs, trc_name: str = "") -> None:

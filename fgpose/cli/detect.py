@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, first_frames, new_console, progress_bar, wanted_region
+from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, checked_frames, new_console, progress_bar, wanted_region
 from fgpose.observations import check_confidence
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fgpose.monocular.flips import FlipCorrection
     from fgpose.monocular.network import Network
     from fgpose.monocular.sources import Sources
-    from fgpose.pipeline import Outputs, PeopleSource, Source
+    from fgpose.pipeline import AnySource, Outputs
 
 # As help and not as docstrings: tyro keeps the line breaks of the latter.
 _VIDEOS = (
@@ -146,26 +146,25 @@ class VideoOptions(NetworkOptions):
             sources.rig.subset([region.camera])
         return self.detect_in(sources, self.frames, console)
 
-    def wanted(self, detected: Detected, console: Console) -> Source | PeopleSource:
+    def wanted(self, detected: Detected, console: Console) -> AnySource:
         """Everybody, or the wanted person as each camera saw them, with left and right corrected; prints what was
         found."""
         from fgpose.monocular.flips import correct_flips
-        from fgpose.pipeline import PeopleSource, Source
+        from fgpose.people import PeopleObservations
+        from fgpose.pipeline import Source
 
         region = wanted_region(self.people, self.person_region)
-        one = self.people == "1" or region is not None
         succession = None
-        if not one:
-            everybody = first_frames(
-                PeopleSource(detected.rig, detected.people.confident(self.min_confidence)), self.frames
-            )
+        if self.people != "1" and region is None:
+            everybody = Source(detected.rig, detected.people).confident(self.min_confidence)
+            everybody = everybody.first_frames(checked_frames(self.frames))
             wanted = everybody if self.people == "all" else everybody.one_or_all()
-            if isinstance(wanted, PeopleSource):
+            if isinstance(wanted.observations, PeopleObservations):
                 return wanted
             succession = wanted.succession
         followed = detected.follow(0 if region is None else region)
-        seen = followed.observations.confident(self.min_confidence)
-        observations = first_frames(Source(detected.rig, seen), self.frames).observations
+        one = Source(detected.rig, followed.observations).confident(self.min_confidence)
+        observations = one.first_frames(checked_frames(self.frames)).observations
         corrected = correct_flips(observations, detected.rig)
         print_views(console, corrected, followed.problems[: observations.n_frames])
         return Source(detected.rig, corrected.observations, None, followed.chosen, succession)
@@ -196,7 +195,8 @@ class Detect(VideoOptions, RigOption):
     def run(self) -> None:
         from fgpose.io.calibration import load_rig
         from fgpose.io.keypoints import save_observations, save_people_observations
-        from fgpose.pipeline import Outputs, PeopleSource, write_all
+        from fgpose.people import PeopleObservations
+        from fgpose.pipeline import Outputs, write_all
 
         console = new_console()
         # dict: each format once.
@@ -204,13 +204,13 @@ class Detect(VideoOptions, RigOption):
         outputs = Outputs(self.output, name, tuple(dict.fromkeys(self.formats)), step="detect")
         outputs.check(("detected",), (self.rig,))
         detected = self.detect(console)
-        source = self.wanted(detected, console)
-        if isinstance(source, PeopleSource):
-            n_images, n_people = len(source.people.images), sum(image.n_people for image in source.people.images)
-            console.print(f"{n_people} detections of people in {n_images} images, up to {source.people.n_most} in one")
-            save: Callable[[Path], object] = partial(save_people_observations, source.people)
+        seen = self.wanted(detected, console).observations
+        if isinstance(seen, PeopleObservations):
+            n_images, n_people = len(seen.images), sum(image.n_people for image in seen.images)
+            console.print(f"{n_people} detections of people in {n_images} images, up to {seen.n_most} in one")
+            save: Callable[[Path], object] = partial(save_people_observations, seen)
         else:
-            save = partial(save_observations, source.observations)
+            save = partial(save_observations, seen)
         writers: dict[Path | str, Callable[[], object]] = {
             path: partial(save, path) for path in outputs.trajectory_paths(("detected",))
         }

@@ -3,34 +3,24 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
-from typing import TypeVar
 
 from fgpose.cli.options import new_console
-from fgpose.pipeline import OutputError, Outputs, Source
+from fgpose.pipeline import AnySource, OutputError, Outputs
 from fgpose.viewer import Recording
-from fgpose.viewer.session import Session
-
-AnyRecording = TypeVar("AnyRecording", bound=Session)
-
-
-def opener(source: Source, trajectories: tuple[str, ...], outputs: Outputs) -> Callable[[], Recording]:
-    """Opens a recording of one person, in which these trajectories will be shown."""
-    observations = source.observations
-    return partial(outputs.open_viewer, source.rig, observations.skeleton, trajectories, observations.n_frames)
 
 
 @contextmanager
 def live_viewer(
-    outputs: Outputs, open_viewer: Callable[[], AnyRecording], *, grows: bool = False
-) -> Iterator[AnyRecording | None]:
+    outputs: Outputs, source: AnySource, trajectories: tuple[str, ...], *, grows: bool = False
+) -> Iterator[Recording | None]:
     """A recording that viewers can connect to at once, also written to the .rrd file if wanted; None without --live.
 
     Args:
         outputs: where the results go.
-        open_viewer: opens the recording.
+        source: the recording.
+        trajectories: names of the results that will be shown, if it is of one person.
         grows: it is shown frame by frame, so that after Ctrl-C the file has the frames so far.
 
     Raises:
@@ -40,7 +30,7 @@ def live_viewer(
     if outputs.live_port is None:
         yield None
         return
-    with open_viewer() as recording:
+    with outputs.open_viewer(source, trajectories) as recording:
         say_how_to_connect(recording.viewer_url or "")
         try:
             yield recording

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from tyro.conf import Positional, arg
 
@@ -18,9 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.association.chosen_person import PersonRegion
-    from fgpose.pipeline import Outputs, PeopleSource, Progress, Source
-
-    AnySource = TypeVar("AnySource", Source, PeopleSource)
+    from fgpose.calibration.moved_views import Recording
+    from fgpose.pipeline import AnySource, Outputs, Progress, Source
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 
@@ -77,43 +76,20 @@ class RecordingOptions(KeypointOptions):
         str | None, arg(metavar="CAMERA:X,Y,W,H", help=REGION, help_behavior_hint="(default: none)")
     ] = None
 
-    def load(self) -> Source:
-        """Read the recording of one person. Raises ValueError and OSError as pipeline.load_source."""
-        return self.prepared(self._one())
-
-    def load_people(self) -> Source | PeopleSource:
-        """Read the recording: of everybody, or of one person, as is wanted and as many as there are."""
-        from fgpose.pipeline import PeopleSource, load_people_source
-
-        if self.people == "1" or self._region() is not None:
-            return self.prepared(self._one())
-        everybody = first_frames(load_people_source(*self._files, **self._reading), self.frames)
-        wanted = everybody.one_or_all() if self.people == "auto" else everybody
-        if isinstance(wanted, PeopleSource):
-            return self.prepared(wanted)
-        return self.prepared(wanted)
-
-    def prepared(self, source: AnySource) -> AnySource:
-        """What is done with a recording before anything else."""
-        return source
-
-    def _one(self) -> Source:
+    def load(self) -> AnySource:
+        """Read the recording: of everybody, or of one person, as is wanted and as many as there are. Raises ValueError
+        and OSError as pipeline.load_source."""
         from fgpose.pipeline import load_source
 
-        person = self._region() or "consistent"
-        return first_frames(load_source(*self._files, **self._reading, person=person), self.frames)
-
-    @property
-    def _files(self) -> tuple[Path, Path, str]:
-        return self.keypoints, self.rig, self.skeleton
-
-    @property
-    def _reading(self) -> dict[str, Any]:
         names = ("cameras", "fps", "unit", "points3d_frame", "points3d_unit", "min_confidence")
-        return {name: getattr(self, name) for name in names}
+        reading: dict[str, Any] = {name: getattr(self, name) for name in names}
+        people = wanted_region(self.people, self.person_region) or self.people
+        files = self.keypoints, self.rig, self.skeleton
+        return self.prepared(load_source(*files, people=people, n_frames=checked_frames(self.frames), **reading))
 
-    def _region(self) -> PersonRegion | None:
-        return wanted_region(self.people, self.person_region)
+    def prepared(self, source: Source[Recording]) -> Source[Recording]:
+        """What is done with a recording before anything else."""
+        return source
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,13 +146,11 @@ class ParameterOptions(OutputOptions):
     with the calibration, as NAME_calibration.toml. With --refine-calibration both are estimated together."""
 
 
-def first_frames(source: AnySource, frames: int | None) -> AnySource:
-    """The beginning of a recording. Raises ValueError unless the number is positive."""
-    if frames is None:
-        return source
-    if frames < 1:
+def checked_frames(frames: int | None) -> int | None:
+    """How many frames are wanted. Raises ValueError unless the number is positive."""
+    if frames is not None and frames < 1:
         raise ValueError(f"--frames must be at least 1, got {frames}")
-    return source.first_frames(frames)
+    return frames
 
 
 def wanted_region(people: str, region: str | None) -> PersonRegion | None:

@@ -16,15 +16,14 @@ if TYPE_CHECKING:
     from fgpose.monocular.detected import Detected
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import SeenWalk
-    from fgpose.viewer import CalibrationRecording, PeopleRecording, Recording
+    from fgpose.viewer import CalibrationRecording
+    from fgpose.viewer.session import Session
 
 # An image belongs to a frame of the walk if it is the nearest and no further away than this share of the usual step.
 _REACH = 0.6
 
 
-def show_images(
-    detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Recording | PeopleRecording
-) -> None:
+def show_images(detected: Detected, time_s: Float[np.ndarray, " frame"], recording: Session) -> None:
     """Show the images of every camera, each in its frame; the videos are decoded again."""
     show_matched_images(detected.sources, detected.frames.image[: len(time_s)], time_s, recording)
 
@@ -33,7 +32,7 @@ def show_matched_images(
     sources: Sources,
     image: Int[np.ndarray, "frame camera"],
     time_s: Float[np.ndarray, " frame"],
-    recording: Recording | PeopleRecording,
+    recording: Session,
 ) -> None:
     """Show the images that belong to each frame, NO_IMAGE where there is none."""
     if not any(recording.wants_image(name, 0) for name in sources.rig.names):

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from fgpose.io.origin import Origin
     from fgpose.monocular.detected import Detected
     from fgpose.monocular.sources import Sources
-    from fgpose.pipeline import Outputs, PeopleResult, PeopleSource, Result
-    from fgpose.viewer import PeopleRecording, Recording
+    from fgpose.pipeline import Outputs, Result
+    from fgpose.viewer import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +75,8 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer, opener
-        from fgpose.pipeline import PeopleSource, run_smooth, show
+        from fgpose.cli.live import live_viewer
+        from fgpose.pipeline import run_smooth, show
 
         self.check_cameras()
         if self.calibrate and self.world_up not in ("auto", "z", "+z"):
@@ -93,21 +93,16 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             return FAILED
         detected = detected.recalibrated(found.rig) if found is not None else detected
         source, origin = self.wanted(detected, console), self._origin(detected, found)
-        if not isinstance(source, PeopleSource) and source.chosen is not None:
+        if source.chosen is not None:
             origin = replace(origin, chosen=str(source.chosen))
-        source = replace(source, origin=origin)
-        if isinstance(source, PeopleSource):
-            source = calibrated(source, self.parameters, outputs, console, **wanted)
-            return self._of_everybody(source, detected, outputs)
-        source = calibrated(source, self.parameters, outputs, console, **wanted)
+        source = calibrated(replace(source, origin=origin), self.parameters, outputs, console, **wanted)
 
         def show_all(result: Result, recording: Recording) -> None:
             show(result, recording)
             if self.images:
                 show_images(detected, result.source.observations.frame_time_s, recording)
 
-        names = ("fused", "refined", "smoothed") if outputs.shown else ("smoothed",)
-        with live_viewer(outputs, opener(source, names, outputs)) as viewer:
+        with live_viewer(outputs, source, ("fused", "refined", "smoothed")) as viewer:
             with progress_bar("smoothing") as progress:
                 result = run_smooth(source, self.parameters, progress, compare=outputs.shown)
             return deliver(result, outputs, viewer, show_all, strict=self.strict)
@@ -139,15 +134,3 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
             rig, inputs = rig.with_time_offsets(given.time_offsets_s), inputs | {"Calibration": self.rig}
         origin = origin_of(rig, self.fps, **inputs).with_inputs(*video_files(detected.sources.clips))
         return origin if found is None else from_people(origin, found)
-
-    def _of_everybody(self, source: PeopleSource, detected: Detected, outputs: Outputs) -> int:
-        from fgpose.cli.people import estimate_people
-        from fgpose.pipeline import run_smooth_people, show_people
-
-        def show_all(result: PeopleResult, recording: PeopleRecording) -> None:
-            show_people(result, recording)
-            if self.images:
-                show_images(detected, source.people.frames.frame_time_s, recording)
-
-        run = run_smooth_people, "smoothing", show_all
-        return estimate_people(source, self.parameters, outputs, *run, strict=self.strict)

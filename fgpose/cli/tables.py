@@ -13,13 +13,19 @@ from rich.table import Table
 from fgpose.assessment.evaluation import Evaluation
 from fgpose.assessment.metrics import jitter_mps3
 from fgpose.assessment.people import PeopleEvaluation
+from fgpose.association.recording import Association
+from fgpose.association.successive import Succession
 from fgpose.calibration.self_calibration import CameraCalibration
 from fgpose.finding import Code
-from fgpose.pipeline import Result, Source
+from fgpose.observations import Observations
+from fgpose.people import PeopleObservations
+from fgpose.pipeline import AnySource, Result
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory
 
 _MAX_LISTED = 5
+# More would hide the rest of the report; all are in the .rrd file.
+_MAX_EVENTS = 10
 _MEANING = {
     "fused": "fused",
     "refined": "each frame alone",
@@ -30,36 +36,75 @@ _MEANING = {
 
 def print_result(console: Console, result: Result, written: tuple[Path, ...]) -> None:
     """The result of a run, and the files that it is in."""
-    print_source(console, result.source)
-    console.print(result_table(result))
+    if result.association is None:
+        print_source(console, result.source)
+        console.print(result_table(result))
+    else:
+        print_association(console, result.association, result.source.succession)
+        console.print(people_table(result.main))
     if result.update_ms is not None:
         console.print(latency_table(result.update_ms))
-    is_said = result.diagnosis is not None and result.diagnosis.tells_of(Code.NOBODY)
-    for line in [*([] if is_said else absence_lines(result.main)), *left_out_lines(result.main)]:
+    for line in _notes_of_one(result) if result.association is None else _notes_of_people(result.main):
         console.print(line, soft_wrap=True)
-    if result.main.convergence is not None and not result.main.convergence.converged:
-        console.print("Not converged: raise --solver.max-iterations, or look at the input with fgpose info.")
     for path in written:
         console.print(f"wrote {path}", soft_wrap=True)
 
 
-def print_source(console: Console, source: Source) -> None:
-    observations = source.observations
-    fps = frames_per_second(observations.frame_time_s)
-    rate = "" if np.isnan(fps) else f" at {fps:.4g} Hz"
-    console.print(
-        f"{observations.n_frames} frames{rate}, {observations.n_cameras} cameras, "
-        f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
-    )
+def _notes_of_one(result: Result) -> list[str]:
+    main = result.main[0]
+    is_said = result.diagnosis is not None and result.diagnosis.tells_of(Code.NOBODY)
+    notes = [*([] if is_said else absence_lines(main)), *left_out_lines(main)]
+    if main.convergence is not None and not main.convergence.converged:
+        notes.append("Not converged: raise --solver.max-iterations, or look at the input with fgpose info.")
+    return notes
+
+
+def _notes_of_people(people: Mapping[int, Trajectory]) -> list[str]:
+    late = [n for n, each in people.items() if each.convergence is not None and not each.convergence.converged]
+    names = ", ".join(map(str, late))
+    return [f"Not converged: person {names}. Raise --solver.max-iterations, or look at fgpose info."] if late else []
+
+
+def print_source(console: Console, source: AnySource) -> None:
+    console.print(_size(source.observations))
     print_presence(console, source)
 
 
-def print_presence(console: Console, source: Source) -> None:
+def _size(observations: Observations | PeopleObservations) -> str:
+    fps = frames_per_second(observations.frame_time_s)
+    rate = "" if np.isnan(fps) else f" at {fps:.4g} Hz"
+    return (
+        f"{observations.n_frames} frames{rate}, {len(observations.camera_names)} cameras, "
+        f"{observations.skeleton.n_joints} joints ({observations.skeleton.name})"
+    )
+
+
+def print_presence(console: Console, source: AnySource) -> None:
     """Who comes after whom, or that nobody comes."""
     for change in source.succession.changes if source.succession else ():
         console.print(f"Nobody is there for a while: {change}.", soft_wrap=True)
-    if not source.observations.seen.any():
+    if isinstance(source.observations, Observations) and not source.observations.seen.any():
         console.print("Nobody is detected in any image.")
+
+
+def print_association(console: Console, association: Association, succession: Succession | None = None) -> None:
+    """Who is there and when, what no person was found for, and what has happened to whom."""
+    people, time_s = association.observations, association.frames.frame_time_s
+    console.print(f"{_size(people)}, up to {people.n_most} people in an image")
+    table = new_table("", "from [s]", "to [s]", *(f"seen by {name} [%]" for name in people.camera_names))
+    for person, seen in sorted(association.people.items()):
+        own_s, in_image = time_s[seen.frames], (seen.detection >= 0).any(axis=-1)
+        shares = [f"{100 * share:.0f}" for share in in_image.mean(axis=0)]
+        table.add_row(f"person {person}", f"{own_s[0]:.2f}", f"{own_s[-1]:.2f}", *shares)
+    console.print(table)
+    for change in succession.changes if succession else ():
+        console.print(f"No image shows more than one person, but {change}.", soft_wrap=True)
+    n_detections = sum(image.n_people for image in people.images)
+    console.print(f"{association.n_unused} of {n_detections} detections belong to nobody")
+    for event in association.events[:_MAX_EVENTS]:
+        console.print(f"{event.time_s:8.2f} s  person {event.person} {event.what}: {event.reason}", soft_wrap=True)
+    if len(association.events) > _MAX_EVENTS:
+        console.print(f"and {len(association.events) - _MAX_EVENTS} more changes")
 
 
 def absence_lines(trajectory: Trajectory) -> list[str]:
@@ -88,7 +133,7 @@ def _first_of(items: Sequence[str]) -> str:
 
 
 def result_table(result: Result, names: Mapping[str, str] | None = None) -> Table:
-    """One column per trajectory: errors per camera, jitter, how many joints were seen.
+    """One column per trajectory of one person: errors per camera, jitter, how many joints were seen.
 
     Args:
         result: of a run.
@@ -96,7 +141,7 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
     """
     names = names or {name: _MEANING.get(name, name) for name in result.trajectories if name != "fused"}
     table = new_table("", *names.values())
-    trajectories = [result.trajectories[name] for name in names]
+    trajectories = [result.trajectories[name][0] for name in names]
     for c, camera in enumerate(result.source.rig.names):
         _row(table, f"reprojection error {camera} [px]", trajectories, lambda each, c=c: _median_px(each, c))
     _row(table, "reprojection error, all [px]", trajectories, lambda each: _median_px(each))
@@ -106,6 +151,20 @@ def result_table(result: Result, names: Mapping[str, str] | None = None) -> Tabl
         _row(
             table, f"joints {status.name.lower()} [%]", trajectories, lambda each, s=status: 100 * each.status_share(s)
         )
+    return table
+
+
+def people_table(people: Mapping[int, Trajectory]) -> Table:
+    """One column per person: the error over all cameras, how many joints were seen."""
+    of_people = dict(sorted(people.items()))
+    table = new_table("", *(f"person {person}" for person in of_people))
+    trajectories = list(of_people.values())
+    table.add_row("reprojection error [px]", *(f"{_median_px(each):.1f}" for each in trajectories))
+    for status in (Status.OBSERVED, Status.PREDICTED):
+        shares = [f"{100 * each.status_share(status):.1f}" for each in trajectories]
+        table.add_row(f"joints {status.name.lower()} [%]", *shares)
+    if any(each.absent.any() for each in trajectories):
+        table.add_row("frames away [%]", *(f"{100 * each.absent.mean():.1f}" for each in trajectories))
     return table
 
 

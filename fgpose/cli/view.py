@@ -67,13 +67,13 @@ class View:
         skeleton = next(iter(people.values())).skeleton
         rig, people = _with_rig(given.turned(up_R_world) if given is not None else None, people)
         outputs = Outputs(folder, self.file.stem, ("rrd",), "z")
-        if len(people) == 1:
-            with outputs.open_viewer(rig, skeleton, (self.file.stem,)) as recording:
-                recording.log_trajectory(self.file.stem, *people.values())
-        else:
-            time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
-            with outputs.open_people_viewer(rig, skeleton, len(time_s)) as recording:
-                for person, trajectory in people.items():
+        time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
+        alone = (self.file.stem,) if len(people) == 1 else None
+        with outputs.open_recording(rig, skeleton, alone, len(time_s)) as recording:
+            for person, trajectory in people.items():
+                if alone:
+                    recording.log_trajectory(self.file.stem, trajectory)
+                else:
                     recording.log_person(person, trajectory, int(np.searchsorted(time_s, trajectory.time_s[0])))
         return outputs.rrd
 

@@ -1,9 +1,9 @@
-"""What is in a folder, without what systems hide there."""
+"""What is in a folder, without what systems hide there; and what files of people are called in it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from fgpose.io.camera_names import natural_key
@@ -26,3 +26,8 @@ def files_below(folder: Path) -> Iterator[Path]:
     for inside, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         yield from (Path(inside, name) for name in sorted(files) if not name.startswith("."))
+
+
+def own_paths(path: Path, people: Collection[int]) -> tuple[Path, ...]:
+    """A file for each person, named after the number; whoever is alone has the file itself."""
+    return (path,) if len(people) == 1 else tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)

@@ -14,6 +14,7 @@ from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable
 from fgpose.io.bvh import write_bvh
 from fgpose.io.c3d import require_ezc3d, write_c3d
+from fgpose.io.folders import own_paths
 from fgpose.io.mot import write_mot
 from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
 from fgpose.io.upright import resolved_up
@@ -94,13 +95,10 @@ def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> t
     if path.suffix.lower() == ".parquet":
         _write_parquet(people, path, world_up)
         return (path,)
-    if len(people) == 1:
-        paths = dict.fromkeys(people, path)
-    else:
-        paths = {person: path.with_stem(f"{path.stem}_person{person}") for person in people}
-    for person, trajectory in people.items():
-        _write_one(trajectory, paths[person], world_up)
-    return tuple(paths.values())
+    paths = own_paths(path, people)
+    for own_path, trajectory in zip(paths, people.values(), strict=True):
+        _write_one(trajectory, own_path, world_up)
+    return paths
 
 
 def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from fgpose.geometry.up_axis import UpAxis, UpChoice, WorldUp, from_z_up, z_up, 
 from fgpose.io.atomic import check_replaceable, replacing
 from fgpose.io.c3d import read_c3d, require_ezc3d, write_c3d
 from fgpose.io.content import first_bytes
+from fgpose.io.folders import own_paths
 from fgpose.io.formats import trajectory_formats
 from fgpose.io.npz import read_npz, write_npz
 from fgpose.io.origin import Origin
@@ -62,21 +63,35 @@ def save_trajectory(
         ImportError: C3D without ezc3d.
         OSError: the file cannot be written.
     """
-    path, made_by = Path(path), "" if origin is None else origin.step
-    match _extension(path):
-        case ".parquet":
-            write_parquet({0: trajectory}, {0: np.arange(trajectory.n_frames)}, path, origin)
-        case ".npz":
-            write_npz(trajectory, path, made_by)
-        case ".trc":
-            write_trc(trajectory, path, resolved_up([trajectory], world_up, path, origin and origin.rig), made_by)
-        case ".c3d":
-            up = resolved_up([trajectory], world_up, path, origin and origin.rig)
-            write_c3d(trajectory, path, up, made_by=made_by)
-        case extension:
-            others = trajectory_formats()[extension]
-            with replacing(path, others.check) as temporary:
-                others.write(trajectory, temporary)
+    _write({0: trajectory}, {0: np.arange(trajectory.n_frames)}, Path(path), world_up, origin)
+
+
+def _write(
+    people: Mapping[int, Trajectory],
+    frames: Mapping[int, Int[np.ndarray, " own_frame"]],
+    path: Path,
+    world_up: UpChoice | WorldUp,
+    origin: Origin | None,
+) -> tuple[Path, ...]:
+    extension, made_by = _extension(path), "" if origin is None else origin.step
+    if extension == ".parquet":
+        write_parquet(people, frames, path, origin)
+        return (path,)
+    up = resolved_up(people.values(), world_up, path, origin and origin.rig) if extension in (".trc", ".c3d") else "z"
+    paths = people_paths(path, people)
+    for own_path, trajectory in zip(paths, people.values(), strict=True):
+        match extension:
+            case ".npz":
+                write_npz(trajectory, own_path, made_by)
+            case ".trc":
+                write_trc(trajectory, own_path, up, made_by)
+            case ".c3d":
+                write_c3d(trajectory, own_path, up, made_by=made_by)
+            case _:
+                others = trajectory_formats()[extension]
+                with replacing(own_path, others.check) as temporary:
+                    others.write(trajectory, temporary)
+    return paths
 
 
 def _extension(path: Path) -> str:
@@ -94,7 +109,8 @@ def save_people(
     time_s: Float[np.ndarray, " frame"] | None = None,
     origin: Origin | None = None,
 ) -> tuple[Path, ...]:
-    """Write the trajectories of several people: one table as .parquet; .npz, .trc or .c3d for each, NAME_person1.trc.
+    """Write the trajectories of people as save_trajectory that of one: one table as .parquet; .npz, .trc or .c3d for
+    each, NAME_person1.trc, where there are several.
 
     The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers are
     those of the recording: the place of a time among all times.
@@ -116,35 +132,28 @@ def save_people(
         OSError: a file cannot be written.
     """
     path = Path(path)
-    paths = people_paths(path, trajectories)
     if not trajectories or min(trajectories) < 0:
         raise ValueError(
             f"{path}: people with numbers from 0 are needed, got {', '.join(map(str, trajectories)) or 'nobody'}"
         )
-    if path.suffix.lower() == ".parquet":
-        try:
-            write_parquet(trajectories, _frame_numbers(trajectories, time_s), path, origin)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
-        return paths
-    check_output(path)
-    if path.suffix.lower() in (".trc", ".c3d"):
-        world_up = resolved_up(trajectories.values(), world_up, path, origin and origin.rig)
-    for own_path, trajectory in zip(paths, trajectories.values(), strict=True):
-        save_trajectory(trajectory, own_path, world_up, origin)
-    return paths
+    if _extension(path) != ".parquet":
+        check_output(path)
+        return _write(trajectories, {}, path, world_up, origin)
+    try:
+        return _write(trajectories, _frame_numbers(trajectories, time_s), path, world_up, origin)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
 
 
-def people_paths(path: str | Path, people: Iterable[int] = ()) -> tuple[Path, ...]:
-    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person.
+def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, ...]:
+    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person,
+    named after its number where there are several.
 
     Raises:
         ValueError: the extension is none of EXTENSIONS.
     """
     path = Path(path)
-    if _extension(path) == ".parquet":
-        return (path,)
-    return tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)
+    return (path,) if _extension(path) == ".parquet" else own_paths(path, people)
 
 
 def _frame_numbers(

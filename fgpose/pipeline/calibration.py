@@ -13,7 +13,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import CalibrationOrigin, RigFormat, save_rig
 from fgpose.people import PeopleObservations
 from fgpose.pipeline.origin import after_bumps, calibration_from_people
-from fgpose.pipeline.results import write_all
+from fgpose.pipeline.outputs import write_all
 from fgpose.pipeline.seen_walk import SeenWalk, of_bumped, of_calibrated, show_walk
 from fgpose.viewer import CalibrationRecording, open_calibration_recording
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -16,17 +15,14 @@ from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
+from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
-from fgpose.pipeline.people import PeopleResult, PeopleSource
-from fgpose.pipeline.results import Result
-from fgpose.pipeline.source import Source
+from fgpose.pipeline.result import Result
 from fgpose.trajectory import Trajectory
 
-AnyResult = TypeVar("AnyResult", Result, PeopleResult)
 
-
-def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyResult:
+def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     """The result with what is probably wrong with it, which goes into its files.
 
     Args:
@@ -36,19 +32,13 @@ def diagnosed(result: AnyResult, world_up: UpChoice | WorldUp = "auto") -> AnyRe
     Raises:
         ValueError: nothing is determined; the message says why, as far as it is known.
     """
-    people = result.main if isinstance(result, PeopleResult) else {0: result.main}
-    if not any(np.isfinite(each.positions_m).any() for each in people.values()):
-        raise ValueError(nothing_determined(result.source))
-    if isinstance(result, PeopleResult):
-        recording, rig = result.association, result.association.rig
-    else:
-        recording, rig = result.source.observations, result.source.rig
-    diagnosis = looked_at(recording, rig, people, result.config, world_up)
-    chosen = result.source.chosen if isinstance(result.source, Source) else None
-    if chosen is not None and chosen.n_people > 1:
-        diagnosis = replace(diagnosis, findings=(*diagnosis.findings, _of_several(chosen)))
-    diagnosis = replace(diagnosis, findings=(*diagnosis.findings, *_of_refined(result.source, result.config)))
-    return replace(result, diagnosis=diagnosis)
+    if not any(np.isfinite(each.positions_m).any() for each in result.main.values()):
+        raise ValueError(_nothing_determined(result))
+    diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up)
+    chosen = result.source.chosen
+    of_several = [_of_several(chosen)] if chosen is not None and chosen.n_people > 1 else []
+    of_refined = _of_refined(result.source.origin, result.config)
+    return replace(result, diagnosis=replace(diagnosis, findings=(*diagnosis.findings, *of_several, *of_refined)))
 
 
 def looked_at(
@@ -71,9 +61,9 @@ def _of_several(chosen: Chosen) -> Finding:
     return Finding(Code.SEVERAL_PEOPLE, Severity.NOTE, f"This is {chosen}", remedy, 0.2)
 
 
-def _of_refined(source: Source | PeopleSource, config: Config) -> list[Finding]:
+def _of_refined(origin: Origin | None, config: Config) -> list[Finding]:
     """That so many cameras were moved that nothing holds the world."""
-    known = () if source.origin is None else source.origin.calibration.moved
+    known = () if origin is None else origin.calibration.moved
     deg, metres = (np.array([getattr(each, name) for each in known]) for name in ("rotation_deg", "translation_m"))
     moved = has_moved(deg, metres, config) if known else np.zeros(0, dtype=bool)
     if moved.sum() < 2 or (~moved).sum() > 1:
@@ -86,9 +76,10 @@ def _of_refined(source: Source | PeopleSource, config: Config) -> list[Finding]:
     return [Finding(Code.CALIBRATION, Severity.DOUBTFUL, reason, "Calibrate again if places in the room matter.", 0.5)]
 
 
-def nothing_determined(source: Source | PeopleSource) -> str:
+def _nothing_determined(result: Result) -> str:
     """Why there is no result, and what to do."""
-    one = source if isinstance(source, Source) else source.one()
-    findings = diagnose(one.observations, one.rig).findings
+    findings = diagnose(result.source.observations, result.source.rig).findings
     what = "no joint is determined in any frame, so nothing is written"
+    if result.association is not None and not result.main:
+        what = f"{result.association.why_nobody}: {what}"
     return ". ".join([what, *(finding.text for finding in findings[:1])])

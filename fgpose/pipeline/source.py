@@ -3,55 +3,86 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any, Generic
 
-from fgpose.association.chosen_person import Chosen
-from fgpose.association.successive import Succession
+from fgpose.association.chosen_person import Chosen, PersonRegion, chosen_person, main_person
+from fgpose.association.successive import Succession, successive
+from fgpose.calibration.moved_views import Recording
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
 from fgpose.estimation.evidence import Evidence, gather
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
+from fgpose.parameters import TrackingConfig
+from fgpose.people import PeopleObservations
 
 
 @dataclass(frozen=True, eq=False)
-class Source:
-    """A recording: its cameras and what they saw."""
+class Source(Generic[Recording]):
+    """A recording: its cameras and what they saw, of one person (Observations) or of everybody (PeopleObservations)."""
 
     rig: CameraRig
-    observations: Observations
+    observations: Recording
     origin: Origin | None = field(default=None, repr=False)
     """Where it is from, if that is known."""
     chosen: Chosen | None = field(default=None, repr=False)
     """Who it is of how many, where somebody was chosen."""
     succession: Succession | None = field(default=None, repr=False)
-    """Who comes after whom, where it was looked whether it is one person throughout."""
+    """Who comes after whom, where no image shows more than one person and somebody comes after somebody has gone."""
     _evidence: dict[Config, Evidence] = field(default_factory=dict, init=False, repr=False)
 
     def evidence(self, config: Config) -> Evidence:
-        """The evidence of the recording: gathered once, whoever asks for it; that of the newest config is kept.
+        """The evidence of one person: gathered once, whoever asks for it; that of the newest config is kept.
 
         Raises:
             ValueError: the cameras of observations and rig differ.
         """
+        assert isinstance(self.observations, Observations)
         if config not in self._evidence:
             self._evidence.clear()
             self._evidence[config] = gather(self.observations, self.rig, config)
         return self._evidence[config]
 
-    def confident(self, least: float) -> Source:
+    def one(self, person: int | PersonRegion = 0) -> Source[Observations]:
+        """The main person, see chosen_person; or another one. Raises ValueError if there is no such person."""
+        people, rig = self.observations, self.rig
+        if isinstance(people, Observations):
+            return Source(rig, people, self.origin, self.chosen, self.succession)
+        chosen = main_person(people, rig) if person == 0 else chosen_person(people, rig, person)
+        origin = self.origin and replace(self.origin, chosen=str(chosen))
+        return Source(rig, people.of_person(chosen.seen), origin, chosen)
+
+    def one_or_all(self: Source[PeopleObservations], config: TrackingConfig | None = None) -> AnySource:
+        """Everybody where an image shows more than one, or where somebody comes after somebody else has gone; else the
+        one who is there."""
+        people = self.observations
+        if people.n_most > 1:
+            return self
+        succession = successive(people, self.rig, config)
+        if succession is not None and succession.n_people > 1:
+            return replace(self, succession=succession)
+        return Source(self.rig, people.of_person(people.only()), self.origin, succession=succession)
+
+    def confident(self, least: float) -> Source[Recording]:
         """Without the detections of less confidence. Raises ValueError unless it lies in [0, 1]."""
         return replace(self, observations=self.observations.confident(least))
 
-    def first_frames(self, n_frames: int) -> Source:
-        """The beginning of the recording."""
-        return replace(self, observations=self.observations.frames(slice(0, n_frames)))
+    def first_frames(self, n_frames: int | None) -> Source[Recording]:
+        """The beginning of the recording; None: all of it."""
+        if n_frames is None:
+            return self
+        return replace(self, observations=self.observations.first_frames(n_frames))
 
-    def subset(self, cameras: tuple[str, ...]) -> Source:
+    def subset(self, cameras: tuple[str, ...]) -> Source[Recording]:
         """Some of the cameras, all if none is named. Raises ValueError for an unknown name."""
         if not cameras:
             return self
         return replace(self, rig=self.rig.subset(cameras), observations=self.observations.subset(cameras))
+
+
+AnySource = Source[Any]
+"""Of one person or of everybody."""
 
 
 def with_findings(origin: Origin | None, diagnosis: Diagnosis | None) -> Origin | None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 from fgpose.calibration.from_people.calibrate import Focal, calibrate, unknown_focal
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
-from fgpose.calibration.self_calibration import CameraCalibration, calibrate_cameras
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
-from fgpose.io.calibration import CalibrationOrigin, load_intrinsics, save_rig
+from fgpose.io.calibration import load_intrinsics, save_rig
 from fgpose.io.keypoints import (
     check_sizes,
     likely_sizes_px,
@@ -19,8 +17,8 @@ from fgpose.io.keypoints import (
     save_people_observations,
 )
 from fgpose.people import PeopleObservations
-from fgpose.pipeline import PeopleSource, Source
-from fgpose.pipeline.origin import calibration_from_people, recalibrated
+from fgpose.pipeline import run_calibrate
+from fgpose.pipeline.origin import calibration_from_people
 from fgpose.study.job import CALIBRATION, SEEN, Job
 from fgpose.study.study import Study
 
@@ -41,18 +39,12 @@ def recalibrate(job: Job) -> None:
         "poses": job.study.steps.calibrate != "refine-clocks",
         "clocks": job.study.steps.calibrate != "refine-poses",
     }
-    if isinstance(source, PeopleSource):
-        everybody = calibrate_cameras(source.people, source.rig, config, **wanted)
-        save_people_observations(everybody.observations, job.path(SEEN))
-        save_rig(everybody.rig, job.path(CALIBRATION), origin=_known(source, everybody))
-        return
-    one = calibrate_cameras(source.observations, source.rig, config, **wanted)
-    save_observations(one.observations, job.path(SEEN))
-    save_rig(one.rig, job.path(CALIBRATION), origin=_known(source, one))
-
-
-def _known(source: Source | PeopleSource, found: CameraCalibration[Any]) -> CalibrationOrigin | None:
-    return source.origin and recalibrated(source.origin, source.rig, found).calibration
+    after, _ = run_calibrate(source, config, **wanted)
+    if isinstance(after.observations, PeopleObservations):
+        save_people_observations(after.observations, job.path(SEEN))
+    else:
+        save_observations(after.observations, job.path(SEEN))
+    save_rig(after.rig, job.path(CALIBRATION), origin=after.origin and after.origin.calibration)
 
 
 def _from_keypoints(job: Job) -> CalibratedFromPeople:

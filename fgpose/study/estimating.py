@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
 from dataclasses import replace
-
-import numpy as np
-from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.geometry.up_axis import WorldUp
 from fgpose.io.kinematics import save_kinematics
 from fgpose.io.origin import Origin, input_file
-from fgpose.io.trajectories import load_origin, load_people_trajectories, save_people, save_trajectory
+from fgpose.io.trajectories import load_origin, load_people_trajectories, save_people
 from fgpose.io.upright import resolved_up
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import find_clips
-from fgpose.pipeline import PeopleSource, Source, run_smooth, run_smooth_people
+from fgpose.observations import Observations
+from fgpose.pipeline import AnySource, run_smooth
 from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.pipeline.origin import video_files
 from fgpose.report.quality import quality
@@ -45,21 +42,19 @@ def estimate(job: Job) -> None:
     source, config = job.source(), job.study.parameters
     source = replace(source, origin=source.origin and _whole_origin(job, source.origin))
     try:
-        if isinstance(source, PeopleSource):
-            everybody = diagnosed(run_smooth_people(source, config), job.study.steps.world_up)
-            _save(everybody.main, job, everybody.association.frames.frame_time_s, everybody.origin)
-        else:
-            one = diagnosed(run_smooth(_corrected(job, source), config, compare=False), job.study.steps.world_up)
-            save_trajectory(one.main, job.path(MOTION), origin=one.origin)
+        result = diagnosed(run_smooth(_corrected(job, source), config, compare=False), job.study.steps.world_up)
+        save_people(result.main, job.path(MOTION), time_s=result.frame_time_s, origin=result.origin)
     except ValueError as error:
         raise ValueError(f"{job.recording.source}: {error}") from None
 
 
-def _corrected(job: Job, source: Source) -> Source:
-    if not source.observations.n_frames:
+def _corrected(job: Job, source: AnySource) -> AnySource:
+    """Left and right of one person whom a network has seen; of several it is told with who is who."""
+    seen = source.observations
+    if not seen.n_frames:
         raise ValueError("it has no frame")
-    if job.recording.kind == "videos":
-        return replace(source, observations=correct_flips(source.observations, source.rig).observations)
+    if job.recording.kind == "videos" and isinstance(seen, Observations):
+        return replace(source, observations=correct_flips(seen, source.rig).observations)
     return source
 
 
@@ -80,16 +75,6 @@ def _whole_origin(job: Job, origin: Origin) -> Origin:
     return origin
 
 
-def _save(
-    people: Mapping[int, Trajectory], job: Job, time_s: Float[np.ndarray, " frame"], origin: Origin | None
-) -> None:
-    if len(people) == 1:
-        (alone,) = people.values()
-        save_trajectory(alone, job.path(MOTION), origin=origin)
-    else:
-        save_people(people, job.path(MOTION), time_s=time_s, origin=origin)
-
-
 def export(job: Job) -> None:
     """The motion in the formats of other programs. Raises ImportError if a package for one is not installed, OSError if
     a file cannot be written."""
@@ -98,9 +83,6 @@ def export(job: Job) -> None:
         path = job.path(MOTION).with_suffix(f".{name}")
         if name in _KINEMATICS:
             save_kinematics(people, path, world_up)
-        elif len(people) == 1:
-            (alone,) = people.values()
-            save_trajectory(alone, path, world_up)
         else:
             save_people(people, path, world_up)
 

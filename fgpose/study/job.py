@@ -8,7 +8,7 @@ from typing import Any
 
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.pipeline import PeopleSource, Source, load_people_source, load_source
+from fgpose.pipeline import AnySource, load_source
 from fgpose.skeleton import Skeleton
 from fgpose.study.networks import network
 from fgpose.study.recording import Recording
@@ -59,14 +59,11 @@ class Job:
             return network(self.study).skeleton
         return load_skeleton(skeleton_of(self.study))
 
-    def source(self) -> Source | PeopleSource:
+    def source(self) -> AnySource:
         """Everybody, or one person, as is wanted and as many as there are. Raises ValueError and OSError as
-        load_people_source."""
+        load_source."""
         given = self.keypoints, self.calibration, self.skeleton
-        if self.study.steps.people == "1":
-            return load_source(*given, **self.reading)
-        everybody = load_people_source(*given, **self.reading)
-        return everybody.one_or_all() if self.study.steps.people == "auto" else everybody
+        return load_source(*given, people=self.study.steps.people, **self.reading)
 
     @property
     def reading(self) -> dict[str, Any]:

@@ -9,6 +9,4 @@ from fgpose.viewer.opening import open_calibration_recording as open_calibration
 from fgpose.viewer.opening import open_people_recording as open_people_recording
 from fgpose.viewer.opening import open_recording as open_recording
 from fgpose.viewer.opening import open_system_recording as open_system_recording
-from fgpose.viewer.people_recording import PeopleRecording as PeopleRecording
-from fgpose.viewer.recording import NullRecording as NullRecording
 from fgpose.viewer.recording import Recording as Recording

@@ -1,4 +1,4 @@
-"""The layout that the recording of one person opens with."""
+"""The layouts that recordings open with: of the results of one person, and of people."""
 
 from __future__ import annotations
 
@@ -39,6 +39,31 @@ def blueprint(
     # All of them together would hide the detections.
     earlier = [paths.reprojections(camera, name) for camera in rig.names for name in trajectories[:-1]]
     return layout(rig, up, plots, following=following, hidden=earlier)
+
+
+def people_blueprint(rig: CameraRig, up: UpAxis, *, following: bool, of_system: bool = False) -> rrb.Blueprint:
+    """The layout of the recording of people, of whom it is not known who will come: views show whole trees. Of a live
+    system with the states of its cameras and its delays, along capture time."""
+    timeline = "time" if of_system else "frame"
+    events = rrb.TextLogView(
+        origin=paths.EVENTS,
+        name="Events",
+        columns=rrb.TextLogColumns(timeline_columns=[timeline], text_log_columns=["body"]),
+        format_options=rrb.TextLogFormat(monospace_body=False),
+    )
+    plots = [
+        rrb.TimeSeriesView(origin=paths.REPROJECTION_PX, name="Reprojection error [px]"),
+        rrb.TimeSeriesView(origin=paths.N_PEOPLE, name="People"),
+        rrb.TimeSeriesView(origin=paths.UNUSED, name="Nobody's detections"),
+        rrb.StateTimelineView(origin=paths.STATUS, name="Missing joints"),
+    ]
+    states = [rrb.StateTimelineView(origin=paths.TRACKS, name="Tracks")]
+    if of_system:
+        states.append(rrb.StateTimelineView(origin=paths.CAMERA_STATES, name="Cameras"))
+        delays = rrb.TimeSeriesView(origin=paths.DELAY_MS, name="From image to frame [ms]")
+        plots = [delays, *plots, rrb.TimeSeriesView(origin=paths.OBSERVED, name="Observed [%]")]
+    below = rrb.Horizontal(rrb.Vertical(*states) if of_system else states[0], events, rrb.Tabs(*plots))
+    return layout(rig, up, below, following=following, timeline=timeline)
 
 
 def _first_last(name: str, origin: str, trajectories: Sequence[str]) -> rrb.Tabs:

@@ -41,7 +41,3 @@ class CalibrationRecording(Recording):
         Raises:
             ValueError: a shape differs from the number of frames or of cameras, or the cameras before are others.
         """
-
-
-class NullCalibrationRecording(CalibrationRecording):
-    """Shows nothing."""

@@ -6,23 +6,26 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.analytics import leave_out_analytics
-from fgpose.viewer.calibration_recording import CalibrationRecording, NullCalibrationRecording
-from fgpose.viewer.people_recording import PeopleRecording
+from fgpose.viewer.calibration_recording import CalibrationRecording
 from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.recording import NullRecording, Recording
+from fgpose.viewer.recording import Recording
 from fgpose.viewer.session import UpAxis
 from fgpose.viewer.system_recording import SystemRecording
+
+# Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
+_RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
 
 
 def open_recording(
     path: str | Path | None,
     rig: CameraRig,
     skeleton: Skeleton,
-    trajectories: Sequence[str] = ("fused", "refined", "smoothed"),
+    trajectories: Sequence[str] | None = ("fused", "refined", "smoothed"),
     *,
     live: bool = False,
     port: int = 9876,
@@ -40,7 +43,8 @@ def open_recording(
         path: the .rrd file (https://rerun.io), which appears under this name when it is closed; None: no file.
         rig: the cameras.
         skeleton: the joints.
-        trajectories: names of the results that will be shown, the most important last: its errors are plotted first.
+        trajectories: names of the results of one person that will be compared, the most important last: its errors are
+            plotted first. None: people are shown, who need not be known yet.
         live: also serve viewers of this computer, however late they connect.
         port: where they connect; 0 takes any free one, see ``viewer_url``.
         endless: for runs of many hours: memory stays constant, and seeking in the file gets slower.
@@ -62,54 +66,30 @@ def open_recording(
         ImportError: Rerun is not installed; the message says how to.
         OSError: the file cannot be written, or the port is taken.
     """
-    if not trajectories or len(set(trajectories)) != len(trajectories) or {"camera", "views"} & set(trajectories):
+    if trajectories is not None and _are_no_names(trajectories):
         raise ValueError(f"results need different names, none of them camera or views; got {', '.join(trajectories)}")
     pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
     if path is None and not live:
-        return NullRecording()
+        return Recording()
     with _rerun_needed():
         from fgpose.viewer.rerun_recording import RerunRecording
         from fgpose.viewer.rerun_session import Target
-    target = Target(None if path is None else Path(path), port if live else None, endless, made_by)
-    return RerunRecording(target, (rig, skeleton, tuple(trajectories)), up, pictures)
+    server_mb = _PEOPLE_MB if trajectories is None else _RESULTS_MB
+    target = Target(None if path is None else Path(path), port if live else None, endless, made_by, server_mb)
+    return RerunRecording(target, (rig, skeleton, tuple(trajectories or ())), up, pictures)
 
 
-def open_people_recording(
-    path: str | Path | None,
-    rig: CameraRig,
-    skeleton: Skeleton,
-    *,
-    live: bool = False,
-    port: int = 9876,
-    endless: bool = False,
-    up: UpAxis = "+z",
-    image_width_px: int | None = 640,
-    jpeg_quality: int = 80,
-    image_limit_mb: float | None = 1000.0,
-    n_frames: int | None = None,
-    made_by: str = "",
-) -> PeopleRecording:
-    """Open a recording of several people, who need not be known yet; close it, or use it in a ``with`` block.
+def _are_no_names(trajectories: Sequence[str]) -> bool:
+    """Of results: each has a place of its own beside the cameras and the views."""
+    return (
+        not trajectories or len(set(trajectories)) != len(trajectories) or bool({"camera", "views"} & {*trajectories})
+    )
 
-    Args:
-        path: as are the others, as in open_recording.
 
-    Returns:
-        A recording; one that shows nothing when there is neither a path nor live.
-
-    Raises:
-        ValueError: an option is out of its range.
-        ImportError: Rerun is not installed; the message says how to.
-        OSError: the file cannot be written, or the port is taken.
-    """
-    pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
-    if path is None and not live:
-        return PeopleRecording()
-    with _rerun_needed():
-        from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
-        from fgpose.viewer.rerun_session import Target
-    target = Target(None if path is None else Path(path), port if live else None, endless, made_by)
-    return RerunPeopleRecording(target, rig, skeleton, up, pictures)
+def open_people_recording(path: str | Path | None, rig: CameraRig, skeleton: Skeleton, **options: Any) -> Recording:
+    """Open a recording of people, who need not be known yet: open_recording, which says what the options are, without
+    results to compare."""
+    return open_recording(path, rig, skeleton, None, **options)
 
 
 def open_calibration_recording(
@@ -138,7 +118,7 @@ def open_calibration_recording(
     """
     pictures = PictureOptions(image_width_px, jpeg_quality, image_limit_mb, n_frames)
     if path is None:
-        return NullCalibrationRecording()
+        return CalibrationRecording()
     with _rerun_needed():
         from fgpose.viewer.rerun_calibration_recording import RerunCalibrationRecording
         from fgpose.viewer.rerun_session import Target
@@ -173,7 +153,9 @@ def open_system_recording(
     with _rerun_needed():
         from fgpose.viewer.rerun_session import Target
         from fgpose.viewer.rerun_system_recording import RerunSystemRecording
-    target = Target(None if path is None else Path(path), port if live else None, endless=True, made_by="live")
+    target = Target(
+        None if path is None else Path(path), port if live else None, endless=True, made_by="live", server_mb=_SYSTEM_MB
+    )
     # The oldest are dropped for viewers; a limit would end the pictures after some hours.
     pictures = PictureOptions(None, 80, None, None)
     return RerunSystemRecording(target, rig, skeleton, up, pictures)

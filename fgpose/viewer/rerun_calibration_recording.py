@@ -19,7 +19,6 @@ class RerunCalibrationRecording(RerunRecording, CalibrationRecording):
     def __init__(
         self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
     ) -> None:
-        self._up: UpAxis = up
         super().__init__(target, (rig, skeleton, (WALK,)), up, pictures, calibration_blueprint(rig, up))
 
     def log_calibration(self, scene: CalibrationScene) -> None:

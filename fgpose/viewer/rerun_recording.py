@@ -1,32 +1,72 @@
-"""The recording of one person in Rerun."""
+"""A recording in Rerun: results of one person, or people."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import rerun.blueprint as rrb
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
+from fgpose.association.recording import Association
+from fgpose.association.track import TrackEvent
+from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
+from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer import palette, paths
-from fgpose.viewer.blueprint import blueprint
-from fgpose.viewer.content import observation_rows, residual_rows, trajectory_rows
+from fgpose.viewer.blueprint import blueprint, people_blueprint
+from fgpose.viewer.clock import Clock
+from fgpose.viewer.people_content import (
+    association_rows,
+    log_people_scene,
+    log_person_styles,
+    nobody,
+    person_rows,
+    update_rows,
+)
 from fgpose.viewer.pictures import PictureOptions
+from fgpose.viewer.presence import Presence, presence_of_tracked
 from fgpose.viewer.recording import Recording
 from fgpose.viewer.rerun_session import RerunSession, Target
+from fgpose.viewer.results_content import (
+    log_residual_styles,
+    log_scene,
+    observation_rows,
+    residual_rows,
+    trajectory_rows,
+)
 from fgpose.viewer.rows import scalar_rows
+from fgpose.viewer.scene import up_vector
 from fgpose.viewer.session import UpAxis
-from fgpose.viewer.trajectory_scene import log_residual_styles, log_scene
 
 _EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
 
 
+@dataclass(frozen=True, eq=False)
+class _Last:
+    """The last frame in which somebody has been shown."""
+
+    frame: int
+    status: np.ndarray
+    """(J,) of their joints in it."""
+    after: Trajectory
+    """What is shown in the frame after it, if there is one: otherwise they would stay where they were."""
+
+
 class RerunRecording(RerunSession, Recording):
-    """See Recording and open_recording."""
+    """See Recording and open_recording.
+
+    Args:
+        target: where it is shown.
+        scene: the cameras, the joints, and the names of the results of one person; without any, people are shown.
+        up: the world axis that points up.
+        pictures: how large they may be.
+        layout: that it opens with; by default one for results, or for people.
+    """
 
     def __init__(
         self,
@@ -36,12 +76,24 @@ class RerunRecording(RerunSession, Recording):
         pictures: PictureOptions,
         layout: rrb.Blueprint | None = None,
     ) -> None:
-        rig, skeleton, self._trajectories = scene
-        self._last_status: dict[str, np.ndarray] = {}
+        rig, skeleton, self._results = scene
+        self._up: UpAxis = up
         self._factors: tuple[str, ...] = ()
-        layout = layout or blueprint(rig, skeleton, self._trajectories, up, following=target.port is not None)
-        super().__init__(target, rig, skeleton, layout, pictures)
-        log_scene(self._open_stream, rig, skeleton, self._trajectories, up)
+        self._last_status: dict[str, np.ndarray] = {}
+        self._introduced: set[int] = set()
+        self._clock = Clock()
+        self._last: dict[int, _Last] = {}
+        self._presence: dict[int, Presence] = {}
+        self._update = -1
+        """Frame of the newest update; -1: there was none."""
+        following = target.port is not None
+        if self._results:
+            layout = layout or blueprint(rig, skeleton, self._results, up, following=following)
+        super().__init__(target, rig, skeleton, layout or people_blueprint(rig, up, following=following), pictures)
+        if self._results:
+            log_scene(self._open_stream, rig, skeleton, self._results, up)
+        else:
+            log_people_scene(self._open_stream, rig, skeleton, up)
 
     def log_observations(
         self,
@@ -89,8 +141,9 @@ class RerunRecording(RerunSession, Recording):
             self._name_factors(tuple(residuals))
             self._send(residual_rows(self._skeleton, by_factor), *now)
         self._log_frame("online", estimate)
-        if estimate.smoothed is not None and "smoothed" in self._trajectories:
+        if estimate.smoothed is not None and "smoothed" in self._results:
             self._log_frame("smoothed", estimate.smoothed)
+        self._updated(estimate.frame)
 
     def _log_frame(self, name: str, estimate: Estimate) -> None:
         trajectory = Trajectory.from_estimates([estimate], self._rig.names)
@@ -102,13 +155,132 @@ class RerunRecording(RerunSession, Recording):
 
     def _look(self, name: str) -> tuple[palette.Colour, float]:
         """Colour and thickness of a result; the last one stands out."""
-        index = self._trajectories.index(name)
-        return palette.trajectory_colour(name, index), 1.0 if name == self._trajectories[-1] else _EARLIER_THICKNESS
+        index = self._results.index(name)
+        return palette.trajectory_colour(name, index), 1.0 if name == self._results[-1] else _EARLIER_THICKNESS
 
     def _name_factors(self, factors: tuple[str, ...]) -> None:
         if factors != self._factors:
             log_residual_styles(self._open_stream, self._rig, self._skeleton, factors)
             self._factors = factors
+
+    def log_association(self, association: Association) -> None:
+        self._check_people()
+        self._check_skeleton("the association", association.observations.skeleton)
+        cameras = self._rig.subset(association.rig.names)
+        self._introduce(association.people)
+        time_s = association.frames.frame_time_s
+        self._send(association_rows(association, cameras), time_s)
+        self._pass(0, time_s)
+
+    def log_person(self, person: int, trajectory: Trajectory, first_frame: int = 0) -> None:
+        self._check_person(person, trajectory, first_frame)
+        self._show({person: trajectory}, first_frame, trajectory.time_s)
+
+    def log_tracked(
+        self, frame: int, images: Sequence[Detections], people: Sequence[Tracked], events: Sequence[TrackEvent] = ()
+    ) -> None:
+        self._check_images(frame, images)
+        if not images:
+            return
+        time_s = float(np.mean([image.time_s for image in images]))
+        self._show_update(frame, time_s, images, people, events, self._rig.names if len(images) > 1 else ())
+
+    def _show_update(
+        self,
+        frame: int,
+        time_s: float,
+        images: Sequence[Detections],
+        people: Sequence[Tracked],
+        events: Sequence[TrackEvent],
+        emptied: Collection[str],
+    ) -> None:
+        trajectories = {each.person: self._one_frame(each, frame, time_s) for each in people}
+        self._show(trajectories, frame, np.array([time_s]))
+        rows = update_rows(images, people, events, self._rig, self._presence, emptied)
+        self._send(rows, np.array([time_s]), frame)
+        self._presence = {each.person: presence_of_tracked(each) for each in people}
+        self._updated(frame)
+
+    def _updated(self, frame: int) -> None:
+        self._update = frame
+        self._clock.forget(frame)
+
+    def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
+        super().log_image(camera, frame, time_s, image)
+        # Live, the next update says who is still there.
+        if self._update < 0:
+            self._pass(frame, np.array([time_s]))
+
+    def _show(self, people: Mapping[int, Trajectory], first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
+        """The motion of people, all in the same frames."""
+        before = {person: last for person, last in self._last.items() if last.frame + 1 == first_frame}
+        going_on = {person: last for person, last in before.items() if person in people}
+        for person in going_on:
+            del self._last[person]
+        self._pass(first_frame, time_s)
+        self._introduce(people)
+        for person, trajectory in people.items():
+            status = going_on[person].status if person in going_on else None
+            self._send(person_rows(person, trajectory, self._rig, up_vector(self._up), status), time_s, first_frame)
+            last_frame = first_frame + trajectory.n_frames - 1
+            self._last[person] = _Last(last_frame, trajectory.status[-1].copy(), nobody(trajectory))
+        self._end()
+
+    def _introduce(self, people: Iterable[int]) -> None:
+        new = set(people) - self._introduced
+        self._introduced |= new
+        for person in sorted(new):
+            log_person_styles(self._open_stream, self._rig, self._skeleton, person)
+
+    def _pass(self, first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
+        """These frames are part of the recording."""
+        self._clock.learn(first_frame, time_s)
+        self._end()
+
+    def _end(self) -> None:
+        """Whoever was shown last in a frame before the last one disappears."""
+        over = {person: last for person, last in self._last.items() if last.frame < self._clock.last_frame}
+        for person, last in over.items():
+            frame = last.frame + 1
+            rows = person_rows(person, last.after, self._rig, up_vector(self._up), last.status)
+            self._send(rows, np.array([self._clock.time_s(frame)]), frame)
+            del self._last[person]
+            self._introduced.discard(person)
+
+    def _one_frame(self, tracked: Tracked, frame: int, time_s: float) -> Trajectory:
+        estimate = replace(tracked.estimate, frame=frame, time_s=time_s)
+        trajectory = Trajectory.from_estimates([estimate], self._rig.names)
+        self._check_person(tracked.person, trajectory, frame)
+        return trajectory
+
+    def _check_people(self) -> None:
+        if self._results:
+            raise ValueError(f"the recording was opened for {', '.join(self._results)} of one person, not for people")
+
+    def _check_images(self, frame: int, images: Sequence[Detections]) -> None:
+        self._check_people()
+        if frame <= self._update:
+            raise ValueError(f"the next update is of frame {self._update + 1} or later, got frame {frame}")
+        cameras = [image.camera for image in images]
+        for image in images:
+            self._rig.subset([image.camera])
+            if cameras.count(image.camera) > 1:
+                raise ValueError(f"{image}: the camera has several images in frame {frame}")
+            if image.points2d_px.shape[1] != self._skeleton.n_joints:
+                raise ValueError(
+                    f"{image}: {image.points2d_px.shape[1]} joints, the recording was opened with "
+                    f"{self._skeleton.name}, which has {self._skeleton.n_joints}"
+                )
+
+    def _check_person(self, person: int, trajectory: Trajectory, first_frame: int) -> None:
+        self._check_people()
+        if person < 0 or first_frame < 0:
+            raise ValueError(f"people and frames are counted from 0, got person {person} from frame {first_frame} on")
+        if trajectory.n_frames == 0:
+            raise ValueError(f"the trajectory of person {person} has no frame")
+        self._check_skeleton(f"the trajectory of person {person}", trajectory.skeleton)
+        if trajectory.residual_px is not None:
+            self._rig.subset(trajectory.camera_names)
 
     def _check_observations(self, observations: Observations, weights: np.ndarray | None) -> None:
         self._check_skeleton("the observations", observations.skeleton)
@@ -117,8 +289,8 @@ class RerunRecording(RerunSession, Recording):
             raise ValueError(f"weights must be {observations.seen.shape} as the points are, got {weights.shape}")
 
     def _check_trajectory(self, name: str, trajectory: Trajectory) -> None:
-        if name not in self._trajectories:
-            raise ValueError(f"the recording was opened for {', '.join(self._trajectories)}, not for {name!r}")
+        if name not in self._results:
+            raise ValueError(f"the recording was opened for {', '.join(self._results) or 'people'}, not for {name!r}")
         self._check_skeleton(f"trajectory {name}", trajectory.skeleton)
         if trajectory.residual_px is not None and trajectory.residual_px.shape[1] != self._rig.n_cameras:
             raise ValueError(

@@ -52,6 +52,9 @@ class Target:
     endless: bool
     made_by: str = ""
     """Command of fgpose, which the recording then says."""
+    server_mb: float = 256.0
+    """Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped
+    first."""
 
 
 class RerunSession(Session):
@@ -68,9 +71,6 @@ class RerunSession(Session):
         OSError: the file cannot be written, or the port is taken.
     """
 
-    server_mb: ClassVar[float] = 256.0
-    """Memory for data other than pictures that is kept for viewers who connect late; the oldest frames are dropped
-    first."""
     time_kind: ClassVar[TimeKind] = "duration"
 
     def __init__(
@@ -89,7 +89,7 @@ class RerunSession(Session):
         self._stream.set_log_tick_enabled(False)
         self._stream.set_log_time_enabled(False)
         try:
-            sinks = self._sinks(self.server_mb + (pictures.image_limit_mb or 0.0))
+            sinks = self._sinks(target.server_mb + (pictures.image_limit_mb or 0.0))
             with self._naming():
                 self._stream.set_sinks(*sinks, default_blueprint=layout)
         except OSError:

@@ -12,8 +12,9 @@ from jaxtyping import UInt8
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.viewer import palette, paths
+from fgpose.viewer.blueprint import people_blueprint
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
-from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
+from fgpose.viewer.rerun_recording import RerunRecording
 from fgpose.viewer.rerun_session import Target
 from fgpose.viewer.rows import Rows, TimeKind, change_rows, log_rows, scalar_rows
 from fgpose.viewer.scene import log_line
@@ -23,18 +24,16 @@ from fgpose.viewer.system_recording import CameraSaid, Moment, SystemRecording
 _UNKNOWN = CameraSaid("")
 
 
-class RerunSystemRecording(RerunPeopleRecording, SystemRecording):
+class RerunSystemRecording(RerunRecording, SystemRecording):
     """See SystemRecording and open_system_recording."""
 
-    # For viewers who connect late: some minutes.
-    server_mb: ClassVar[float] = 128.0
-    is_of_system: ClassVar[bool] = True
     time_kind: ClassVar[TimeKind] = "timestamp"
 
     def __init__(
         self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
     ) -> None:
-        super().__init__(target, rig, skeleton, up, pictures)
+        layout = people_blueprint(rig, up, following=target.port is not None, of_system=True)
+        super().__init__(target, (rig, skeleton, ()), up, pictures, layout)
         self._options = pictures
         self._said: dict[str, CameraSaid] = {}
         self._n_moments = 0

@@ -10,7 +10,7 @@ import numpy as np
 from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
 from fgpose.people import Detections
-from fgpose.viewer.people_recording import PeopleRecording
+from fgpose.viewer.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Moment:
     """Of the recording itself; empty: there is none."""
 
 
-class SystemRecording(PeopleRecording):
+class SystemRecording(Recording):
     """Takes what a live system says, moment by moment; this one shows nothing.
 
     ``fgpose.viewer.open_system_recording`` gives one that does. Its memory does not grow with time.

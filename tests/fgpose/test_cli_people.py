@@ -21,7 +21,7 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people
 from fgpose.observations import Observations
 from fgpose.people import Detections
-from fgpose.pipeline import PeopleSource, run_smooth_people, run_track_people
+from fgpose.pipeline import Outputs, Source, run_smooth, run_track, write_outputs
 from fgpose.tracking import Tracked, Tracker
 from fgpose_benchmarks.synthetic import (
     CameraTimes,
@@ -88,6 +88,19 @@ def test_smooth_writes_everybody(
         assert f"wrote {tmp_path / name}" in printed
     assert "detections belong to nobody" in printed
     assert "person 1 confirmed: " in printed
+
+
+def test_people_seen_by_late_cameras_are_written(scene: CrowdScene, tmp_path: Path) -> None:
+    """Their frames have the mean time of their images, 5 ms after the stamps."""
+    rig = scene.rig.with_time_offsets(np.array([0.0, 0.005, 0.01]))
+    source = Source(rig, scene.observations.first_frames(20))
+    for name, run in (("smoothed", run_smooth), ("online", run_track)):
+        result = run(source, FAST_CONFIG)
+        (path,) = write_outputs(result, Outputs(tmp_path, name, ("parquet",)))[-1:]
+        for person, trajectory in load_people_trajectories(path).items():
+            np.testing.assert_array_equal(trajectory.time_s, result.main[person].time_s)
+            first = result.first_frame(trajectory)
+            np.testing.assert_allclose(trajectory.time_s[0], source.observations.frame_time_s[first] + 0.005, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -290,10 +303,10 @@ def test_cameras_of_different_rates_keep_their_times(tmp_path: Path) -> None:
     scene = scene_of(2, CameraTimes(fps=(25.0, 30.0), random_phases=True))
     save_people_observations(scene.observations, tmp_path / "room.npz")
     people = load_people(tmp_path / "room.npz", scene.rig, scene.motion.skeleton)
-    source = PeopleSource(scene.rig, people)
-    for run in (run_smooth_people, run_track_people):
+    source = Source(scene.rig, people)
+    for run in (run_smooth, run_track):
         result = run(source, FAST_CONFIG)
-        frames_s = result.association.frames.frame_time_s
+        frames_s = result.frame_time_s
         for trajectory in result.main.values():
             first = result.first_frame(trajectory)
             np.testing.assert_array_equal(trajectory.time_s, frames_s[first : first + trajectory.n_frames])

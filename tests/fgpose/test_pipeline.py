@@ -39,34 +39,34 @@ SHORT_LAG = Config(online={"lag_s": 0.1})
 
 
 @pytest.fixture(scope="module")
-def source() -> Source:
+def source() -> Source[Observations]:
     rig, observations = load_recording("balance_openpose")
     return Source(rig, observations.frames(slice(0, 20)))
 
 
 @pytest.fixture(scope="module")
-def smoothed(source: Source) -> Result:
+def smoothed(source: Source[Observations]) -> Result:
     return run_smooth(source, Config())
 
 
 @pytest.fixture(scope="module")
-def tracked(source: Source) -> Result:
+def tracked(source: Source[Observations]) -> Result:
     return run_track(source, SHORT_LAG)
 
 
 @pytest.mark.slow
-def test_smooth_gives_what_the_smoother_gives(source: Source, smoothed: Result) -> None:
+def test_smooth_gives_what_the_smoother_gives(source: Source[Observations], smoothed: Result) -> None:
     expected = smooth(source.observations, source.rig, Config())
-    np.testing.assert_array_equal(smoothed.main.positions_m, expected.positions_m)
+    np.testing.assert_array_equal(smoothed.main[0].positions_m, expected.positions_m)
     assert list(smoothed.trajectories) == ["fused", "refined", "smoothed"]
     assert smoothed.saved == ("smoothed",)
 
 
-def test_comparison_can_be_left_out(source: Source) -> None:
+def test_comparison_can_be_left_out(source: Source[Observations]) -> None:
     assert list(run_smooth(source, Config(), compare=False).trajectories) == ["smoothed"]
 
 
-def test_progress_ends_with_all_frames(source: Source) -> None:
+def test_progress_ends_with_all_frames(source: Source[Observations]) -> None:
     few = Source(source.rig, source.observations.frames(slice(0, 5)))
     for run in (run_smooth, run_refine, run_track):
         seen: list[tuple[int, int]] = []
@@ -74,8 +74,8 @@ def test_progress_ends_with_all_frames(source: Source) -> None:
         assert seen[-1] == (5, 5)
 
 
-def test_track_collects_newest_and_lagged_estimates(source: Source, tracked: Result) -> None:
-    online, lagged = tracked.trajectories["online"], tracked.trajectories["smoothed"]
+def test_track_collects_newest_and_lagged_estimates(source: Source[Observations], tracked: Result) -> None:
+    online, lagged = tracked.trajectories["online"][0], tracked.trajectories["smoothed"][0]
     assert online.n_frames == 20
     assert online.covariance_m2 is not None
     assert tracked.update_ms is not None
@@ -90,25 +90,27 @@ def test_track_collects_newest_and_lagged_estimates(source: Source, tracked: Res
 def test_lagged_estimates_are_smoother(tracked: Result) -> None:
     """What has seen the next 0.1 s moves less from frame to frame than what has not."""
     steps = {
-        name: np.nanmedian(np.linalg.norm(np.diff(trajectory.positions_m[:13], n=2, axis=0), axis=-1))
-        for name, trajectory in tracked.trajectories.items()
+        name: np.nanmedian(np.linalg.norm(np.diff(people[0].positions_m[:13], n=2, axis=0), axis=-1))
+        for name, people in tracked.trajectories.items()
     }
     assert steps["smoothed"] < steps["online"]
 
 
-def test_recording_shorter_than_the_lag_has_no_lagged_estimates(source: Source) -> None:
+def test_recording_shorter_than_the_lag_has_no_lagged_estimates(source: Source[Observations]) -> None:
     assert list(run_track(source, Config()).trajectories) == ["online"]
 
 
-def test_each_update_is_reported(source: Source) -> None:
+def test_each_update_is_shown(source: Source[Observations]) -> None:
     seen: list[int] = []
 
-    def on_update(frame: Observations, estimate: Estimate, update_ms: float) -> None:
-        assert frame.n_frames == 1
-        assert update_ms > 0
-        seen.append(estimate.frame)
+    class Viewer(Recording):
+        def log_estimate(self, estimate: Estimate, observations: Any = None, weights: Any = None, **more: Any) -> None:
+            assert observations.n_frames == 1
+            assert weights.shape == observations.confidence.shape[1:]
+            assert more["update_ms"] > 0
+            seen.append(estimate.frame)
 
-    run_track(Source(source.rig, source.observations.frames(slice(0, 5))), Config(), on_update=on_update)
+    run_track(Source(source.rig, source.observations.frames(slice(0, 5))), Config(), viewer=Viewer())
     assert seen == list(range(5))
 
 
@@ -118,9 +120,9 @@ def test_every_format_is_written_and_read_again(tmp_path: Path, smoothed: Result
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == sorted(path.name for path in written)
     for path in written:
         if path.suffix != ".rrd":
-            positions_m = load_trajectory(path, smoothed.main.skeleton).positions_m
+            positions_m = load_trajectory(path, smoothed.main[0].skeleton).positions_m
             # C3D keeps 32 bit millimetres.
-            np.testing.assert_allclose(positions_m, smoothed.main.positions_m, atol=1e-6)
+            np.testing.assert_allclose(positions_m, smoothed.main[0].positions_m, atol=1e-6)
     assert load_trajectory(tmp_path / "new" / "walk.parquet").config == Config()
 
 
@@ -129,7 +131,9 @@ def test_several_trajectories_have_files_of_their_own(tmp_path: Path, tracked: R
     assert {path.name for path in written} == {"walk_online.npz", "walk_smoothed.npz"}
 
 
-def test_a_recording_is_undistorted_and_triangulated_once(source: Source, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_is_undistorted_and_triangulated_once(
+    source: Source[Observations], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """However many methods are compared and shown; the second run with the same parameters needs nothing anew."""
     undistorted: Counter[str] = Counter()
     triangulated: list[int] = []
@@ -212,7 +216,7 @@ def test_links_in_a_circle_are_an_input_like_any_other(tmp_path: Path) -> None:
     Outputs(tmp_path / "out", "walk", ("npz",)).check(("smoothed",), (tmp_path / "circle",))
 
 
-def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source) -> None:
+def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source[Observations]) -> None:
     save_rig(source.rig, tmp_path / "rig.npz")
     save_observations(source.observations, tmp_path / "all.npz")
     names = ("cam_04", "cam_02")
@@ -226,7 +230,7 @@ def test_cameras_are_chosen_on_both_sides(tmp_path: Path, source: Source) -> Non
         load_source(tmp_path / "all.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_09",))
 
 
-def test_cameras_that_saw_nothing_and_are_not_wanted_do_not_count(tmp_path: Path, source: Source) -> None:
+def test_cameras_that_saw_nothing_and_are_not_wanted_do_not_count(tmp_path: Path, source: Source[Observations]) -> None:
     save_rig(source.rig, tmp_path / "rig.npz")
     save_observations(source.observations.subset(("cam_01", "cam_02", "cam_03")), tmp_path / "three.npz")
     loaded = load_source(tmp_path / "three.npz", tmp_path / "rig.npz", "body_25b", cameras=("cam_03", "cam_01"))
@@ -249,7 +253,7 @@ def test_cameras_that_are_counted_otherwise_are_refused_where_they_are_wanted_al
         load_source(tmp_path / "seen.npz", tmp_path / "rig.npz", "body_25b", cameras=wanted)
 
 
-def test_what_was_changed_to_read_keypoints_is_part_of_the_origin(tmp_path: Path, source: Source) -> None:
+def test_what_was_changed_to_read_keypoints_is_part_of_the_origin(tmp_path: Path, source: Source[Observations]) -> None:
     save_rig(source.rig, tmp_path / "rig.npz")
     for camera in source.rig.names:
         (tmp_path / "pose" / camera).mkdir(parents=True)
@@ -264,7 +268,7 @@ def test_what_was_changed_to_read_keypoints_is_part_of_the_origin(tmp_path: Path
 
 @pytest.mark.parametrize("cameras", [(), ("cam_01", "cam_02")])
 def test_a_misread_file_is_read_once_and_its_own_error_shown(
-    tmp_path: Path, source: Source, cameras: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, source: Source[Observations], cameras: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save_rig(source.rig, tmp_path / "rig.npz")
     for camera in source.rig.names:
@@ -277,19 +281,21 @@ def test_a_misread_file_is_read_once_and_its_own_error_shown(
     assert read == ["000001.json"]
 
 
-def test_whitened_residuals_are_in_sigmas(source: Source, smoothed: Result) -> None:
+def test_whitened_residuals_are_in_sigmas(source: Source[Observations], smoothed: Result) -> None:
     config = Config()
-    gathered, skeleton = gather(source.observations, source.rig, config), smoothed.main.skeleton
-    evidence = informed(gathered, smoothed.main.positions_m, source.rig, skeleton, config)
-    residuals = whitened_residuals(smoothed.main, evidence, source.rig, config)
+    gathered, skeleton = gather(source.observations, source.rig, config), smoothed.main[0].skeleton
+    evidence = informed(gathered, smoothed.main[0].positions_m, source.rig, skeleton, config)
+    residuals = whitened_residuals(smoothed.main[0], evidence, source.rig, config)
     assert set(residuals) == {*(f"projection/cam_0{c}" for c in range(1, 5)), "symmetry", "motion"}
-    assert smoothed.main.residual_px is not None
-    expected = smoothed.main.residual_px[3, 0, 5] / evidence.sigma_px[3, 0, 5] * np.sqrt(evidence.weights[3, 0, 5])
+    assert smoothed.main[0].residual_px is not None
+    expected = smoothed.main[0].residual_px[3, 0, 5] / evidence.sigma_px[3, 0, 5] * np.sqrt(evidence.weights[3, 0, 5])
     # sigmas are rounded to a thousandth
     assert residuals["projection/cam_01"][3, 5] == pytest.approx(expected, rel=6e-4)
 
 
-def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: Source, smoothed: Result) -> None:
+def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(
+    source: Source[Observations], smoothed: Result
+) -> None:
     """White noise on the acceleration, integrated twice in fine steps: the residual's mean square is 3."""
     rng = np.random.default_rng(0)
     config, n_frames, fine = Config(motion={"adaptive": False}), 400, 50
@@ -298,7 +304,7 @@ def test_motion_residual_of_its_own_noise_is_about_one_sigma_per_axis(source: So
     acceleration = rng.normal(scale=np.sqrt(config.motion.acceleration_density / step_s), size=shape)
     positions_m = (np.cumsum(np.cumsum(acceleration, axis=0), axis=0) * step_s**2)[::fine]
     trajectory = replace(
-        smoothed.main,
+        smoothed.main[0],
         time_s=np.arange(n_frames) / 60,
         positions_m=positions_m,
         status=np.full((n_frames, 25), Status.OBSERVED),
@@ -317,7 +323,7 @@ def test_a_recording_in_the_world_of_a_camera_stands_in_every_file(smoothed: Res
     world_R_up = z_up_R_world("-y").T
     rig = smoothed.source.rig.turned(world_R_up)
     source = Source(rig, smoothed.source.observations)
-    turned = Result(source, smoothed.config, {"smoothed": smoothed.main.turned(world_R_up)}, ("smoothed",))
+    turned = Result(source, smoothed.config, {"smoothed": {0: smoothed.main[0].turned(world_R_up)}}, ("smoothed",))
     write_outputs(smoothed, Outputs(tmp_path, "up", ("trc",)))
     with pytest.warns(UserWarning, match=r"down: the body stands along -y of the world, not along \+z"):
         write_outputs(turned, Outputs(tmp_path, "down", ("trc",)))
@@ -338,7 +344,7 @@ def test_a_recording_in_the_world_of_a_camera_stands_in_every_file(smoothed: Res
 @pytest.mark.parametrize("turns", [[0, -1, 1, 0], [1, 1, 1, 1]])
 @pytest.mark.parametrize("turn_keypoints", [True, False])
 def test_keypoints_of_images_turned_by_caliscope_are_noticed(
-    source: Source, tmp_path: Path, turns: list[int], turn_keypoints: bool
+    source: Source[Observations], tmp_path: Path, turns: list[int], turn_keypoints: bool
 ) -> None:
     """Its calibration is that of the images as recorded, whatever rotation_count says."""
     rig = CameraRig(tuple(replace(each, name=f"cam_{n}") for n, each in enumerate(source.rig.cameras)))
@@ -369,7 +375,7 @@ def test_keypoints_of_images_turned_by_caliscope_are_noticed(
 
 @pytest.mark.parametrize(("n_moved", "said"), [(3, True), (2, False)])
 def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
-    source: Source, smoothed: Result, n_moved: int, said: bool
+    source: Source[Observations], smoothed: Result, n_moved: int, said: bool
 ) -> None:
     """Two of four cameras that stayed hold it."""
     moved = (MovedCamera(name, 2.0 * (c < n_moved), 0.1 * (c < n_moved)) for c, name in enumerate(source.rig.names))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.frame_matching import NO_IMAGE, MatchedFrames
+from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
@@ -47,9 +47,7 @@ class PeopleRecording:
 
     def images(self) -> Iterator[tuple[float, list[Detections]]]:
         """Time of each frame, and its images in the order of the cameras."""
-        of_camera = [self.observations.by_camera[name] for name in self.rig.names]
-        for time_s, image_of in zip(self.frames.frame_time_s.tolist(), self.frames.image, strict=True):
-            yield time_s, [images[n] for images, n in zip(of_camera, image_of.tolist(), strict=True) if n != NO_IMAGE]
+        return zip(self.frames.frame_time_s.tolist(), self.observations, strict=True)
 
 
 Poses = Mapping[int, Float[np.ndarray, "joint 3"]]

@@ -85,15 +85,10 @@ def load_observations(
     Warns:
         UserWarning: something was changed or left out to read the files; the result has it as remarks.
     """
-    path, skeleton = Path(path), _skeleton(skeleton)
-    _check_options(path, fps, person, points3d_frame, points3d_unit)
-    own = _own_people(path, rig, skeleton, ignore_other_cameras)
-    if own is not None:
-        return person_of(path, own, rig, person)
-    if recording_files.is_recording(path):
-        return recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
-    reading = fps, points3d_frame, points3d_unit, ignore_other_cameras
-    return person_of(path, _read_people(path, rig, skeleton, *reading), rig, person)
+    path = Path(path)
+    _check_person(path, person)
+    seen = _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    return seen if isinstance(seen, Observations) else _person_of(path, seen, rig, person)
 
 
 def load_people(
@@ -110,41 +105,29 @@ def load_people(
 
     A recording written by save_observations is of one person, one written by save_people_observations of everybody.
     """
-    path, skeleton = Path(path), _skeleton(skeleton)
-    _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
-    own = _own_people(path, rig, skeleton, ignore_other_cameras)
-    if own is not None:
-        return own
-    if recording_files.is_recording(path):
-        one = recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
-        return PeopleObservations.of_one(one)
-    return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    seen = _read(Path(path), rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    return PeopleObservations.of_one(seen) if isinstance(seen, Observations) else seen
 
 
-def _own_people(
-    path: Path, rig: CameraRig, skeleton: Skeleton, ignore_other_cameras: bool
-) -> PeopleObservations | None:
-    """Everybody in our own formats that have several people, and in those that other packages add; None: it is another
-    one."""
-    if (other := recognised(KeypointFormat, path)) is not None:
-        return other.read(path, rig, skeleton)
-    if people_files.is_people(path):
-        return people_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
-    if path.is_file() and live_files.is_live(path):
-        return live_files.read(path, rig, skeleton)
-    return None
-
-
-def _read_people(
+def _read(
     path: Path,
     rig: CameraRig,
-    skeleton: Skeleton,
+    skeleton: str | Path | Skeleton,
     fps: float | None,
     points3d_frame: Points3dFrame,
     points3d_unit: Points3dUnit,
     ignore_other_cameras: bool,
-) -> PeopleObservations:
-    """Everybody in the formats of others."""
+) -> Observations | PeopleObservations:
+    """Everybody, or the one person whom save_observations wrote."""
+    skeleton = skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
+    _check_options(path, fps, points3d_frame, points3d_unit)
+    if (other := recognised(KeypointFormat, path)) is not None:
+        return other.read(path, rig, skeleton)
+    if recording_files.is_recording(path):
+        own = people_files if people_files.is_people(path) else recording_files
+        return own.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
+    if path.is_file() and live_files.is_live(path):
+        return live_files.read(path, rig, skeleton)
     cameras, remarks = _read_cameras(path, skeleton)
     try:
         own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
@@ -156,7 +139,7 @@ def _read_people(
     return replace(people, remarks=remarks)
 
 
-def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
+def _person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
     """What the cameras saw of the person wanted, see load_observations. Raises ValueError, which names the file."""
     try:
         if person == "consistent":
@@ -175,10 +158,6 @@ def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Pe
         return people.of_person(people.only(person))
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-
-
-def _skeleton(skeleton: str | Path | Skeleton) -> Skeleton:
-    return skeleton if isinstance(skeleton, Skeleton) else load_skeleton(skeleton)
 
 
 def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig, ignore_others: bool) -> list[CameraDetections]:
@@ -220,11 +199,14 @@ def keypoint_cameras(path: str | Path) -> tuple[str, ...]:
     return recording_files.camera_names(path) if recording_files.is_recording(path) else tuple(keypoint_sources(path))
 
 
-def _check_options(path: Path, fps: float | None, person: Person, frame: str, unit: str) -> None:
-    if fps is not None and not (_MIN_FPS <= fps <= _MAX_FPS):
-        raise ValueError(f"{path}: fps must be a number from {_MIN_FPS:g} to {_MAX_FPS:g}, got {fps:g}")
+def _check_person(path: Path, person: Person) -> None:
     if person != "consistent" and not isinstance(person, PersonRegion) and (not isinstance(person, int) or person < 0):
         raise ValueError(f"{path}: person must be consistent, a region or an index from 0, got {person!r}")
+
+
+def _check_options(path: Path, fps: float | None, frame: str, unit: str) -> None:
+    if fps is not None and not (_MIN_FPS <= fps <= _MAX_FPS):
+        raise ValueError(f"{path}: fps must be a number from {_MIN_FPS:g} to {_MAX_FPS:g}, got {fps:g}")
     if frame not in ("camera", "world") or unit not in _METRES:
         raise ValueError(
             f"{path}: points3d_frame is camera or world and points3d_unit mm or m, got {frame!r} and {unit!r}"

@@ -121,6 +121,15 @@ def test_other_formats_have_a_file_for_each(people, tmp_path, extension):
         np.testing.assert_allclose(own[0].time_s, people[person].time_s, atol=1e-9)
 
 
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_whoever_is_alone_has_a_file_of_that_name(people, tmp_path, extension):
+    if extension == ".c3d":
+        pytest.importorskip("ezc3d")
+    path = tmp_path / f"walk{extension}"
+    assert save_people({2: people[2]}, path) == (path,) == people_paths(path, [2])
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_a_table_of_several_is_no_single_trajectory(people, tmp_path):
     save_people(people, tmp_path / "result.parquet")
     with pytest.raises(ValueError, match=r"result\.parquet: .*people 2, 0, 5, 11; load_people_trajectories") as refused:

@@ -31,7 +31,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status, Trajectory
-from fgpose.viewer import PeopleRecording, open_people_recording, palette
+from fgpose.viewer import Recording, open_people_recording, palette
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")
@@ -255,5 +255,5 @@ def test_bad_updates_are_refused(tmp_path: Path, rig: CameraRig, updates: list[U
 
 def test_a_recording_to_nowhere_takes_updates(rig: CameraRig, updates: list[Update]) -> None:
     with open_people_recording(None, rig, SKELETON) as recording:
-        assert type(recording) is PeopleRecording
+        assert type(recording) is Recording
         recording.log_tracked(0, *updates[0])

@@ -15,7 +15,7 @@ from fgpose.association.recording import Association
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.trajectory import Trajectory
-from fgpose.viewer import PeopleRecording, open_people_recording
+from fgpose.viewer import Recording, open_people_recording
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")
@@ -97,7 +97,7 @@ def test_bad_input_is_refused(tmp_path: Path, rig: CameraRig, association: Assoc
 
 def test_recording_to_nowhere_takes_everything(rig: CameraRig, association: Association, second: Trajectory) -> None:
     with open_people_recording(None, rig, SKELETON) as recording:
-        assert type(recording) is PeopleRecording
+        assert type(recording) is Recording
         recording.log_association(association)
         recording.log_person(SECOND, second, SECOND_FRAMES.start)
         assert not recording.wants_image("cam_2", 0)

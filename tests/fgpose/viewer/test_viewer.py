@@ -15,7 +15,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.trajectory import Estimate, Status, Trajectory
-from fgpose.viewer import NullRecording, PeopleRecording, Recording, open_recording
+from fgpose.viewer import Recording, open_recording
 from tests.fgpose.live.output_frames import wait_until
 
 pytest.importorskip("rerun")
@@ -641,7 +641,7 @@ def test_recording_to_nowhere_takes_everything(
     rig: CameraRig, observations: Observations, trajectory: Trajectory
 ) -> None:
     recording = open_recording(None, rig, SKELETON)
-    assert isinstance(recording, NullRecording)
+    assert type(recording) is Recording
     with recording:
         recording.log_observations(observations)
         recording.log_trajectory("anything", trajectory)
@@ -653,18 +653,24 @@ def test_recording_to_nowhere_takes_everything(
 
 
 def test_every_recording_takes_the_same_calls() -> None:
-    from fgpose.viewer.rerun_people_recording import RerunPeopleRecording
     from fgpose.viewer.rerun_recording import RerunRecording
 
-    for shown, kind in ((RerunRecording, Recording), (RerunPeopleRecording, PeopleRecording)):
-        calls = {name for name in dir(kind) if name.startswith("log_")} | {"close", "discard", "flush", "wants_image"}
-        assert all(getattr(shown, name) is not getattr(kind, name) for name in calls)
-        assert {name for name in dir(shown) if not name.startswith("_")} <= calls | {
-            "viewer_url",
-            "server_mb",
-            "time_kind",
-            "is_of_system",
-        }
+    calls = {name for name in dir(Recording) if name.startswith("log_")} | {"close", "discard", "flush", "wants_image"}
+    assert all(getattr(RerunRecording, name) is not getattr(Recording, name) for name in calls)
+    own = {name for name in dir(RerunRecording) if not name.startswith("_")}
+    assert own <= calls | {"viewer_url", "time_kind"}
+
+
+def test_a_recording_refuses_what_it_was_not_opened_for(rig: CameraRig, trajectory: Trajectory, tmp_path: Path) -> None:
+    with (
+        open_recording(tmp_path / "one.rrd", rig, SKELETON) as compared,
+        open_recording(tmp_path / "people.rrd", rig, SKELETON, None) as people,
+    ):
+        for call in (lambda: compared.log_person(0, trajectory), lambda: compared.log_tracked(0, [], [])):
+            with pytest.raises(ValueError, match="opened for fused, refined, smoothed of one person, not for people"):
+                call()
+        with pytest.raises(ValueError, match="opened for people, not for 'smoothed'"):
+            people.log_trajectory("smoothed", trajectory)
 
 
 def test_viewer_is_loaded_only_when_a_recording_is_opened() -> None:

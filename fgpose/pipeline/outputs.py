@@ -9,59 +9,27 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Literal
 
-import numpy as np
-from jaxtyping import Float
-
-from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
-from fgpose.estimation.residuals import whitened_residuals
-from fgpose.estimation.smoother import informed
 from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, nearest_axis
 from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable, not_written
 from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
-from fgpose.io.trajectories import check_output, save_trajectory
+from fgpose.io.trajectories import check_output, people_paths, save_people
 from fgpose.io.upright import resolved_up
 from fgpose.kinematics.vertical import find_up
-from fgpose.pipeline.source import Source, with_findings
+from fgpose.people import PeopleObservations
+from fgpose.pipeline.result import Result, show
+from fgpose.pipeline.source import AnySource
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
-from fgpose.viewer import PeopleRecording, Recording, open_people_recording, open_recording
+from fgpose.viewer import Recording, open_recording
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
-AnyResult = TypeVar("AnyResult")
-AnyRecording = TypeVar("AnyRecording", Recording, PeopleRecording)
-
-
-@dataclass(frozen=True, eq=False)
-class Result:
-    """The results of a run."""
-
-    source: Source
-    config: Config
-    trajectories: Mapping[str, Trajectory]
-    """By name ("fused", "refined", "smoothed", "online"), the most important last."""
-    saved: tuple[str, ...]
-    """Names of the trajectories to be written as files of their own; the others are shown in the .rrd. One that the
-    run did not give is left out."""
-    update_ms: Float[np.ndarray, " frame"] | None = None
-    """How long each update of the online estimator took, milliseconds."""
-    diagnosis: Diagnosis | None = None
-    """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
-
-    @property
-    def origin(self) -> Origin | None:
-        """That of the source, with what is probably wrong."""
-        return with_findings(self.source.origin, self.diagnosis)
-
-    @property
-    def main(self) -> Trajectory:
-        """The most important trajectory."""
-        return list(self.trajectories.values())[-1]
+Display = Callable[[Result, Recording], None]
 
 
 class OutputError(NotWrittenError):
@@ -161,30 +129,46 @@ class Outputs:
             for name in saved
         }
 
-    def open_viewer(
-        self, rig: CameraRig, skeleton: Skeleton, trajectories: tuple[str, ...], n_frames: int | None = None
+    def open_viewer(self, source: AnySource, trajectories: tuple[str, ...]) -> Recording:
+        """See open_recording; for the results of these names of one person, or for everybody, as the source is."""
+        seen = source.observations
+        compared = None if isinstance(seen, PeopleObservations) else trajectories
+        return self.open_recording(source.rig, seen.skeleton, compared, seen.n_frames)
+
+    def open_recording(
+        self,
+        rig: CameraRig,
+        skeleton: Skeleton,
+        trajectories: tuple[str, ...] | None = None,
+        n_frames: int | None = None,
     ) -> Recording:
         """The .rrd file if that is among the formats, and what viewers connect to if they can.
 
         Args:
             rig: the cameras.
             skeleton: the joints.
-            trajectories: names of those that will be shown, the most important last.
+            trajectories: names of one person's results that will be compared, the most important last; None: people
+                are shown.
             n_frames: how many frames it will have, if that is known.
 
         Raises:
             ImportError: Rerun is not installed.
             OSError: the port is taken, or the file cannot be written.
         """
-        return open_recording(self._rrd, rig, skeleton, trajectories, n_frames=n_frames, **self._viewer_options(rig))
-
-    def open_people_viewer(self, rig: CameraRig, skeleton: Skeleton, n_frames: int | None = None) -> PeopleRecording:
-        """The same for several people."""
-        return open_people_recording(self._rrd, rig, skeleton, n_frames=n_frames, **self._viewer_options(rig))
-
-    @property
-    def _rrd(self) -> Path | None:
-        return self.rrd if "rrd" in self.formats else None
+        # Before anybody is estimated only the cameras tell.
+        world_up = find_up((), rig).world_up if self.world_up == "auto" else self.world_up
+        return open_recording(
+            self.rrd if "rrd" in self.formats else None,
+            rig,
+            skeleton,
+            trajectories,
+            n_frames=n_frames,
+            live=self.live_port is not None,
+            port=self.live_port or 0,
+            up=nearest_axis(world_up),
+            image_width_px=self.image_width_px,
+            made_by=self.step,
+        )
 
     def standing(self, people: Collection[Trajectory], rig: CameraRig, diagnosis: Diagnosis | None) -> Outputs:
         """The same, with what is up as these people and cameras stand, if that is to be found.
@@ -195,17 +179,6 @@ class Outputs:
         if self.world_up == "auto" and diagnosis is not None and diagnosis.tells_of(Code.WORLD_UP):
             return replace(self, world_up=find_up(people, rig).world_up)
         return replace(self, world_up=resolved_up(people, self.world_up, self.folder / self.name, rig))
-
-    def _viewer_options(self, rig: CameraRig) -> dict[str, Any]:
-        # Before anybody is estimated only the cameras tell.
-        world_up = find_up((), rig).world_up if self.world_up == "auto" else self.world_up
-        return {
-            "live": self.live_port is not None,
-            "port": self.live_port or 0,
-            "up": nearest_axis(world_up),
-            "image_width_px": self.image_width_px,
-            "made_by": self.step,
-        }
 
 
 def _of_single_people(path: Path) -> Iterator[Path]:
@@ -221,31 +194,11 @@ def _require_rerun() -> None:
         )
 
 
-def show(result: Result, recording: Recording) -> None:
-    """Show everything that is known of a result; see fgpose.viewer."""
-    observations, evidence = result.source.observations, result.source.evidence(result.config)
-    weights = evidence.weights
-    if result.main.visibility is not None:
-        weights = weights * np.nan_to_num(result.main.visibility)
-    recording.log_observations(observations, weights, evidence.undistorted_px)
-    for name, trajectory in result.trajectories.items():
-        recording.log_trajectory(name, trajectory)
-    # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
-    if "refined" not in result.saved:
-        main, rig, config = result.main, result.source.rig, result.config
-        known = informed(evidence, main.positions_m, rig, main.skeleton, config, main.visibility)
-        recording.log_residuals(main.time_s, whitened_residuals(main, known, rig, config))
-    if result.update_ms is not None:
-        recording.log_update_times(observations.frame_time_s, result.update_ms)
-
-
 def write_outputs(
-    result: Result,
-    outputs: Outputs,
-    viewer: Recording | None = None,
-    display: Callable[[Result, Recording], None] = show,
+    result: Result, outputs: Outputs, viewer: Recording | None = None, display: Display = show
 ) -> tuple[Path, ...]:
-    """Write a result in every format wanted and show it; each file appears whole or not at all.
+    """Write a result in every format wanted and show it; each file appears whole or not at all. Of several people all
+    are in one parquet file, and each has files of their own in the other formats (see save_people).
 
     Args:
         result: of a run.
@@ -259,16 +212,17 @@ def write_outputs(
     Raises:
         OutputError: a file could not be written, whatever the reason. All others were.
     """
-    outputs = outputs.standing([result.main], result.source.rig, result.diagnosis)
-    origin = outputs.origin(result.origin)
+    outputs = outputs.standing(result.main.values(), result.rig, result.diagnosis)
+    origin, time_s = outputs.origin(result.origin), result.frame_time_s
+    paths = outputs.trajectory_paths(result.saved).items()
+    people = {path: result.trajectories[name] for path, name in paths if name in result.trajectories}
     writers: dict[Path | str, Callable[[], object]] = {
-        path: partial(save_trajectory, result.trajectories[name], path, outputs.world_up, origin)
-        for path, name in outputs.trajectory_paths(result.saved).items()
-        if name in result.trajectories
+        path: partial(save_people, of_path, path, outputs.world_up, time_s, origin) for path, of_path in people.items()
     }
-    observations, names = result.source.observations, tuple(result.trajectories)
-    opened = partial(outputs.open_viewer, result.source.rig, observations.skeleton, names, observations.n_frames)
-    return write_all(writers | viewer_writers(result, outputs, viewer, opened, display))
+    written = write_all(writers | _viewer_writers(result, outputs, viewer, display))
+    return tuple(
+        path for target in written for path in (people_paths(target, people[target]) if target in people else [target])
+    )
 
 
 def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path, ...]:
@@ -293,36 +247,22 @@ def write_all(writers: Mapping[Path | str, Callable[[], object]]) -> tuple[Path,
     return tuple(written)
 
 
-def viewer_writers(
-    result: AnyResult,
-    outputs: Outputs,
-    viewer: AnyRecording | None,
-    opened: Callable[[], AnyRecording],
-    display: Callable[[AnyResult, AnyRecording], None],
+def _viewer_writers(
+    result: Result, outputs: Outputs, viewer: Recording | None, display: Display
 ) -> dict[Path | str, Callable[[], object]]:
-    """What shows a result, for write_all: in the viewer, which stays open, else in the .rrd file if one is wanted.
-
-    Args:
-        result: of a run.
-        outputs: where it goes.
-        viewer: a recording that is open already.
-        opened: opens that of the .rrd file.
-        display: how the result is shown.
-    """
+    """What shows a result: in the viewer, which stays open, else in the .rrd file if one is wanted."""
     if viewer is not None:
         return {"the viewer": partial(_show_or_discard, result, viewer, display)}
 
     def write() -> None:
-        recording = opened()
+        recording = outputs.open_viewer(replace(result.source, rig=result.rig), tuple(result.trajectories))
         _show_or_discard(result, recording, display)
         recording.close()
 
     return {outputs.rrd: write} if "rrd" in outputs.formats else {}
 
 
-def _show_or_discard(
-    result: AnyResult, recording: AnyRecording, display: Callable[[AnyResult, AnyRecording], None]
-) -> None:
+def _show_or_discard(result: Result, recording: Recording, display: Display) -> None:
     """Closing a recording that is shown by half would leave half a file."""
     try:
         display(result, recording)

@@ -1,0 +1,101 @@
+"""What a run gives, and how it is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.association.recording import Association
+from fgpose.config import Config
+from fgpose.diagnosis.diagnose import Diagnosis
+from fgpose.estimation.residuals import whitened_residuals
+from fgpose.estimation.smoother import informed
+from fgpose.geometry.camera import CameraRig
+from fgpose.io.origin import Origin
+from fgpose.observations import Observations
+from fgpose.pipeline.source import AnySource, with_findings
+from fgpose.sampling import nearest
+from fgpose.trajectory import Trajectory
+from fgpose.viewer import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """The results of a run: the motion of everybody."""
+
+    source: AnySource
+    config: Config
+    trajectories: Mapping[str, Mapping[int, Trajectory]]
+    """By name ("fused", "refined", "smoothed", "online"), the most important last; of each by the number of the person,
+    which is 0 where the source is of one."""
+    saved: tuple[str, ...]
+    """Names of the trajectories to be written as files of their own; the others are shown in the .rrd. One that the
+    run did not give is left out."""
+    association: Association | None = None
+    """Who is who, where the source is of everybody."""
+    update_ms: Float[np.ndarray, " frame"] | None = None
+    """How long each update of the online estimators took, milliseconds."""
+    diagnosis: Diagnosis | None = None
+    """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
+
+    @property
+    def main(self) -> Mapping[int, Trajectory]:
+        """The most important trajectories."""
+        return list(self.trajectories.values())[-1]
+
+    @property
+    def seen(self) -> Observations | Association:
+        """What the cameras saw of whom."""
+        return self.source.observations if self.association is None else self.association
+
+    @property
+    def rig(self) -> CameraRig:
+        """The cameras, with the clocks by which everybody was told apart."""
+        return self.source.rig if self.association is None else self.association.rig
+
+    @property
+    def frame_time_s(self) -> Float[np.ndarray, " frame"]:
+        """Of the whole recording, by the mean clock of the cameras, as those of the trajectories."""
+        recording = self.source if self.association is None else self.association
+        return recording.observations.frame_time_s + self.rig.common_offset_s
+
+    @property
+    def origin(self) -> Origin | None:
+        """That of the source, with what happened to the tracks and what is probably wrong."""
+        origin = with_findings(self.source.origin, self.diagnosis)
+        return origin and replace(origin, events=() if self.association is None else self.association.events)
+
+    def first_frame(self, trajectory: Trajectory) -> int:
+        """The frame of the recording in which a trajectory begins."""
+        return int(nearest(trajectory.time_s[:1], self.frame_time_s)[0])
+
+
+def show(result: Result, recording: Recording) -> None:
+    """Show everything that is known of a result; see fgpose.viewer."""
+    if result.association is not None:
+        recording.log_association(result.association)
+        for person, trajectory in result.main.items():
+            recording.log_person(person, trajectory, result.first_frame(trajectory))
+    else:
+        _show_compared(result, recording)
+
+
+def _show_compared(result: Result, recording: Recording) -> None:
+    """The results of one person side by side, with what each detection and each factor does to the last of them."""
+    source, main, config = result.source, result.main[0], result.config
+    evidence = source.evidence(config)
+    weights = evidence.weights
+    if main.visibility is not None:
+        weights = weights * np.nan_to_num(main.visibility)
+    recording.log_observations(source.observations, weights, evidence.undistorted_px)
+    for name, people in result.trajectories.items():
+        recording.log_trajectory(name, people[0])
+    # The paper's method has other sigmas than the factor graph over time: its residuals are its reprojection errors.
+    if "refined" not in result.saved:
+        known = informed(evidence, main.positions_m, source.rig, main.skeleton, config, main.visibility)
+        recording.log_residuals(main.time_s, whitened_residuals(main, known, source.rig, config))
+    if result.update_ms is not None:
+        recording.log_update_times(result.frame_time_s, result.update_ms)
