@@ -56,7 +56,7 @@ from fgpose.parameters import (
 from fgpose.parameters import (
     VisibilityConfig as VisibilityConfig,
 )
-from fgpose.plain_files import MAX_SETTINGS_BYTES, read_settings
+from fgpose.plain_files import MAX_SETTINGS_BYTES, naming, read_settings
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
@@ -133,13 +133,8 @@ def load_config(path: str | Path) -> Config:
             gives a value of a wrong kind.
         OSError: the file cannot be read.
     """
-    try:
+    with naming(path):
         return config_from_dict(parse_toml(read_settings(Path(path))))
-    except OSError as error:
-        error.filename = error.filename or str(path)
-        raise
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:

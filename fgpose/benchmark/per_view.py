@@ -16,6 +16,7 @@ from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.io.keypoints import load_observations
 from fgpose.observations import Observations
+from fgpose.plain_files import naming
 
 Estimation = Literal["smooth", "refine", "fuse"]
 # Single precision keeps an hour of frame times to a hundredth of a frame.
@@ -39,10 +40,8 @@ def load_views(folder: str | Path, sequences: Iterable[PoseSequence]) -> dict[Se
     for sequence in sequences:
         path = Path(folder) / sequence.subject / f"{sequence.action}.npz"
         observations = load_observations(path, sequence.rig, SKELETON)
-        try:
+        with naming(path):
             frame_numbers(observations)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
         views[sequence.key] = observations
     return views
 

@@ -24,6 +24,7 @@ from fgpose.benchmark.summary import (
     variants_of,
 )
 from fgpose.io.atomic import write_text
+from fgpose.io.content import parse_json, read_content
 
 TOLERANCE = 0.02
 """By which share of the stored mean an error may lie outside its stored interval: room for what other processors and
@@ -231,7 +232,7 @@ def check_against(stored: Path, scores: list[Score]) -> list[str]:
 def _read_intervals(path: Path) -> tuple[Any, dict[tuple[str, str], dict[str, Any]]]:
     wrong = ValueError(f"{path} does not hold stored intervals of the benchmark")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_content(path))
         version, entries = content["version"], content["intervals"]
         intervals = {(entry["variant"], entry["method"]): entry for entry in entries}
         numbers = [entry[name] for entry in entries for name in _NUMBERS]

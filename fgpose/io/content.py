@@ -6,11 +6,18 @@ import io
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from fgpose.plain_files import MAX_FILE_GB, MAX_JSON_EXPANSION, MAX_LINE, check_expansion, max_text_bytes, open_plain
+from fgpose.plain_files import (
+    MAX_FILE_GB,
+    MAX_JSON_EXPANSION,
+    MAX_LINE,
+    check_expansion,
+    max_text_bytes,
+    naming,
+    open_plain,
+)
 
 _PART_BYTES = 1 << 20  # a file without an end, as some of /proc are, is noticed this much too late at most
 _UTF_16 = (b"\xff\xfe", b"\xfe\xff")
@@ -30,7 +37,7 @@ def read_content(path: Path, max_bytes: int | None = None) -> bytes:
         OSError: it cannot be read; the message names it.
     """
     most = max_text_bytes() if max_bytes is None else max_bytes
-    with _naming(path), open_plain(path) as file:
+    with naming(path), open_plain(path) as file:
         n_bytes = os.fstat(file.fileno()).st_size
         parts = [file.read(n_bytes + 1)] if n_bytes <= most else []
         n_read = n_bytes
@@ -79,15 +86,5 @@ def parse_json(content: str | bytes) -> Any:
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:
     """The beginning of a file, all of it if it is shorter. Raises OSError, which names it, if it cannot be read."""
-    with _naming(path), open_plain(path) as file:
+    with naming(path), open_plain(path) as file:
         return file.read(n_bytes)
-
-
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        # Only opening says which file it was.
-        error.filename = error.filename or str(path)
-        raise

@@ -28,6 +28,7 @@ from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.people import PeopleSource
 from fgpose.pipeline.results import Result
 from fgpose.pipeline.source import Source
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Status, Trajectory, joint_status
 
@@ -95,10 +96,8 @@ def _one(path: Path, source: PeopleSource, person: Person) -> Source:
     """The person wanted, see load_observations. Raises ValueError, which names the file."""
     if isinstance(person, int):
         return Source(source.rig, person_of(path, source.people, source.rig, person), source.origin)
-    try:
+    with naming(path):
         return source.one(0 if person == "consistent" else person)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def load_people_source(

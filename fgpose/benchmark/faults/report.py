@@ -12,6 +12,8 @@ import numpy as np
 from fgpose.benchmark.faults.benchmark import DAMAGES
 from fgpose.benchmark.faults.outcome import UNDAMAGED, Outcome
 from fgpose.io.atomic import write_text
+from fgpose.io.content import parse_json, read_content
+from fgpose.plain_files import naming
 
 _HEAD = (
     "Recordings of one person who walks about and works, with the errors of real networks, and two real ones "
@@ -37,8 +39,8 @@ def write_outcomes(outcomes: Iterable[Outcome], path: Path) -> None:
 
 def read_outcomes(path: Path) -> list[Outcome]:
     """Those of write_outcomes; raises OSError or ValueError."""
-    every = json.loads(path.read_text(encoding="utf-8"))
-    return [Outcome(**{**each, "found": tuple(each["found"])}) for each in every]
+    with naming(path, "not outcomes of faults", damage=(TypeError, KeyError)):
+        return [Outcome(**{**each, "found": tuple(each["found"])}) for each in parse_json(read_content(path))]
 
 
 def _order(damage: str) -> int:

@@ -22,6 +22,7 @@ from fgpose.io.keypoints.zeros import without_zeros
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 Points3dFrame = Literal["camera", "world"]
@@ -85,13 +86,14 @@ def load_observations(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, person, points3d_frame, points3d_unit)
-    own = _own_people(path, rig, skeleton, ignore_other_cameras)
-    if own is not None:
-        return person_of(path, own, rig, person)
-    if recording_files.is_recording(path):
-        return recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
-    reading = fps, points3d_frame, points3d_unit, ignore_other_cameras
-    return person_of(path, _read_people(path, rig, skeleton, *reading), rig, person)
+    with naming(path):
+        own = _own_people(path, rig, skeleton, ignore_other_cameras)
+        if own is not None:
+            return person_of(path, own, rig, person)
+        if recording_files.is_recording(path):
+            return recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
+        reading = fps, points3d_frame, points3d_unit, ignore_other_cameras
+        return person_of(path, _read_people(path, rig, skeleton, *reading), rig, person)
 
 
 def load_people(
@@ -110,13 +112,14 @@ def load_people(
     """
     path, skeleton = Path(path), _skeleton(skeleton)
     _check_options(path, fps, "consistent", points3d_frame, points3d_unit)
-    own = _own_people(path, rig, skeleton, ignore_other_cameras)
-    if own is not None:
-        return own
-    if recording_files.is_recording(path):
-        one = recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
-        return PeopleObservations.of_one(one)
-    return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    with naming(path):
+        own = _own_people(path, rig, skeleton, ignore_other_cameras)
+        if own is not None:
+            return own
+        if recording_files.is_recording(path):
+            one = recording_files.read(path, rig, skeleton, ignore_other_cameras=ignore_other_cameras)
+            return PeopleObservations.of_one(one)
+        return _read_people(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
 
 
 def _own_people(
@@ -141,11 +144,8 @@ def _read_people(
 ) -> PeopleObservations:
     """Everybody in the formats of others."""
     cameras, remarks = _read_cameras(path, skeleton)
-    try:
-        own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
-        people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
+    people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
     for remark in remarks:
         warnings.warn(remark, stacklevel=3)
     return replace(people, remarks=remarks)
@@ -153,7 +153,7 @@ def _read_people(
 
 def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
     """What the cameras saw of the person wanted, see load_observations. Raises ValueError, which names the file."""
-    try:
+    with naming(path):
         if person == "consistent":
             chosen = main_person(people, rig)
             if chosen.n_people > 1 and people.n_most <= 1:
@@ -168,8 +168,6 @@ def person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Pe
         if person >= max(people.n_most, 1):
             raise ValueError(f"there is no person {person}: at most {people.n_most} in an image, counted from 0")
         return people.of_person(people.only(person))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _skeleton(skeleton: str | Path | Skeleton) -> Skeleton:
