@@ -208,6 +208,9 @@ def _several(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
     return tuple(_convert(kind, each, name) for each in values)
 
 
+_LARGEST = 1e100  # of a number of the configuration: third powers of it, and of one over it, do not overflow
+
+
 def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float:
     """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
     of_kind = numbers.Integral if kind is int else numbers.Real
@@ -218,6 +221,6 @@ def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float
     except OverflowError:
         size = math.inf
     may_be_infinite = name == "online.lag_s"
-    if not size > 0 or (math.isinf(size) and not may_be_infinite):
+    if not 1 / _LARGEST < size < _LARGEST and not (size == math.inf and may_be_infinite):
         raise ValueError(f"{name} must be a positive number, got {reprlib.repr(value)}")
     return kind(size)
