@@ -56,7 +56,7 @@ from fgpose.parameters import (
 from fgpose.parameters import (
     VisibilityConfig as VisibilityConfig,
 )
-from fgpose.plain_files import MAX_SETTINGS_BYTES, read_settings
+from fgpose.plain_files import MAX_SETTINGS_BYTES, naming, read_settings
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")
@@ -133,13 +133,8 @@ def load_config(path: str | Path) -> Config:
             gives a value of a wrong kind.
         OSError: the file cannot be read.
     """
-    try:
+    with naming(path):
         return config_from_dict(parse_toml(read_settings(Path(path))))
-    except OSError as error:
-        error.filename = error.filename or str(path)
-        raise
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -213,6 +208,9 @@ def _several(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
     return tuple(_convert(kind, each, name) for each in values)
 
 
+_LARGEST = 1e100  # of a number of the configuration: third powers of it, and of one over it, do not overflow
+
+
 def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float:
     """Every number of the configuration is a scale, a duration or a count: zero or less has no meaning."""
     of_kind = numbers.Integral if kind is int else numbers.Real
@@ -223,6 +221,6 @@ def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float
     except OverflowError:
         size = math.inf
     may_be_infinite = name == "online.lag_s"
-    if not size > 0 or (math.isinf(size) and not may_be_infinite):
+    if not 1 / _LARGEST < size < _LARGEST and not (size == math.inf and may_be_infinite):
         raise ValueError(f"{name} must be a positive number, got {reprlib.repr(value)}")
     return kind(size)

@@ -1,4 +1,5 @@
-"""Files that somebody else may have made: plain ones only, and how much of what they hold is too much.
+"""Files that somebody else may have made: plain ones only, how much of what they hold is too much, and what is said of
+them.
 
 A pipe keeps its reader waiting for ever, a device has no end, and some thousand bytes can stand for all of the memory.
 """
@@ -9,7 +10,11 @@ import errno
 import io
 import os
 import stat
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+
+import numpy as np
 
 MAX_FILE_GB = "FGPOSE_MAX_FILE_GB"
 """The environment variable that raises max_file_bytes and max_text_bytes."""
@@ -33,6 +38,8 @@ MAX_LINE = 10_000_000
 """Characters of a line of a text. A frame of the largest skeleton takes a thirtieth."""
 MAX_EMPTY_LINES = 10_000
 """Of a text, one after the other: a hundred megabytes of them take a quarter of a minute."""
+MAX_MESSAGE = 1500
+"""Characters of what is said of a file: the names of all joints of a body fit, a damaged file does not."""
 
 # OpenCV reads it when it is loaded. Its own limit lets an image take 3 GB.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PX))
@@ -56,6 +63,45 @@ def max_text_bytes() -> int:
     """Of keypoints and results as text, a quarter of that: in memory text takes some times its size, and an hour of a
     body at 60 Hz takes 300 MB. Raises as max_file_bytes."""
     return max_file_bytes() // 4
+
+
+@contextmanager
+def naming(name: object, instead_of: str = "", damage: Sequence[type[Exception]] = ()) -> Iterator[None]:
+    """Read a file: what goes wrong with it is said with its name, and in not more than MAX_MESSAGE characters.
+
+    Args:
+        name: of the file, or what it is called in messages; no message names it twice.
+        instead_of: what it should have been, before the reason: "not a skeleton".
+        damage: what its damaged contents raise apart from ValueError; OSError: those that the system has not raised.
+
+    Raises:
+        ValueError: there was one, or one of damage, or the file is nested too deeply.
+        OSError: there was one of the system.
+        numpy.linalg.LinAlgError: there was one. It is a ValueError, but of ours, not of the file.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError:
+        raise
+    except RecursionError:
+        raise ValueError(f"{name}: it is nested too deeply") from None
+    except (OSError, ValueError, *damage) as error:
+        # Libraries have OSErrors of their own for damage; of those of the system only opening says which file it was.
+        if isinstance(error, OSError) and (error.errno is not None or OSError not in damage):
+            if error.errno is not None:
+                error.filename = shortened(str(error.filename or name))
+            raise
+        reason = f"{error.args[0]} is missing" if isinstance(error, KeyError) else str(error)
+        reason = shortened(f"{instead_of}: {reason}" if instead_of else reason)
+        raise ValueError(reason if str(name) in reason else f"{name}: {reason}") from None
+
+
+def shortened(text: str, longest: int = MAX_MESSAGE) -> str:
+    """A text with only its beginning and its end if it is longer: it may quote all of a file."""
+    if len(text) <= longest:
+        return text
+    end = longest // 5
+    return f"{text[: longest - end]} [{len(text) - longest} characters] {text[-end:]}"
 
 
 def check_plain(path: Path) -> None:

@@ -8,7 +8,7 @@ from fgpose_factors.bone_length import (
     symmetric_length_residual,
 )
 from fgpose_factors.custom import custom_factor, freeze
-from fgpose_factors.depth import depth_covariance_m2, depth_factor
+from fgpose_factors.depth import depth_factor, depth_information
 from fgpose_factors.kernels import Kernel, robust_loss, robust_weight
 from fgpose_factors.noise import noise_model, robust
 from fgpose_factors.projection import projection_factor, projection_residual
@@ -30,8 +30,8 @@ __all__ = [
     "bone_length_and_direction",
     "constant_velocity_factor",
     "custom_factor",
-    "depth_covariance_m2",
     "depth_factor",
+    "depth_information",
     "fading_velocity_factor",
     "fading_velocity_sigma_mps",
     "freeze",

@@ -13,17 +13,18 @@ from fgpose_factors.noise import robust
 LATERAL_SIGMA_M = 1.0
 
 
-def depth_covariance_m2(
+def depth_information(
     direction: Float[np.ndarray, "*rays 3"], sigma_m: Float[np.ndarray, "*rays"]
 ) -> Float[np.ndarray, "*rays 3 3"]:
-    """Covariance that is narrow along the ray only, m^2, in the frame of the directions.
+    """Information that is large along the ray only, m^-2, in the frame of the directions.
 
     Args:
         direction: unit vectors.
         sigma_m: standard deviation along them, metres.
     """
+    # Not the inverse of a covariance: that is singular in double precision where the two differ by a factor of 1e8.
     along = direction[..., :, None] * direction[..., None, :]
-    return sigma_m[..., None, None] ** 2 * along + LATERAL_SIGMA_M**2 * (np.eye(3) - along)
+    return along / sigma_m[..., None, None] ** 2 + (np.eye(3) - along) / LATERAL_SIGMA_M**2
 
 
 def depth_factor(
@@ -48,6 +49,5 @@ def depth_factor(
     """
     if not sigma_m > 0:
         raise ValueError(f"sigma must be positive, got {sigma_m}")
-    covariance_m2 = depth_covariance_m2(direction, np.asarray(sigma_m))
-    gaussian = gtsam.noiseModel.Gaussian.Covariance(covariance_m2)
+    gaussian = gtsam.noiseModel.Gaussian.Information(depth_information(direction, np.asarray(sigma_m)))
     return gtsam.PriorFactorPoint3(key, point_m, robust(gaussian, kernel, kernel_scale))

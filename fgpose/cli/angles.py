@@ -12,6 +12,7 @@ from tyro.conf import Positional, UseAppendAction, arg
 
 from fgpose.cli.options import new_console
 from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import naming
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,10 +56,8 @@ class Angles:
                 raise ValueError(f"{path}: angles would replace a result; choose another file with -o")
         (people, _), console = load_upright(self.file, self.world_up), new_console()
         for person, trajectory in people.items():
-            try:
+            with naming(self.file):
                 angles = joint_angles(trajectory)
-            except ValueError as error:
-                raise ValueError(f"{self.file}: {error}") from None
             whose = f"person {person}, " if len(people) > 1 else ""
             console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
             console.print(ranges_table(angles))

@@ -17,6 +17,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TextIO, Union
 
+import numpy as np
+
 from fgpose.cli.angles import Angles
 from fgpose.cli.calibrate import Calibrate
 from fgpose.cli.command_line import set_arguments
@@ -35,6 +37,7 @@ from fgpose.cli.view import View
 from fgpose.config import Config, load_config
 from fgpose.extensions import added
 from fgpose.io.atomic import NotWrittenError, not_written
+from fgpose.plain_files import shortened
 
 _DESCRIPTION = """3D human pose over time from several cameras, and their calibration from the people in their videos.
 
@@ -51,6 +54,7 @@ NOT_WRITTEN = 1
 INTERRUPTED = 130
 # 128 plus the number of the signal (SIGPIPE), as shells report it.
 _BROKEN_PIPE = 141
+# Longer than what is said of a file: the lines of a failed calibration, for one.
 _MAX_MESSAGE = 4000
 _EXPECTED = (ValueError, OSError, ImportError, MemoryError)
 _COMMANDS = {
@@ -105,7 +109,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 # The reader of a pipe has gone (fgpose info ... | head).
                 silence_stdout()
                 return _BROKEN_PIPE
-            if not isinstance(error, _EXPECTED):
+            # LinAlgError is a ValueError, and a defect of ours, whatever the input.
+            if not isinstance(error, _EXPECTED) or isinstance(error, np.linalg.LinAlgError):
                 raise
             if with_traceback:
                 say(traceback.format_exc())
@@ -201,10 +206,9 @@ def _config_of(arguments: list[str]) -> Config:
 def _one_line(error: BaseException) -> str:
     """Not more than somebody reads: a message may quote all of a file."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
-        return f"{error.filename}: {error.strerror}"
+        return shortened(f"{error.filename}: {error.strerror}")
     lines = [" ".join(line.split()) for line in str(error).splitlines()]
-    text = "; ".join(line for line in lines if line) or type(error).__name__
-    return text if len(text) <= _MAX_MESSAGE else f"{text[:_MAX_MESSAGE]} ... and {len(text) - _MAX_MESSAGE} more"
+    return shortened("; ".join(line for line in lines if line) or type(error).__name__, _MAX_MESSAGE)
 
 
 @contextmanager
@@ -219,7 +223,7 @@ def _plain_warnings() -> Iterator[None]:
         file: TextIO | None = None,
         line: str | None = None,
     ) -> None:
-        say(f"fgpose: warning: {printable(' '.join(str(message).split()))}\n")
+        say(f"fgpose: warning: {printable(shortened(' '.join(str(message).split()), _MAX_MESSAGE))}\n")
 
     with warnings.catch_warnings():
         warnings.showwarning = show

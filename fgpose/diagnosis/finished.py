@@ -33,8 +33,8 @@ class FinishedRecording:
     """The results of one recording. All that is not a trajectory may be missing: what rests on it is then not judged.
 
     Raises:
-        ValueError: there is nobody, people differ in skeleton or cameras, the rig lacks a camera, or observations do
-            not have the frames of their trajectory.
+        ValueError: there is nobody, somebody has no frame, people differ in skeleton or cameras, the rig lacks a
+            camera, or observations do not have the frames of their trajectory.
     """
 
     name: str
@@ -67,6 +67,8 @@ class FinishedRecording:
             raise ValueError(f"recording {self.name}: there is nobody in it")
         first = next(iter(self.people.values()))
         for person, trajectory in self.people.items():
+            if not trajectory.n_frames:
+                raise ValueError(f"recording {self.name}: person {person} has no frame")
             if (trajectory.skeleton, trajectory.camera_names) != (first.skeleton, first.camera_names):
                 raise ValueError(f"recording {self.name}: person {person} has another skeleton or other cameras")
             seen = self.observations.get(person)

@@ -48,11 +48,7 @@ def covariance_of_errors_m2(
     segment: Segment, positions_m: Float[np.ndarray, "frame joint 3"]
 ) -> tuple[Float[np.ndarray, "frame joint 3 3"], Float[np.ndarray, " joint"]]:
     """Covariance of every active joint around the solution of a segment, NaN elsewhere; and the variance of the
-    lasting errors of each joint's detections, in that of the graph.
-
-    Raises:
-        ValueError: a joint is not held by any factor.
-    """
+    lasting errors of each joint's detections, in that of the graph."""
     linearized, joints = NormalEquations(segment).linearized(positions_m), segment.joints
     step_s = min(usual_step_s(segment.evidence.time_s), _LONGEST_STEP_S)
     bias_share = segment.evidence.bias_share[:, joints, None, None]

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from fgpose.assessment.metrics import mean_known
 from fgpose.config import Config, FusionConfig
+from fgpose.estimation.noise import surely_positive
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
@@ -118,14 +119,14 @@ def _robust_mean_m(
 ) -> Float[np.ndarray, "frame joint 3"]:
     """Mean of the views' points by their covariances, with a Cauchy kernel, by iterated reweighting."""
     known = np.asarray(np.isfinite(covariance_m2).all(axis=(-1, -2)))[..., None, None]
-    information = np.where(known, np.linalg.inv(np.where(known, covariance_m2, np.eye(3))), 0.0)
+    information = np.where(known, np.linalg.inv(surely_positive(np.where(known, covariance_m2, np.eye(3)))), 0.0)
     points_m, mean_m = np.where(known[..., 0], points3d_m, 0.0), np.nan_to_num(start_m)
     seen = np.asarray(known.any(axis=1))
     for _ in range(_MEAN_ITERATIONS):
         off_m = points_m - mean_m[:, None]
         squared = np.einsum("tcji,tcjik,tcjk->tcj", off_m, information, off_m)
         weighted = robust_weight(squared, "cauchy", _MEAN_KERNEL_SCALE)[..., None, None] * information
-        total = np.where(seen, weighted.sum(axis=1), np.eye(3))
+        total = surely_positive(np.where(seen, weighted.sum(axis=1), np.eye(3)))
         mean_m = np.linalg.solve(total, np.einsum("tcjik,tcjk->tji", weighted, points_m)[..., None])[..., 0]
     return np.where(seen[..., 0], mean_m, start_m)
 

@@ -48,7 +48,7 @@ def shrunk(
     return np.asarray(np.exp(logs / (measurements + prior_measurements)))
 
 
-def surely_positive(matrices: Float[np.ndarray, "*joints 3 3"]) -> Float[np.ndarray, "*joints 3 3"]:
+def surely_positive(matrices: Float[np.ndarray, "*matrices row row"]) -> Float[np.ndarray, "*matrices row row"]:
     """Covariances or information matrices, the same but for rounding errors, which may have made them singular."""
     trace = np.trace(matrices, axis1=-2, axis2=-1)
-    return matrices + _ROUNDING * trace[..., None, None] * np.eye(3)
+    return matrices + _ROUNDING * trace[..., None, None] * np.eye(matrices.shape[-1])

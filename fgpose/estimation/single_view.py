@@ -20,7 +20,7 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.estimation.noise import correlated_frames
+from fgpose.estimation.noise import correlated_frames, surely_positive
 from fgpose.estimation.posture import Posture
 from fgpose.skeleton import Skeleton
 
@@ -204,7 +204,7 @@ class DistanceFilter:
         total = np.diag(expected) + noise
         excess = np.where(gate > 0, missing**2 / (np.maximum(gate, 1e-12) * total), 0.0)
         noise = noise + np.maximum(excess - 1, 0.0) * total
-        gain = np.linalg.solve(expected + np.diag(noise), by_row.T).T
+        gain = np.linalg.solve(surely_positive(expected + np.diag(noise)), by_row.T).T
         covariance = covariance - gain @ by_row.T
         self.belief = Belief(self.belief.mean + gain @ missing, (covariance + covariance.T) / 2)
 
@@ -215,7 +215,7 @@ def smoothed(steps: list[Step]) -> list[Belief]:
     beliefs = [later]
     for step, following in zip(reversed(steps[:-1]), reversed(steps[1:]), strict=True):
         own, predicted = step.updated, following.predicted
-        gain = np.linalg.solve(predicted.covariance, following.transition @ own.covariance).T
+        gain = np.linalg.solve(surely_positive(predicted.covariance), following.transition @ own.covariance).T
         mean = own.mean + gain @ (later.mean - predicted.mean)
         covariance = own.covariance + gain @ (later.covariance - predicted.covariance) @ gain.T
         later = Belief(mean, (covariance + covariance.T) / 2)

@@ -16,6 +16,7 @@ from fgpose.sampling import spread_evenly
 _MIN_PARALLAX_RAD = np.deg2rad(1.0)
 _INLIER_PX = 20.0  # see CameraRig.in_own_px
 _MAX_PAIRS = 66  # all pairs of 12 views; bounds time and memory, which grow with pairs times views
+_FARTHEST_PX = 1e30  # of sixth powers, as in a determinant, double precision has no more
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,15 +38,18 @@ def triangulate(
     makes them pixels (Hartley and Sturm 1997, "iterative linear").
 
     Args:
-        points2d_px: undistorted pixels; NaN = missing.
+        points2d_px: undistorted pixels; NaN = missing, and so is what no image holds, beyond 1e30.
         weights: information of each view relative to the others; 0 = leave out.
         projection_matrices: K [R|t] of each camera, the same for all points or not.
 
     Returns:
         World points in metres, NaN where fewer than two views have a point or all rays are parallel.
     """
-    known = np.isfinite(points2d_px).all(axis=-1) & (weights > 0)
-    rows = points2d_px[..., None] * projection_matrices[..., None, 2, :] - projection_matrices[..., :2, :]
+    known = (np.abs(points2d_px) < _FARTHEST_PX).all(axis=-1) & (weights > 0)
+    rows = (
+        np.where(known[..., None], points2d_px, 0.0)[..., None] * projection_matrices[..., None, 2, :]
+        - projection_matrices[..., :2, :]
+    )
     rows = np.where(known[..., None, None], rows, 0.0)
     information = np.where(known, weights, 0.0)
     enough = known.sum(axis=-1) >= 2

@@ -59,10 +59,12 @@ def write_c3d(
 
     Raises:
         ImportError: ezc3d is not installed.
-        ValueError: there are more than 65535 frames, or the times do not increase.
+        ValueError: there is no frame or more than 65535, or the times do not increase.
         OSError: the file cannot be written.
     """
     ezc3d = require_ezc3d()
+    if not trajectory.n_frames:
+        raise ValueError(f"{path}: C3D holds at least one frame, this has none; use parquet, npz or TRC")
     if trajectory.n_frames > _MAX_FRAMES:
         raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {trajectory.n_frames}; use TRC")
     rate_hz = median_rate_hz(trajectory.time_s)
@@ -120,8 +122,6 @@ def _holds(trajectory: Trajectory, n_rotations: int) -> Check:
 
 def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> int:
     """Number of the first frame, counted from time 0; warns where the file cannot hold the times."""
-    if len(time_s) == 0:
-        return 0
     intervals_s = np.diff(time_s)
     if np.any(np.abs(intervals_s * rate_hz - 1.0) > _MAX_INTERVAL_DEVIATION):
         warnings.warn(
@@ -167,7 +167,8 @@ def _texts(file: dict[str, np.ndarray], parameter: str) -> tuple[str, ...]:
     """A parameter that is a list of texts; empty where it is missing."""
     if parameter not in file or not file[parameter].size:
         return ()
-    return tuple(text.strip() for text in texts(file, parameter))
+    # ezc3d gives bytes that are no UTF-8 as surrogates.
+    return tuple(text.encode("utf-8", "replace").decode().strip() for text in texts(file, parameter))
 
 
 def _rate_hz(file: dict[str, np.ndarray]) -> float:

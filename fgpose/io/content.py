@@ -6,7 +6,6 @@ import io
 import json
 import os
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from fgpose.plain_files import (
     MAX_LINE,
     check_expansion,
     max_text_bytes,
+    naming,
     open_plain,
 )
 
@@ -39,7 +39,7 @@ def read_content(path: Path, max_bytes: int | None = None) -> bytes:
         OSError: it cannot be read; the message names it.
     """
     most = max_text_bytes() if max_bytes is None else max_bytes
-    with _naming(path), open_plain(path) as file:
+    with naming(path), open_plain(path) as file:
         n_bytes = os.fstat(file.fileno()).st_size
         parts = [file.read(n_bytes + 1)] if n_bytes <= most else []
         n_read = n_bytes
@@ -92,15 +92,5 @@ def parse_json(content: str | bytes) -> Any:
 
 def first_bytes(path: Path, n_bytes: int) -> bytes:
     """The beginning of a file, all of it if it is shorter. Raises OSError, which names it, if it cannot be read."""
-    with _naming(path), open_plain(path) as file:
+    with naming(path), open_plain(path) as file:
         return file.read(n_bytes)
-
-
-@contextmanager
-def _naming(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        # Only opening says which file it was.
-        error.filename = error.filename or str(path)
-        raise

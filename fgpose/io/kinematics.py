@@ -22,6 +22,7 @@ from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
+from fgpose.plain_files import naming
 from fgpose.sampling import nearest
 from fgpose.trajectory import Trajectory
 
@@ -85,10 +86,8 @@ def save_kinematics(
     people = {0: people} if isinstance(people, Trajectory) else people
     if not people:
         raise ValueError(f"{path}: there is nobody to be written")
-    try:
+    with naming(path):
         return _write(people, path, resolved_up(people.values(), world_up, path))
-    except ValueError as error:
-        raise ValueError(str(error) if str(path) in str(error) else f"{path}: {error}") from None
 
 
 def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> tuple[Path, ...]:

@@ -29,6 +29,7 @@ from fgpose.io.calibration import live_format
 from fgpose.io.packing import unpacked
 from fgpose.io.record_files import RecordFile
 from fgpose.people import Detections
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 _VERSION = 1
@@ -104,15 +105,13 @@ class LiveRecordingFile:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self._records = RecordFile(self.path)
-        try:
+        with naming(path):
             first = next(iter(self._records), None)
             if first is None:
                 raise ValueError("it ends before anything was recorded")
             self.start = _start(unpacked(first))
             self._last_s = self.start.started_s
             """When the newest frame was published of those that were read."""
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
 
     def __iter__(self) -> Iterator[dict[str, Any]]:
         """The documents of all records but the first and the last.
@@ -125,7 +124,7 @@ class LiveRecordingFile:
             UserWarning: the recording was not closed, was cut off in the middle of a record, or lacks records.
         """
         n_lost, is_closed, self._last_s = 0, False, self.start.started_s
-        try:
+        with naming(self.path):
             records = iter(self._records)
             next(records, None)
             for body in records:
@@ -138,8 +137,6 @@ class LiveRecordingFile:
                 elif kind in ("images", "frame"):
                     self._last_s = self._published_s(document) if kind == "frame" else self._last_s
                     yield document
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from None
         self._warn(n_lost, is_closed)
 
     def _warn(self, n_lost: int, is_closed: bool) -> None:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.io.atomic import write_text
 from fgpose.io.content import read_content, text_lines
+from fgpose.plain_files import naming
 
 _N_HEADER_LINES = 1000  # OpenSim writes about ten
 
@@ -55,10 +56,8 @@ def read_mot(path: Path) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[
         ValueError: it lacks its header or a number, or its angles are in radians; the message names the line.
         OSError: it cannot be read.
     """
-    try:
+    with naming(path, "not a readable motion file of OpenSim"):
         return _parsed(read_content(path))
-    except ValueError as error:
-        raise ValueError(f"{path}: not a readable motion file of OpenSim: {error}") from None
 
 
 def _parsed(content: bytes) -> tuple[dict[str, Float[np.ndarray, " frame"]], Float[np.ndarray, " frame"]]:

@@ -23,6 +23,7 @@ _AXES = "xyz"
 _PREFIX = "fgpose."
 _ORIGIN = "origin"
 _HAS_COVARIANCE = "has_covariance"
+_MAX_PERSON = 1_000_000_000
 _PER_CAMERA = ("residual_px", "visibility")  # fields with one column for each camera: residual_px_<camera>
 
 
@@ -185,8 +186,8 @@ def _by_person(table: pa.Table) -> dict[int, pa.Table]:
     """The rows of each person, in the order in which they first occur."""
     column = numbers(table, "person")
     people, first, index = np.unique(column, return_index=True, return_inverse=True)
-    if not (np.isfinite(people) & (people >= 0) & (people == np.floor(people))).all():
-        raise ValueError("a row whose person is no number from 0")
+    if not ((people >= 0) & (people <= _MAX_PERSON) & (people == np.floor(people))).all():
+        raise ValueError(f"a row whose person is no number from 0 to {_MAX_PERSON}")
     rows = table.take(np.argsort(first[index], kind="stable"))
     order = np.argsort(first)
     ends = np.cumsum(np.bincount(index, minlength=len(people))[order]).tolist()

@@ -10,7 +10,7 @@ from typing import Any
 
 from fgpose.config import parse_toml
 from fgpose.io.content import read_content
-from fgpose.plain_files import MAX_SETTINGS_BYTES
+from fgpose.plain_files import MAX_SETTINGS_BYTES, naming
 from fgpose.skeleton import LIMBS, Skeleton
 
 _KEYS = {"name", "joints", "root", "bones", "lines", "left_right", "limbs"}
@@ -35,11 +35,9 @@ def load_skeleton(name_or_path: str | Path) -> Skeleton:
         raise ValueError(
             f"no skeleton {str(name_or_path)!r}: give a TOML file or one of {', '.join(builtin_skeletons())}"
         )
-    try:
+    with naming(name_or_path, "not a skeleton"):
         content = read_content(Path(name_or_path), MAX_SETTINGS_BYTES)
         return _parse(parse_toml(content.decode("utf-8")))
-    except ValueError as error:
-        raise ValueError(f"{name_or_path}: not a skeleton: {error}") from None
 
 
 @cache

@@ -21,6 +21,7 @@ from fgpose.io.origin import Origin
 from fgpose.io.parquet import read_origin, read_parquet, write_parquet
 from fgpose.io.trc import read_trc, write_trc
 from fgpose.io.upright import resolved_up
+from fgpose.plain_files import naming
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
@@ -139,10 +140,8 @@ def save_people(
     if _extension(path) != ".parquet":
         check_output(path)
         return _write(trajectories, {}, path, world_up, origin)
-    try:
+    with naming(path):
         return _write(trajectories, _frame_numbers(trajectories, time_s), path, world_up, origin)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, ...]:
@@ -219,15 +218,13 @@ def load_people_trajectories(
     """
     path = Path(path)
     kind = _kind(path)
-    try:
+    with naming(path, f"not a readable {kind} trajectory"):
         people = _read(path, kind, world_up, file_up)
         for trajectory in people.values():
-            _check_finite(trajectory)
+            _check(trajectory)
         if skeleton is None:
             return people
         return {person: _in_order_of(skeleton, trajectory) for person, trajectory in people.items()}
-    except ValueError as error:
-        raise ValueError(f"{path}: not a readable {kind} trajectory: {error}") from None
 
 
 def load_origin(path: str | Path) -> Origin | None:
@@ -240,10 +237,8 @@ def load_origin(path: str | Path) -> Origin | None:
     path = Path(path)
     if _kind(path) != "parquet":
         return None
-    try:
+    with naming(path):
         return read_origin(path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def load_upright(
@@ -319,10 +314,15 @@ def _kind(path: Path) -> str:
     raise ValueError(f"{path}: not a trajectory: its content is none of parquet, npz, TRC, C3D")
 
 
-def _check_finite(trajectory: Trajectory) -> None:
+def _check(trajectory: Trajectory) -> None:
     bad = np.flatnonzero(~np.isfinite(trajectory.time_s))
     if bad.size:
         raise ValueError(f"the time of frame {bad[0]} is {trajectory.time_s[bad[0]]}")
+    earlier = np.flatnonzero(np.diff(trajectory.time_s) <= 0)
+    if earlier.size:
+        at, before = earlier[0] + 1, earlier[0]
+        own_s = trajectory.time_s
+        raise ValueError(f"its times do not increase: frame {at} is at {own_s[at]:.13g} s after {own_s[before]:.13g} s")
     infinite = np.argwhere(np.isinf(trajectory.positions_m).any(axis=-1))
     if len(infinite):
         frame, joint = infinite[0]

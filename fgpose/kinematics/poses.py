@@ -58,7 +58,7 @@ class SegmentPoses:
     """The segments of a body over time, in a world with z up. NaN where a landmark is missing."""
 
     segments: tuple[Segment, ...]
-    """Of SEGMENTS those that the skeleton has."""
+    """Of SEGMENTS those that the skeleton has, as far as their parents."""
     time_s: Float[np.ndarray, " frame"]
     world_R_segment: Float[np.ndarray, "frame segment 3 3"]
     """Columns are the ISB's x (forward), y (up) and z (right) of the segment."""
@@ -96,7 +96,7 @@ def segment_poses(trajectory: Trajectory, world_up: WorldUp = "z") -> SegmentPos
     if lacking:
         raise ValueError(f"skeleton {trajectory.skeleton.name} lacks {', '.join(lacking)}: it has no segments")
     points = points_of(z_up(trajectory.positions_m, world_up), joints)
-    segments = tuple(each for each in SEGMENTS if set(each.start + each.end) <= points.keys())
+    segments = _segments_of(points)
     rotations = {"pelvis": pelvis(points), "thorax": thorax(points)}
     determined = {}
     for segment in segments:
@@ -114,6 +114,14 @@ def segment_poses(trajectory: Trajectory, world_up: WorldUp = "z") -> SegmentPos
         np.stack([_middle(points, each.end) for each in segments], axis=1),
         np.stack([determined.get(each.name, everywhere) for each in segments], axis=1),
     )
+
+
+def _segments_of(points: Points) -> tuple[Segment, ...]:
+    found: dict[str | None, Segment] = {}
+    for each in SEGMENTS:
+        if set(each.start + each.end) <= points.keys() and (each.parent is None or each.parent in found):
+            found[each.name] = each
+    return tuple(found.values())
 
 
 def _middle(points: Points, names: tuple[str, ...]) -> Vectors:

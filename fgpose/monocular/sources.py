@@ -14,6 +14,7 @@ from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.io.camera_names import match_cameras, named_cameras
 from fgpose.io.folders import visible
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
+from fgpose.plain_files import naming
 
 # Cameras that are stopped one after the other end within a few frames.
 _EARLY_S = 0.1
@@ -67,10 +68,8 @@ def find_clips(path: str | Path, *, fps: float | None = None, cameras: tuple[str
     """
     path = Path(path)
     found = _find(path)
-    try:
+    with naming(path):
         names = named_cameras(cameras or found, found)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     return tuple(open_clip(name, found[own], fps) for name, own in names.items())
 
 

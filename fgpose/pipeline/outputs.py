@@ -50,7 +50,11 @@ def _said(target: Path | str, error: Exception) -> str:
 
 @dataclass(frozen=True)
 class Outputs:
-    """Where results go: folder/name.format, or folder/name_trajectory.format when a run can give several."""
+    """Where results go: folder/name.format, or folder/name_trajectory.format when a run can give several.
+
+    Raises:
+        ValueError: the name would hide files, or put them elsewhere.
+    """
 
     folder: Path
     name: str
@@ -67,6 +71,12 @@ class Outputs:
     """The recording that they are made from: results of another are not replaced either."""
     shown_as: str = ""
     """End of the name of the .rrd file, as that of a trajectory."""
+
+    def __post_init__(self) -> None:
+        if self.name.startswith(".") or Path(self.name).name != self.name:
+            raise ValueError(
+                f"{self.name!r} is no name of result files: a word is, without a point before it and without /"
+            )
 
     def path(self, file_format: Format, trajectory: str = "") -> Path:
         return self.folder / f"{self.name}{'_' if trajectory else ''}{trajectory}.{file_format}"

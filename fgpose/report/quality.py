@@ -142,7 +142,8 @@ def _of_motion(everybody: list[Trajectory]) -> dict[str, Any]:
 
 def _bone_spread(trajectory: Trajectory) -> float:
     lengths_m = trajectory.skeleton.bone_lengths(trajectory.positions_m)
-    relative = [np.nanstd(own_m) / np.nanmedian(own_m) for own_m in lengths_m.T if np.isfinite(own_m).any()]
+    known_m = [own_m[np.isfinite(own_m)] for own_m in lengths_m.T]
+    relative = [own_m.std() / np.median(own_m) for own_m in known_m if own_m.size and np.median(own_m) > 0]
     return known_quantile(np.array(relative), 0.5)
 
 
@@ -152,5 +153,5 @@ def _bone_asymmetry(trajectory: Trajectory) -> float:
     shares = []
     for left, right in skeleton.limb_pairs:
         both_m = [known_quantile(lengths_m[bone], 0.5) for bone in (left, right) if bone in lengths_m]
-        shares += [abs(both_m[0] - both_m[1]) / np.mean(both_m)] if len(both_m) == 2 else []
+        shares += [abs(both_m[0] - both_m[1]) / np.mean(both_m)] if len(both_m) == 2 and any(both_m) else []
     return known_quantile(np.array(shares, dtype=float), 1.0)

@@ -21,6 +21,7 @@ from fgpose.io.made_by import made_by
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import load_origin, load_upright
 from fgpose.observations import Observations
+from fgpose.plain_files import naming
 from fgpose.report.origin_facts import facts_of, findings_of, without_home
 from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory
@@ -145,19 +146,20 @@ def load_finished(
         observations, problem = _still_there(file, given, people, fps or origin.fps)
         made_from["Keypoints"] += f". {problem}" if problem else ""
     folder = Path(os.path.abspath(result)).parent
-    return FinishedRecording(
-        name=title or result.stem,
-        people=people,
-        rig=cameras,
-        observations=observations,
-        offset_sigma_s=known.offset_sigma_s,
-        findings=findings_of(origin),
-        known_findings=origin.findings,
-        events=origin.events,
-        videos=videos or _videos(origin, cameras),
-        images_hz=fps or origin.fps,
-        made_from={what: without_home(said, folder) for what, said in made_from.items()},
-    )
+    with naming(result):
+        return FinishedRecording(
+            name=title or result.stem,
+            people=people,
+            rig=cameras,
+            observations=observations,
+            offset_sigma_s=known.offset_sigma_s,
+            findings=findings_of(origin),
+            known_findings=origin.findings,
+            events=origin.events,
+            videos=videos or _videos(origin, cameras),
+            images_hz=fps or origin.fps,
+            made_from={what: without_home(said, folder) for what, said in made_from.items()},
+        )
 
 
 def _still_there(

@@ -12,6 +12,7 @@ from fgpose.diagnosis.finished import Mark
 from fgpose.io.studies.rows import STUDY_NAME
 from fgpose.io.studies.unlinked import check_unlinked
 from fgpose.io.tables import column_names, file_metadata, read_table
+from fgpose.plain_files import naming
 from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
 from fgpose.report.study_report import StudyRecording
@@ -25,10 +26,8 @@ Progress = Callable[[int, int], None]
 def is_study(folder: Path) -> bool:
     """Whether there is the table of a study. Raises ValueError, which names it, if it is damaged."""
     table = folder / TABLE
-    try:
+    with naming(table):
         return table.is_file() and "recording" in column_names(table)
-    except ValueError as error:
-        raise ValueError(f"{table}: {error}") from None
 
 
 def study_name(folder: Path) -> str:
@@ -52,10 +51,8 @@ def load_study(
         OSError: a file cannot be read or written, or is a link (check_unlinked).
     """
     check_unlinked(folder)
-    try:
+    with naming(folder / TABLE):
         rows: list[dict[str, Any]] = read_table(folder / TABLE).to_pylist()
-    except ValueError as error:
-        raise ValueError(f"{folder / TABLE}: {error}") from None
     base = (page or folder / REPORT).parent
     marks = _marks(folder / EVENTS)
     found = []
@@ -70,11 +67,9 @@ def _marks(path: Path) -> dict[str, list[Mark]]:
     """The events of each recording. Raises ValueError if the table is damaged; it is named."""
     found: dict[str, list[Mark]] = {}
     if path.is_file():
-        try:
+        with naming(path, "no table of events", damage=(KeyError, TypeError)):
             for row in read_table(path, ["recording", "time_s", "event"]).to_pylist():
                 found.setdefault(str(row["recording"]), []).append(Mark(float(row["time_s"]), str(row["event"])))
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{path}: no table of events: {error}") from None
     return found
 
 

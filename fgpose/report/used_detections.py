@@ -23,6 +23,7 @@ from fgpose.io.camera_names import seen_cameras
 from fgpose.io.keypoints import keypoint_cameras, load_people
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
+from fgpose.plain_files import naming
 from fgpose.sampling import nearest, usual_step_s
 from fgpose.trajectory import Trajectory
 
@@ -64,10 +65,8 @@ def used_detections(
 
 def _of_best(clocks: Sequence[_Images], people: Mapping[int, Trajectory], path: Path) -> dict[int, Observations]:
     """As the images fit the result best."""
-    try:
+    with naming(path):
         found = [{number: clock.of_person(each) for number, each in people.items()} for clock in clocks]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     best = min(found, key=lambda clock: sum(misfit_px for _, misfit_px in clock.values()))
     return {number: observations for number, (observations, _) in best.items()}
 

@@ -39,6 +39,7 @@ from jaxtyping import Float
 from fgpose.config import parse_toml
 from fgpose.io.content import read_content
 from fgpose.live.tracking.observed import Volume
+from fgpose.plain_files import naming
 from fgpose.robot.body import RADIUS_M
 
 _MAX_BYTES = 1_000_000  # some thousand times what a cell takes
@@ -148,10 +149,8 @@ def load_cell(path: str | Path) -> Cell:
         ValueError: the file is not TOML, or a key is unknown, missing or wrong; the message names file and key.
         OSError: the file cannot be read.
     """
-    try:
+    with naming(path):
         return _cell(_Table("", parse_toml(read_content(Path(path), _MAX_BYTES).decode("utf-8"))))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 @dataclass(frozen=True)
@@ -230,10 +229,8 @@ def _volume(table: _Table) -> Volume:
     table.only("low_m", "high_m", "spacing_m")
     spacing = {"spacing_m": table.of("spacing_m", _positive)} if "spacing_m" in table.values else {}
     corners = table.of("low_m", _vector), table.of("high_m", _vector)
-    try:
+    with naming(table.key):
         return Volume(*corners, **spacing)
-    except ValueError as error:
-        raise ValueError(f"{table.key}: {error}") from None
 
 
 def _link(table: _Table, name: str, *, is_fixed: bool) -> Link:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from fgpose.config import Config, checked_fields, parse_toml
 from fgpose.geometry.up_axis import UpChoice
-from fgpose.plain_files import read_settings
+from fgpose.plain_files import naming, read_settings
 from fgpose.study.pattern import Pattern
 
 Calibrate = Literal["given", "refine", "refine-poses", "refine-clocks", "people"]
@@ -156,13 +156,8 @@ def load_study(path: str | Path) -> Study:
         OSError: the file cannot be read.
     """
     path = Path(path)
-    try:
+    with naming(path):
         return study_of(parse_toml(read_settings(path)), path)
-    except OSError as error:
-        error.filename = error.filename or str(path)
-        raise
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def study_of(table: dict[str, Any], path: Path) -> Study:

@@ -126,6 +126,12 @@ def test_every_format_is_written_and_read_again(tmp_path: Path, smoothed: Result
     assert load_trajectory(tmp_path / "new" / "walk.parquet").config == Config()
 
 
+@pytest.mark.parametrize("name", ["", ".", "..", ".walk", "../walk", "a/walk", "walk/"])
+def test_a_name_that_hides_results_or_puts_them_elsewhere_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=f"{name!r} is no name of result files"):
+        Outputs(tmp_path, name, ("npz",))
+
+
 def test_several_trajectories_have_files_of_their_own(tmp_path: Path, tracked: Result) -> None:
     written = write_outputs(tracked, Outputs(tmp_path, "walk", ("npz",)))
     assert {path.name for path in written} == {"walk_online.npz", "walk_smoothed.npz"}

@@ -22,7 +22,7 @@ from fgpose.io.tables import read_table
 from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.live.sources.folder import _read as read_live_image
 from fgpose.monocular.clips import _open_video, _read_image
-from fgpose.plain_files import MAX_CAMERAS
+from fgpose.plain_files import MAX_CAMERAS, MAX_MESSAGE, naming
 from fgpose.study import load_study
 
 READERS: dict[str, Callable[[Path], object]] = {
@@ -109,3 +109,42 @@ def test_a_rig_of_too_many_cameras_is_refused() -> None:
     with pytest.raises(ValueError, match="60000 cameras are more than the 1000"):
         rig_in_metres([view] * 60_000, "m", "auto")
     assert MAX_CAMERAS == 1000
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (ValueError("no rig"), "a/rig.toml: not a rig: no rig"),
+        (ValueError("a/rig.toml, camera cam_1: no pose"), "not a rig: a/rig.toml, camera cam_1: no pose"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "no text"), "a/rig.toml: not a rig: 'utf-8' codec"),
+        (OSError("a damaged archive"), "a/rig.toml: not a rig: a damaged archive"),
+        (KeyError("pose"), "a/rig.toml: not a rig: pose is missing"),
+        (RecursionError(), "a/rig.toml: it is nested too deeply"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said_once_with_its_name(error: Exception, said: str) -> None:
+    with (
+        pytest.raises(ValueError, match="a/rig") as caught,
+        naming("a/rig.toml", "not a rig", damage=(KeyError, OSError)),
+    ):
+        raise error
+    assert str(caught.value).startswith(said)
+
+
+def test_no_message_quotes_all_of_a_file() -> None:
+    with pytest.raises(ValueError, match=r"rig\.toml: camera xx") as caught, naming("rig.toml"):
+        raise ValueError(f"camera {'x' * 100_000} has no pose")
+    assert len(str(caught.value)) < MAX_MESSAGE + 50
+    assert str(caught.value).endswith("xx has no pose")
+
+
+def test_errors_of_the_system_keep_their_kind_and_name_the_file(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError, match="no_such"), naming("rig.toml"):
+        (tmp_path / "no_such").read_bytes()
+    with pytest.raises(OSError, match=r"rig\.toml"), naming("rig.toml"):
+        raise OSError(5, "Input/output error")
+
+
+def test_a_failure_of_the_mathematics_is_not_said_of_the_file() -> None:
+    with pytest.raises(np.linalg.LinAlgError), naming("rig.toml"):
+        np.linalg.inv(np.zeros((2, 2)))

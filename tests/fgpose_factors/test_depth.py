@@ -4,7 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from fgpose_factors import depth_covariance_m2, depth_factor, noise_model, projection_factor
+from fgpose_factors import depth_factor, depth_information, noise_model, projection_factor
 from fgpose_factors.depth import LATERAL_SIGMA_M
 from fgpose_factors.testing import numerical_linearization
 
@@ -39,16 +39,22 @@ def test_jacobian_is_the_numerical_one() -> None:
     np.testing.assert_allclose(b, expected_b, atol=1e-12)
 
 
-def test_covariances_of_many_rays_have_the_ray_as_their_narrow_axis() -> None:
+@pytest.mark.parametrize("scale", [1.0, 1e-9, 1e9])
+def test_information_of_many_rays_is_along_the_ray(scale: float) -> None:
+    """However well or badly a depth is known: as the inverse of a covariance it was singular."""
     rng = np.random.default_rng(0)
     rays = rng.normal(size=(4, 5, 3))
     rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
-    sigmas_m = rng.uniform(0.05, 0.3, size=(4, 5))
-    covariance_m2 = depth_covariance_m2(rays, sigmas_m)
+    sigmas_m = scale * rng.uniform(0.05, 0.3, size=(4, 5))
+    across = np.cross(rays, [0.0, 0.0, 1.0])
+    information = depth_information(rays, sigmas_m)
+    along = np.einsum("tri,trij,trj->tr", rays, information, rays)
+    # Across it a digit in 1e16 of what is along is rounding.
+    rounding = 1e-15 / sigmas_m.min() ** 2
+    np.testing.assert_allclose(along, sigmas_m**-2, rtol=1e-12, atol=1e-15)
     np.testing.assert_allclose(
-        (covariance_m2 @ rays[..., None])[..., 0], sigmas_m[..., None] ** 2 * rays, rtol=1e-12, atol=1e-15
+        (information @ across[..., None])[..., 0], across / LATERAL_SIGMA_M**2, rtol=1e-12, atol=max(rounding, 1e-14)
     )
-    np.testing.assert_allclose(np.linalg.eigvalsh(covariance_m2)[..., 1:], LATERAL_SIGMA_M**2, rtol=1e-12)
 
 
 def test_one_pixel_and_one_depth_determine_a_point() -> None:

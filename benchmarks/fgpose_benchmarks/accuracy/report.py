@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.io.atomic import write_text
+from fgpose.io.content import parse_json, read_content
 from fgpose_benchmarks.accuracy.families import VARIANTS, family_of
 from fgpose_benchmarks.accuracy.figures import write_figures
 from fgpose_benchmarks.comparison import tables
@@ -231,7 +232,7 @@ def check_against(stored: Path, scores: list[Score]) -> list[str]:
 def _read_intervals(path: Path) -> tuple[Any, dict[tuple[str, str], dict[str, Any]]]:
     wrong = ValueError(f"{path} does not hold stored intervals of the benchmark")
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = parse_json(read_content(path))
         version, entries = content["version"], content["intervals"]
         intervals = {(entry["variant"], entry["method"]): entry for entry in entries}
         numbers = [entry[name] for entry in entries for name in _NUMBERS]

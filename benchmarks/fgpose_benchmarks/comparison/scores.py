@@ -22,6 +22,8 @@ from fgpose.assessment.metrics import (
     share_missing,
 )
 from fgpose.io.atomic import write_text
+from fgpose.io.content import parse_json, read_content
+from fgpose.plain_files import naming
 from fgpose_benchmarks.comparison.recording import Method, Recording, Result
 
 # The middle, the usual one and the tail of the distribution.
@@ -153,11 +155,8 @@ def load_scores(path: Path, kind: type[_Scored]) -> list[_Scored]:
         ValueError: the file is not such a list.
         OSError: the file cannot be read.
     """
-    text = path.read_text(encoding="utf-8")
-    try:
-        return [_from_json(item, kind) for item in json.loads(text)]
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise ValueError(f"{path}: not a list of scores: {error!r}") from None
+    with naming(path, "not a list of scores", damage=(TypeError, AttributeError)):
+        return [_from_json(item, kind) for item in parse_json(read_content(path))]
 
 
 def _to_json(value: Any) -> Any:
@@ -169,7 +168,7 @@ def _to_json(value: Any) -> Any:
 def _from_json(item: dict[str, Any], kind: type[_Scored]) -> _Scored:
     names = {field.name for field in fields(kind)}
     if set(item) != names:
-        raise KeyError(*sorted(set(item) ^ names))
+        raise ValueError(f"each has or lacks {', '.join(sorted(set(item) ^ names))}")
     return kind(**{name: _number(value) for name, value in item.items()})
 
 

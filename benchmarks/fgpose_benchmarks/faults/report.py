@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fgpose.io.atomic import write_text
+from fgpose.io.content import parse_json, read_content
+from fgpose.plain_files import naming
 from fgpose_benchmarks.faults.benchmark import DAMAGES
 from fgpose_benchmarks.faults.outcome import UNDAMAGED, Outcome
 
@@ -37,8 +39,8 @@ def write_outcomes(outcomes: Iterable[Outcome], path: Path) -> None:
 
 def read_outcomes(path: Path) -> list[Outcome]:
     """Those of write_outcomes; raises OSError or ValueError."""
-    every = json.loads(path.read_text(encoding="utf-8"))
-    return [Outcome(**{**each, "found": tuple(each["found"])}) for each in every]
+    with naming(path, "not outcomes of faults", damage=(TypeError, KeyError)):
+        return [Outcome(**{**each, "found": tuple(each["found"])}) for each in parse_json(read_content(path))]
 
 
 def _order(damage: str) -> int:

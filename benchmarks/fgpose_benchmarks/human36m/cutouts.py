@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.monocular.network import Image
+from fgpose.plain_files import naming
 
 Cutout = UInt8[np.ndarray, "height width 4"]
 """RGB and alpha, not premultiplied."""
@@ -77,13 +78,11 @@ def _png_cutouts(folder: Path) -> Iterator[tuple[str, Cutout]]:
 
 def _voc_cutouts(folder: Path) -> Iterator[tuple[str, Cutout]]:
     for path in sorted((folder / "Annotations").glob("*.xml")):
-        try:
+        with naming(path, "not an annotation of Pascal VOC", damage=(ElementTree.ParseError, LookupError)):
             root = ElementTree.fromstring(path.read_bytes())
             if _text(root, "segmented") == "0":
                 continue
             boxes_px = dict(_whole_objects(root))
-        except (ElementTree.ParseError, LookupError, ValueError) as error:
-            raise ValueError(f"{path}: not an annotation of Pascal VOC: {error}") from None
         if not boxes_px:
             continue
         image = read_image(folder / "JPEGImages" / f"{path.stem}.jpg")
@@ -117,13 +116,17 @@ def _palette_indices(path: Path) -> UInt8[np.ndarray, "height width"]:
     """Numbers of the colours, which OpenCV would turn into colours."""
     import PIL.Image
 
-    try:
-        with PIL.Image.open(path, formats=["PNG"]) as image:
-            if image.mode not in ("P", "L"):
-                raise ValueError(f"a mask of {image.mode} pixels")
-            return np.asarray(image, dtype=np.uint8)
-    except (PIL.UnidentifiedImageError, PIL.Image.DecompressionBombError, ValueError, SyntaxError) as error:
-        raise ValueError(f"{path}: not a mask of Pascal VOC: {error}") from None
+    with (
+        naming(
+            path,
+            "not a mask of Pascal VOC",
+            damage=(OSError, PIL.Image.DecompressionBombError, SyntaxError),
+        ),
+        PIL.Image.open(path, formats=["PNG"]) as image,
+    ):
+        if image.mode not in ("P", "L"):
+            raise ValueError(f"a mask of {image.mode} pixels")
+        return np.asarray(image, dtype=np.uint8)
 
 
 def _with_soft_rim(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +11,8 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.calibration import load_rig
+from fgpose.io.content import parse_json, read_content
+from fgpose.plain_files import naming
 from fgpose_benchmarks.human36m.labels import (
     TEST_SUBJECTS,
     PoseSequence,
@@ -87,8 +88,8 @@ def load_subject_rigs(path: str | Path) -> dict[str, CameraRig]:
 
 
 def _read_json(path: Path) -> dict[str, CameraRig]:
-    try:
-        parameters = json.loads(path.read_text(encoding="utf-8"))
+    with naming(path, "not the camera parameters of Human3.6M", (KeyError, TypeError, AttributeError, IndexError)):
+        parameters = parse_json(read_content(path))
         return {
             subject: CameraRig(
                 tuple(
@@ -105,24 +106,15 @@ def _read_json(path: Path) -> dict[str, CameraRig]:
             )
             for subject, cameras in parameters["extrinsics"].items()
         }
-    except KeyError as error:
-        raise ValueError(f"{path}: not the camera parameters of Human3.6M: {error.args[0]} is missing") from None
-    except (ValueError, TypeError, AttributeError, IndexError) as error:
-        raise ValueError(f"{path}: not the camera parameters of Human3.6M: {error}") from None
 
 
 def _load_sequence(path: Path, subject: str, rig: CameraRig) -> PoseSequence:
     import h5py
 
-    try:
+    with naming(path, damage=(KeyError, OSError)):
         with h5py.File(path, "r") as file:
             datasets = _read_datasets(file)
         return _sequence(datasets, subject, path.parent.name, rig)
-    # FileNotFoundError and the like name the file themselves; h5py raises a bare OSError for a damaged file.
-    except (ValueError, KeyError, OSError) as error:
-        if isinstance(error, OSError) and error.filename is not None:
-            raise
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _read_datasets(file: h5py.File) -> dict[str, np.ndarray]:

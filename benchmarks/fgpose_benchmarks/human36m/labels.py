@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.numpy_pickle import read_dictionary
 from fgpose.io.skeletons import load_skeleton
+from fgpose.plain_files import naming
 
 # Of the data set: rate of its videos, the joints and subjects of its usual protocol, the size of its images (two of
 # the four cameras are two rows higher).
@@ -146,26 +147,22 @@ def load_labels(path: str | Path, subjects: Iterable[str] = TEST_SUBJECTS) -> li
     """
     path = Path(path)
     labels = read_dictionary(path)
-    try:
+    with naming(path, "not the labels of Learnable Triangulation, or damaged", damage=(TypeError, IndexError)):
         _check(labels)
         return [
             sequence
             for subject in subjects
             for sequence in _sequences_of_subject(labels, _index(labels["subject_names"], subject))
         ]
-    except (ValueError, TypeError, IndexError) as error:
-        raise ValueError(f"{path}: not the labels of Learnable Triangulation, or damaged: {error}") from None
 
 
 def load_label_rigs(path: str | Path) -> dict[str, CameraRig]:
     """The cameras of every subject in the labels of Learnable Triangulation. Raises as load_labels."""
     path = Path(path)
     labels = read_dictionary(path)
-    try:
+    with naming(path, "not the labels of Learnable Triangulation, or damaged", damage=(TypeError, IndexError)):
         _check(labels)
         return {subject: _rig(labels, index) for index, subject in enumerate(labels["subject_names"])}
-    except (ValueError, TypeError, IndexError) as error:
-        raise ValueError(f"{path}: not the labels of Learnable Triangulation, or damaged: {error}") from None
 
 
 def _check(labels: dict[str, Any]) -> None:

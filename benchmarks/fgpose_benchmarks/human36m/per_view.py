@@ -14,6 +14,7 @@ from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.io.keypoints import load_observations
 from fgpose.observations import Observations
+from fgpose.plain_files import naming
 from fgpose_benchmarks.human36m.labels import FPS, SKELETON, PoseSequence, SequenceKey
 from fgpose_benchmarks.human36m.predictions import Prediction
 
@@ -39,10 +40,8 @@ def load_views(folder: str | Path, sequences: Iterable[PoseSequence]) -> dict[Se
     for sequence in sequences:
         path = Path(folder) / sequence.subject / f"{sequence.action}.npz"
         observations = load_observations(path, sequence.rig, SKELETON)
-        try:
+        with naming(path):
             frame_numbers(observations)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
         views[sequence.key] = observations
     return views
 

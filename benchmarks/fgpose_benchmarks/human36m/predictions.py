@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from fgpose.io.arrays import read_arrays, texts, write_arrays
 from fgpose.io.skeletons import load_skeleton
+from fgpose.plain_files import naming
 from fgpose_benchmarks.human36m.labels import N_JOINTS, SKELETON, SequenceKey, in_skeleton_order
 
 # Rooms are smaller: a median coordinate beyond this is a unit mistake.
@@ -87,12 +88,10 @@ def load_predictions(path: str | Path) -> dict[SequenceKey, Prediction]:
         OSError: it cannot be read.
     """
     path = Path(path)
-    try:
+    with naming(path, "not predictions for Human3.6M"):
         arrays = read_arrays(path)
         positions_m = _positions_m(arrays)
         keys, frames = _keys(arrays, len(positions_m)), _frames(arrays, len(positions_m))
-    except ValueError as error:
-        raise ValueError(f"{path}: not predictions for Human3.6M: {error}") from None
     rows_of: dict[SequenceKey, list[int]] = {}
     for row, key in enumerate(keys):
         rows_of.setdefault(key, []).append(row)

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from fgpose.io.arrays import checked, read_arrays
 from fgpose.io.skeletons import load_skeleton
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 
@@ -83,12 +84,10 @@ def motion_from_npz(path: str | Path) -> tuple[Float[np.ndarray, "frame joint 3"
             finite numbers.
         OSError: the file cannot be read.
     """
-    try:
+    with naming(path, "not a motion clip"):
         arrays = read_arrays(Path(path))
         positions_m = checked(arrays, "positions_m", "numbers", None, None, 3).astype(float)
         fps = float(checked(arrays, "fps", "numbers"))
-    except ValueError as error:
-        raise ValueError(f"{path}: not a motion clip: {error}") from None
     if not np.isfinite(positions_m).all():
         raise ValueError(f"{path}: positions_m must be finite")
     if not 0 < fps < np.inf:

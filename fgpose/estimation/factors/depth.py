@@ -14,7 +14,7 @@ from fgpose.estimation.factors.point_prior import PointPriors
 from fgpose.estimation.keys import Keys
 from fgpose.estimation.noise import correlated_frames
 from fgpose.estimation.segment import Segment
-from fgpose_factors import depth_covariance_m2, depth_factor
+from fgpose_factors import depth_factor, depth_information
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class Depths(PointPriors):
             used, rays = np.isfinite(sigma_m), evidence.rays[:, view, joints]
             if used.any():
                 information = np.zeros((*used.shape, 3, 3))
-                information[used] = np.linalg.inv(depth_covariance_m2(rays[used], sigma_m[used]))
+                information[used] = depth_information(rays[used], sigma_m[used])
                 positions_m = np.where(used[..., None], evidence.views_m[:, view, joints], 0.0)
                 yield cls(positions_m, information, config.kernel, config.kernel_scale, rays, sigma_m)
 

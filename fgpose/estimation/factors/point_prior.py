@@ -39,4 +39,5 @@ class PointPriors:
         """Information times residual, and the squared whitened residual."""
         residual_m = state.joints[:, 0] - self.positions_m
         pull = np.einsum("tjik,tjk->tji", self.information, residual_m)
-        return pull, np.einsum("tji,tji->tj", residual_m, pull)
+        # Of an information that is nearly singular rounding may make it negative, which no kernel takes.
+        return pull, np.maximum(np.einsum("tji,tji->tj", residual_m, pull), 0.0)

@@ -285,6 +285,7 @@ class FixedLagSmoother:
         factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         noise = gtsam.noiseModel.Isotropic.Sigma(3, _RESTART_SIGMA)
         for key, estimate in self._estimates.items():
+            estimate = np.clip(estimate, -_FARTHEST / 2, _FARTHEST / 2)
             factors.add(gtsam.PriorFactorPoint3(key, estimate, noise))
             values.insert(key, estimate)
         self._isam = gtsam.ISAM2(self._params)

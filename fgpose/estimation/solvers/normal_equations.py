@@ -22,6 +22,8 @@ from fgpose.estimation.solvers.block_tridiagonal import Band, BlockTridiagonal
 
 # Damping as strong as a prior of 1 m on a position is as strong as one of 10 m/s on a velocity.
 DAMPING_TIME_S = 0.1
+# Of positions, metres^-2, for problems that double precision cannot tell from undetermined ones; none as a rule.
+_PRIORS = (0.0, 1e-6, 1e-3, 1.0, 1e3, 1e6, 1e9)
 
 
 class NormalEquations:
@@ -87,11 +89,8 @@ class NormalEquations:
         for factors in self._factors:
             if isinstance(factors, SharedLengths):
                 factors.add_tension(information, state)
-        joints, lengths = _split(damping * self.damping_scale, self._shape)
-        np.einsum("tjakjak->tkja", information.frames)[:] += joints
-        np.einsum("ll->l", information.corner)[:] += lengths
         try:
-            return _Factorized(self._factorize(information), self._shape)
+            return _Factorized(self._factorize(information, damping), self._shape)
         except np.linalg.LinAlgError:
             return None
 
@@ -104,8 +103,11 @@ class NormalEquations:
             factors.add_information(information, state)
         return information
 
-    def _factorize(self, information: Information) -> BlockTridiagonal:
+    def _factorize(self, information: Information, damping: float = 0.0) -> BlockTridiagonal:
         """Raises numpy.linalg.LinAlgError: not positive definite."""
+        joints, lengths = _split(damping * self.damping_scale, self._shape)
+        np.einsum("tjakjak->tkja", information.frames)[:] += joints
+        np.einsum("ll->l", information.corner)[:] += lengths
         border = information.border.reshape(len(information.border), self._band.size, -1)
         return BlockTridiagonal(self._band, self._coupling, border, information.corner)
 
@@ -139,19 +141,27 @@ class NormalEquations:
     def linearized(self, positions_m: Float[np.ndarray, "frame joint 3"]) -> Linearized:
         """The problem around these positions of the active joints. Overwrites the factorisation of the state before.
 
+        Where one quantity is known 1e8 times better than another it is not positive definite in double precision: then
+        with the least of some priors that make it so.
+
         Raises:
-            ValueError: a joint is not held by any factor.
+            numpy.linalg.LinAlgError: none of them does.
         """
         state = self.initial()
         state.joints[:, 0] = np.nan_to_num(positions_m[:, self._segment.joints])
-        try:
-            matrix = self._factorize(self._information(state))
-        except np.linalg.LinAlgError as error:
-            raise ValueError(f"a joint is not held by any factor: {error}") from None
+        matrix = self._held(state)
         projections = [factors for factors in self._factors if isinstance(factors, Projections)]
         residuals, jacobians, weights = zip(*(each.whitened(state.joints[:, 0]) for each in projections), strict=True)
         detections = (np.stack(arrays, axis=1) for arrays in (residuals, jacobians, weights))
         return Linearized(_Factorized(matrix, self._shape), self._segment, *detections)
+
+    def _held(self, state: BatchState) -> BlockTridiagonal:
+        for damping in _PRIORS[:-1]:
+            try:
+                return self._factorize(self._information(state), damping)
+            except np.linalg.LinAlgError:
+                continue
+        return self._factorize(self._information(state), _PRIORS[-1])
 
 
 @dataclass(frozen=True, eq=False)

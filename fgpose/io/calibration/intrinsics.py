@@ -28,7 +28,7 @@ from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
 from fgpose.io.camera_names import named_cameras
 from fgpose.io.content import read_content
 from fgpose.io.folders import visible
-from fgpose.plain_files import MAX_CALIBRATION_BYTES
+from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
 
 Size = tuple[int, int]
 
@@ -64,7 +64,7 @@ def load_intrinsics(
         OSError: the file cannot be read.
     """
     path = Path(path)
-    try:
+    with naming(path):
         known = _lenses(path)
         if len(known) == 1:
             of_camera = dict.fromkeys(camera_names, known[0])
@@ -72,8 +72,6 @@ def load_intrinsics(
             by_name = {lens.name: lens for lens in known}
             of_camera = {name: by_name[own] for name, own in named_cameras(camera_names, by_name).items()}
         cameras = [_camera(name, of_camera[name], size) for name, size in _sized(camera_names, sizes_px)]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     pairs = zip(cameras, _sized(camera_names, sizes_px), strict=True)
     return CameraRig(tuple(fitted_camera(camera, size or camera.size_px, path) for camera, (_, size) in pairs))
 
@@ -115,10 +113,8 @@ def _lenses(path: Path) -> list[Lens]:
 
 
 def _only_lens(file: Path) -> Lens:
-    try:
+    with naming(file.name):
         found = _of_file(file)
-    except ValueError as error:
-        raise ValueError(f"{file.name}: {error}") from None
     if len(found) > 1:
         raise ValueError(f"{file.name}: in a folder, a file has one camera, this one has {len(found)}")
     return replace(found[0], name=file.stem)

@@ -23,7 +23,7 @@ from fgpose.io.calibration.calibration_origin import CalibrationOrigin
 from fgpose.io.content import read_content
 from fgpose.io.formats import RigFormat as AddedFormat
 from fgpose.io.formats import recognised
-from fgpose.plain_files import MAX_CALIBRATION_BYTES
+from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
 
 RigFormat = Literal["auto", "npz", "pose2sim", "aniposelib", "caliscope", "easymocap"]
 _Writer = Callable[[CameraRig, Path, CalibrationOrigin | None], None]
@@ -62,17 +62,15 @@ def load_rig(path: str | Path, unit: Unit = "auto") -> CameraRig:
     """
     path = Path(path)
     metres_per_unit(unit)
-    if (other := recognised(AddedFormat, path)) is not None:
-        return other.read(path)
-    try:
+    with naming(path):
+        if (other := recognised(AddedFormat, path)) is not None:
+            return other.read(path)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             views, unit_of_format = _read(path)
         for warning in caught:
             warnings.warn(f"{path}: {warning.message}", stacklevel=2)
         return rig_in_metres(views, unit_of_format, unit)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _read(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
@@ -119,15 +117,13 @@ def load_calibration_origin(path: str | Path) -> CalibrationOrigin:
         OSError: the file cannot be read.
     """
     path = Path(path)
-    try:
+    with naming(path):
         if path.is_dir() or live_format.is_live(path):
             return CalibrationOrigin()
         content = read_content(path, MAX_CALIBRATION_BYTES)
         if content.startswith(b"PK"):
             return npz_format.read_origin(path)
         return toml_formats.read_origin(content.decode("utf-8", errors="replace").removeprefix("\ufeff"))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def load_quarter_turns(path: str | Path) -> dict[str, int]:
@@ -179,10 +175,8 @@ def save_rig(
     """
     path = Path(path)
     writer = _WRITERS[check_format(path, file_format)]
-    try:
+    with naming(path):
         writer(rig, path, origin)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def check_format(path: str | Path, file_format: RigFormat = "auto") -> RigFormat:

@@ -24,6 +24,7 @@ from fgpose.io.keypoints.detections import (
 from fgpose.io.keypoints.frame_names import MAX_FRAME, frame_numbers
 from fgpose.io.keypoints.image_files import image_format, mmpose_instances
 from fgpose.io.keypoints.joint_names import check_joints
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 
@@ -50,10 +51,8 @@ def read(path: Path, camera: str, skeleton: Skeleton) -> tuple[CameraDetections,
 
 
 def _read_npz(source: Source) -> dict[str, np.ndarray]:
-    try:
+    with naming(source):
         return read_arrays(source.path)
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
 
 
 def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, Skeleton], CameraDetections]]:
@@ -84,10 +83,8 @@ def _reader(document: Any, source: Source) -> tuple[str, Callable[[Any, Source, 
 
 
 def _read_mmpose(document: dict[str, Any], source: Source, skeleton: Skeleton) -> CameraDetections:
-    try:
+    with naming(source):
         _check_meta(document.get("meta_info"), skeleton)
-    except ValueError as error:
-        raise ValueError(f"{source}: {error}") from None
     return _read_mmpose_frames(document["instance_info"], source, skeleton)
 
 

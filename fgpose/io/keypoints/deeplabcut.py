@@ -18,6 +18,7 @@ from fgpose.io.content import first_bytes, read_content, text_lines
 from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
 from fgpose.io.keypoints.frame_names import frame_numbers
 from fgpose.io.keypoints.joint_names import plain_joint
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 _HEADER = ("scorer", "individuals", "bodyparts", "coords")
@@ -38,15 +39,13 @@ def read(source: Source, skeleton: Skeleton) -> CameraDetections:
         ValueError: the table is damaged, or has no body part for a joint of the skeleton; the message names file,
             camera, frame and joint.
     """
-    try:
+    with naming(source, "not a table of DeepLabCut", damage=[csv.Error]):
         rows = filter(None, csv.reader(text_lines(read_content(source.path))))
         start = list(islice(rows, len(_HEADER)))
         header = _header(start)
         first = next(i for i, kind in enumerate(header["coords"]) if kind in _COORDINATES)
         people = _columns(skeleton, header, first)
         indices, values = _body(chain(start, rows), len(header), len(header["coords"]), first)
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{source}: not a table of DeepLabCut: {error}") from None
     # One more, for what there is no column of.
     values = np.concatenate([values, np.full((len(values), 1), np.nan)], axis=1)
     n_given = len(set(header["bodyparts"][first:]))
@@ -68,6 +67,8 @@ def _header(rows: Sequence[list[str]]) -> dict[str, list[str]]:
     header = {row[0]: row for row in rows if row[0] in _HEADER}
     if not {"bodyparts", "coords"} <= set(header) or not set(header["coords"]) & set(_COORDINATES):
         raise ValueError("it lacks the rows bodyparts and coords")
+    if len({len(row) for row in header.values()}) > 1:
+        raise ValueError("the rows of its header have different lengths")
     return header
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.io.content import parse_json, read_content
 from fgpose.io.keypoints.joint_names import chosen_joints, no_such_joints
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 # Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.
@@ -55,14 +56,11 @@ def nobody(source: Source, skeleton: Skeleton) -> ImageDetections:
 
 def read_json(source: Source) -> Any:
     """The document in a JSON file. Raises ValueError, naming file, camera and frame, if it is damaged."""
-    try:
+    with naming(source, "not JSON, or a truncated file"):
         content = read_content(source.path)
         if not content.strip():
             raise ValueError("the file is empty. Let the detector write it again, or remove it")
         return parse_json(content)
-    # ValueError: also of text that is not UTF-8, and of numbers with thousands of digits.
-    except ValueError as error:
-        raise ValueError(f"{source}: not JSON, or a truncated file: {error}") from None
 
 
 def detections_from_triples(source: Source, skeleton: Skeleton, people: list[Any]) -> ImageDetections:

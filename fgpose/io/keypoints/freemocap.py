@@ -9,6 +9,7 @@ import numpy as np
 from fgpose.io.arrays import read_array
 from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
 from fgpose.io.keypoints.joint_names import no_such_joints
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 # Of MediaPipe with hands and face: 33 of the body come first.
@@ -58,10 +59,8 @@ def read(path: Path, skeleton: Skeleton) -> dict[str, CameraDetections]:
 
 
 def _array(path: Path) -> np.ndarray:
-    try:
+    with naming(path):
         array = read_array(path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     if array.dtype.kind not in "fiu" or array.ndim != 4 or array.shape[3] not in (2, 3):
         raise ValueError(
             f"{path}: not 2D points of FreeMoCap: an array (cameras, frames, points, 2 or 3) of numbers is needed, got "

@@ -23,6 +23,7 @@ from fgpose.io.keypoints.zeros import without_zeros
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 Points3dFrame = Literal["camera", "world"]
@@ -87,7 +88,8 @@ def load_observations(
     """
     path = Path(path)
     _check_person(path, person)
-    seen = _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    with naming(path):
+        seen = _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
     return seen if isinstance(seen, Observations) else _person_of(path, seen, rig, person)
 
 
@@ -105,7 +107,9 @@ def load_people(
 
     A recording written by save_observations is of one person, one written by save_people_observations of everybody.
     """
-    seen = _read(Path(path), rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
+    path = Path(path)
+    with naming(path):
+        seen = _read(path, rig, skeleton, fps, points3d_frame, points3d_unit, ignore_other_cameras)
     return PeopleObservations.of_one(seen) if isinstance(seen, Observations) else seen
 
 
@@ -129,11 +133,8 @@ def _read(
     if path.is_file() and live_files.is_live(path):
         return live_files.read(path, rig, skeleton)
     cameras, remarks = _read_cameras(path, skeleton)
-    try:
-        own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
-        people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    own = _in_order(cameras, rig, ignore_other_cameras) if freemocap_file(path) is None else _by_place(cameras, rig)
+    people = _people(own, rig, skeleton, _needed(fps), points3d_frame, points3d_unit)
     for remark in remarks:
         warnings.warn(remark, stacklevel=3)
     return replace(people, remarks=remarks)
@@ -141,7 +142,7 @@ def _read(
 
 def _person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: Person) -> Observations:
     """What the cameras saw of the person wanted, see load_observations. Raises ValueError, which names the file."""
-    try:
+    with naming(path):
         if person == "consistent":
             chosen = main_person(people, rig)
             if chosen.n_people > 1 and people.n_most <= 1:
@@ -156,8 +157,6 @@ def _person_of(path: Path, people: PeopleObservations, rig: CameraRig, person: P
         if person >= max(people.n_most, 1):
             raise ValueError(f"there is no person {person}: at most {people.n_most} in an image, counted from 0")
         return people.of_person(people.only(person))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _in_order(cameras: dict[str, CameraDetections], rig: CameraRig, ignore_others: bool) -> list[CameraDetections]:

@@ -9,6 +9,7 @@ from fgpose.io.calibration.live_format import is_live as is_live
 from fgpose.io.camera_names import match_cameras
 from fgpose.io.live_recordings import LiveRecordingFile
 from fgpose.people import Detections, PeopleObservations
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 
@@ -29,15 +30,13 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations:
     """
     recording = LiveRecordingFile(path)
     start = recording.start
-    try:
+    with naming(path):
         if start.skeleton.joints != skeleton.joints:
             raise ValueError(
                 f"its joints are not those of skeleton {skeleton.name} but those of {start.skeleton.name}: "
                 f"{', '.join(start.skeleton.joints)}"
             )
         called = {theirs: ours for ours, theirs in match_cameras(start.camera_names, rig.names).items()}
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     images: dict[tuple[str, float], Detections] = {}
     for update in recording.updates():
         for image in update:
@@ -46,10 +45,8 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton) -> PeopleObservations:
                 raise ValueError(f"{path}: {seen}: the recording has no such camera")
             ours = _called(seen, called[seen.camera], seen.time_s - start.started_s)
             images.setdefault((ours.camera, ours.time_s), ours)
-    try:
+    with naming(path):
         return PeopleObservations(skeleton, rig.names, tuple(images.values()))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _called(seen: Detections, camera: str, time_s: float) -> Detections:

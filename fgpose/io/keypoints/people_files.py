@@ -22,6 +22,7 @@ from fgpose.io.keypoints.recording_files import is_parquet, is_recording
 from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
 from fgpose.observations import positive_definite
 from fgpose.people import Detections, PeopleObservations
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 _SHAPES = {"points2d_px": (2,), "confidence": (), "points3d_m": (3,), "covariance3d_m2": (3, 3)}
@@ -45,10 +46,8 @@ def is_people(path: Path) -> bool:
     """Whether a file was written by save_people_observations, by its content; errors as of is_recording."""
     if not is_recording(path):
         return False
-    try:
+    with naming(path):
         return {"image", "person"} <= column_names(path) if is_parquet(path) else "n_people" in array_names(path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def read(path: Path, rig: CameraRig, skeleton: Skeleton, *, ignore_other_cameras: bool = False) -> PeopleObservations:
@@ -57,14 +56,12 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton, *, ignore_other_cameras
     Raises:
         ValueError: the file is damaged, of another skeleton or other cameras; the message names the file.
     """
-    try:
+    with naming(path):
         images = _read_parquet(path, skeleton) if is_parquet(path) else _read_npz(path, skeleton)
         matched = match_cameras(images.cameras, rig.names, ignore_others=ignore_other_cameras)
         _check_3d(images, skeleton)
         called = {matched[name]: name for name in rig.names}
         return PeopleObservations(skeleton, rig.names, tuple(_detections(images, called)))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _detections(images: _Images, called: dict[str, str]) -> list[Detections]:

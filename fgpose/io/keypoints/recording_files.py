@@ -22,6 +22,7 @@ from fgpose.io.keypoints.detection_columns import (
 )
 from fgpose.io.tables import names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 _REQUIRED_ARRAYS = ("time_s", "points2d_px", "confidence", "camera_names", "joints")
@@ -35,10 +36,8 @@ def is_recording(path: Path) -> bool:
         return False
     if is_parquet(path):
         return True
-    try:
+    with naming(path):
         return _is_npz(path) and "points2d_px" in array_names(path)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def read(path: Path, rig: CameraRig, skeleton: Skeleton, *, ignore_other_cameras: bool = False) -> Observations:
@@ -47,23 +46,19 @@ def read(path: Path, rig: CameraRig, skeleton: Skeleton, *, ignore_other_cameras
     Raises:
         ValueError: the file is damaged, of another skeleton or other cameras; the message names the file.
     """
-    try:
+    with naming(path):
         observations = _read_parquet(path, skeleton) if is_parquet(path) else _read_npz(path, skeleton)
         matched = match_cameras(observations.camera_names, rig.names, ignore_others=ignore_other_cameras)
         in_order = observations.subset([matched[name] for name in rig.names])
         return replace(in_order, camera_names=rig.names)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def camera_names(path: Path) -> tuple[str, ...]:
     """The cameras of a recording; nothing else is read. Raises ValueError, which names the file, if it is damaged."""
-    try:
+    with naming(path):
         if is_parquet(path):
             return names(read_table(path, ["camera"]), "camera")[0]
         return texts(read_arrays(path, ["camera_names"]), "camera_names")
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def save_observations(observations: Observations, path: str | Path) -> None:

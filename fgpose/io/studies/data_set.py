@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from fgpose.io.folders import shown
 from fgpose.io.tables import read_table, write_table
+from fgpose.plain_files import naming
 
 # Columns of a camera have its name: they differ between the rigs of a study, and stay with the recording.
 _OF_CAMERAS = ("residual_px_", "visibility_")
@@ -35,10 +36,8 @@ def write_part(table: Path, part: Path, recording: str, trial: str, fingerprint:
     """
     import pyarrow as pa
 
-    try:
+    with naming(table):
         whole = read_table(table)
-    except ValueError as error:
-        raise ValueError(f"{table}: {error}") from None
     names = [name for name in whole.column_names if not name.startswith(_OF_CAMERAS)]
     columns = {"recording": pa.array([recording] * len(whole)), "trial": pa.array([trial] * len(whole))}
     for name in names:

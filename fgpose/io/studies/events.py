@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fgpose.io.content import read_content
-from fgpose.plain_files import check_expansion
+from fgpose.plain_files import check_expansion, naming
 
 _NAMES = ("subject", "session", "trial")
 _MAX_BYTES = 100 << 20
@@ -39,7 +39,7 @@ def read_events(path: Path) -> tuple[Event, ...]:
         ValueError: a column is missing, a row is too short, or a time is no number; the message names file and line.
         OSError: the file cannot be read.
     """
-    try:
+    with naming(path, damage=[csv.Error]):
         text = read_content(path, _MAX_BYTES).decode("utf-8-sig")
         first = text.partition("\n")[0]
         delimiter = max("\t;,", key=first.count)
@@ -50,8 +50,6 @@ def read_events(path: Path) -> tuple[Event, ...]:
         rows = csv.DictReader(io.StringIO(text), delimiter=delimiter)
         _check_columns(rows.fieldnames or ())
         return tuple(_event(row, rows.line_num) for row in rows)
-    except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _check_columns(columns: object) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from fgpose.io.atomic import write_text
-from fgpose.io.content import read_content
+from fgpose.io.content import parse_json, read_content
 
 FILE = "state.json"
 _MAX_BYTES = 16 << 20
@@ -53,12 +53,12 @@ def save_state(state: RecordingState, folder: Path) -> None:
 def load_state(folder: Path) -> RecordingState | None:
     """Of a recording; None where there is none that can be read: then nothing is known of its results."""
     try:
-        table = json.loads(read_content(folder / FILE, _MAX_BYTES))
+        table = parse_json(read_content(folder / FILE, _MAX_BYTES))
         steps = {name: DoneStep(each["fingerprint"], tuple(each["files"])) for name, each in table["steps"].items()}
         if any(Path(file).name != file for step in steps.values() for file in step.files):
             return None  # results are in the folder
         return RecordingState(table["stamp"], table["contents"], steps, table["row"], tuple(table["warnings"]))
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
         return None
 
 

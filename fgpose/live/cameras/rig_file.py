@@ -26,7 +26,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.live.sources import CameraSource
 from fgpose.live.sources.address import kind_of, shown, with_environment
-from fgpose.plain_files import read_settings
+from fgpose.plain_files import naming, read_settings
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def load_live_rig(path: str | Path) -> LiveRig:
         OSError: a file cannot be read.
     """
     path = Path(path)
-    try:
+    with naming(path):
         document = parse_toml(read_settings(path))
         tables = document.get("cameras")
         if not isinstance(tables, dict):
@@ -59,14 +59,10 @@ def load_live_rig(path: str | Path) -> LiveRig:
         if calibration is not None and not isinstance(calibration, str):
             raise ValueError(f"live.calibration must be a path, got {calibration!r}")
         sources = _sources(tables, path.parent)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     # A rig that was found from a recording has the starts of its videos.
     rig = load_rig(path if calibration is None else path.parent / calibration).after_recording()
-    try:
+    with naming(path):
         return LiveRig(rig, _matched(sources, rig.names))
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
 
 
 def _sources(tables: dict[str, Any], folder: Path) -> dict[str, CameraSource]:

@@ -9,7 +9,7 @@ from typing import Any
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.live.reception.zmq_sockets import load_zmq
-from fgpose.plain_files import read_settings
+from fgpose.plain_files import naming, read_settings
 
 _SERVER, _CLIENTS = "server.key_secret", "clients"
 _DOMAIN = b"fgpose"
@@ -87,10 +87,8 @@ class InputKeys:
 
 def _key(path: Path, name: str) -> bytes:
     """Of a certificate file, in Z85."""
-    try:
+    with naming(path):
         lines = [line.split("=", 1) for line in read_settings(path).splitlines() if not line.lstrip().startswith("#")]
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
     keys = [value[1].strip(" \t'\"") for value in lines if value[0].strip() == name and len(value) == 2]
     if len(keys) != 1 or len(keys[0]) != 40 or not keys[0].isascii():
         raise ValueError(f"{path}: no {name} of 40 characters, as zmq.auth.create_certificates writes it")

@@ -14,6 +14,7 @@ from fgpose.io.live_recordings import LiveRecordingFile, RecordedImage
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import frame_of_document
 from fgpose.people import PeopleObservations
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 
@@ -74,10 +75,8 @@ class LiveRecording:
                 yield self._frame(document)
 
     def _frame(self, document: dict[str, Any]) -> LiveFrame:
-        try:
+        with naming(self.path):
             return frame_of_document(document, self.skeleton)
-        except ValueError as error:
-            raise ValueError(f"{self.path}: {error}") from None
 
 
 def load_live_recording(path: str | Path) -> LiveRecording:

@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 import fgpose
 from fgpose.config import SwingConfig, config_from_dict
+from fgpose.estimation.noise import surely_positive
 from fgpose.estimation.uncertainty import distrust_factor, distrust_factor_online, with_swing
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import Scene
@@ -128,3 +129,13 @@ def test_a_bone_of_length_zero_adds_nothing(skeleton: Skeleton) -> None:
     unseen_s = np.ones((1, skeleton.n_joints))
     nothing = np.zeros((1, skeleton.n_joints, 3, 3))
     assert not with_swing(nothing, positions_m, unseen_s, skeleton, SwingConfig()).any()
+
+
+@pytest.mark.parametrize("size", [3, 7])
+@pytest.mark.parametrize("scale", [1e-20, 1.0, 1e20])
+def test_what_rounding_made_singular_can_be_solved(size: int, scale: float) -> None:
+    column = np.random.default_rng(0).normal(size=size)
+    singular = scale * np.outer(column, column)
+    np.linalg.cholesky(surely_positive(singular))
+    # As far as it is determined, it is the same.
+    np.testing.assert_allclose(surely_positive(singular) @ column, singular @ column, rtol=1e-11)

@@ -239,3 +239,16 @@ def test_frames_joints_and_cameras_keep_their_places(rig, rng):
     found = triangulate_robust(undistorted_px, confidence, rig)
     np.testing.assert_allclose(found.positions_m, truth_m, atol=1e-8)
     np.testing.assert_array_equal(found.inliers, np.moveaxis(confidence > 0, 1, 2))
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+@pytest.mark.parametrize("far_px", [1e40, 1e200, 1e308])
+def test_what_no_image_holds_is_missing(far_px: float, rig: CameraRig) -> None:
+    """Its squares overflow."""
+    point_m = np.array([[0.1, 0.2, 1.0]])
+    points2d_px = np.stack([camera.project(point_m) for camera in rig.cameras], axis=1)
+    weights = np.ones((1, rig.n_cameras))
+    weights[:, 0] = 0.0
+    without_m = triangulate(points2d_px, weights, rig.projection_matrices)
+    points2d_px[:, 0], weights[:, 0] = far_px, 1.0
+    np.testing.assert_array_equal(triangulate(points2d_px, weights, rig.projection_matrices), without_m)

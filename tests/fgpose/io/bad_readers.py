@@ -30,6 +30,7 @@ FORMATS = {
         ("hang", lambda folder: time.sleep(60)),
         ("wrong exception", _raise(KeyError("file.txt"))),
         ("unnamed", _raise(ValueError("it is damaged"))),
+        ("long", _raise(ValueError(f"file.txt is {'x' * 100_000}"))),
         ("refused", _raise(ValueError("file.txt is damaged"))),
         ("read", lambda folder: None),
     )

@@ -54,7 +54,7 @@ def _odd_entries(rng: Rng, array: np.ndarray) -> np.ndarray:
     elif array.dtype.kind == "U" and array.ndim == 0:
         return np.array(json_tree(rng, str(array).encode()).decode())
     elif array.dtype.kind == "U" and flat.size:
-        flat[rng.integers(flat.size)] = str(rng.choice(("", "x", "\x00a", flat[0])))
+        flat[rng.integers(flat.size)] = str(rng.choice(("", "x", "x" * 100_000, "\x00a", flat[0])))
     return array
 
 

@@ -13,11 +13,17 @@ from member_mutations import (
     parquet_columns,
     parquet_metadata,
 )
-from text_mutations import BYTES, TEXT, Rng, json_tree, nest, odd_number, other_word, toml_tree
+from text_mutations import BYTES, TEXT, Rng, json_tree, long_word, nest, odd_number, other_word, toml_tree
 
 _WAYS: dict[str, dict[str, Callable[[Rng, bytes], bytes]]] = {
     "text": TEXT,
-    "json": {"tree": json_tree, "odd number": odd_number, "nest": nest, "other word": other_word},
+    "json": {
+        "tree": json_tree,
+        "odd number": odd_number,
+        "nest": nest,
+        "other word": other_word,
+        "long word": long_word,
+    },
     "toml": {**TEXT, "tree": toml_tree},
     "npz": {"members": npz_members, "headers": npz_headers},
     "parquet": {"columns": parquet_columns, "metadata": parquet_metadata},

@@ -17,6 +17,7 @@ import numpy as np
 
 from fgpose.association.track import TrackEvent
 from fgpose.config import Config, config_to_toml, load_config
+from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin, load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
@@ -27,13 +28,22 @@ from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, 
 from fgpose.io.packing import packed
 from fgpose.io.record_files import MAGIC, as_record
 from fgpose.io.skeletons import load_skeleton
+from fgpose.io.studies.events import read_events
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people, save_trajectory
+from fgpose.kinematics.angles import joint_angles
+from fgpose.kinematics.poses import segment_poses
+from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.monocular.detection_cache import ViewDetections, load_detections, store_detections
 from fgpose.monocular.network import People
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
+from fgpose.plain_files import naming
+from fgpose.report.quality import quality
+from fgpose.robot.cell import load_cell
 from fgpose.skeleton import LIMBS, Skeleton
+from fgpose.study.study import load_study
 from fgpose.trajectory import Convergence, Status, Trajectory
+from fgpose_benchmarks.comparison.scores import Score, load_scores, save_scores
 from fgpose_benchmarks.human36m.predictions import load_predictions
 from fgpose_benchmarks.synthetic import motion_from_npz, ring_rig, walking
 
@@ -359,6 +369,64 @@ def _make_live_recording(folder: Path) -> None:
     (folder / "live.fgpose").write_bytes(MAGIC + b"".join(records))
 
 
+def _make_live_rig(folder: Path) -> None:
+    save_rig(rig(), folder / "Calib.toml")
+    sources = [
+        f'[cameras.{name}]\nsource = "rtsp://viewer:secret@10.0.0.{n}/{name}"\n' for n, name in enumerate(rig().names)
+    ]
+    (folder / "live.toml").write_text('[live]\ncalibration = "Calib.toml"\n\n' + "\n".join(sources))
+
+
+_STUDY = """[data]
+root = "."
+keypoints = ["{subject}/{trial}/pose"]
+calibration = "{subject}/Calib.toml"
+skeleton = "body_25"
+fps = 50.0
+[steps]
+people = "1"
+"""
+_CELL = """walking_m_s = 1.6
+[volume]
+low_m = [-2, -2, 0]
+high_m = [2, 2, 2.2]
+[links.forearm]
+capsules = [{ from_m = [0, 0, 0], to_m = [0, 0, 0.4], radius_m = 0.08 }]
+[zones.conveyor]
+boxes = [{ low_m = [0.5, -1, 0], high_m = [1, 1, 0.9] }]
+"""
+
+
+def _text(name: str, content: str) -> Callable[[Path], Any]:
+    return lambda folder: (folder / name).write_text(content)
+
+
+def _make_scores(folder: Path) -> None:
+    texts = {"variant": "noise", "clip": "walk", "method": "batch", "group": "ours"}
+    several = {"coverage": (0.5,), "coverage_occluded": (0.5,), "joint_mm": (1.0, 2.0)}
+    numbers = {field.name: 1.0 for field in fields(Score)}
+    save_scores([Score(**{**numbers, **several, **texts})], folder / "scores.json")
+
+
+def _make_used(extension: str) -> Callable[[Path], Any]:
+    return lambda folder: save_trajectory(walk(), folder / f"result{extension}")
+
+
+def _use_result(path: Path) -> None:
+    """Judge what a result file has, and write it in all other formats."""
+    people = load_people_trajectories(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        warnings.simplefilter("error", RuntimeWarning)
+        with naming(path):
+            quality(FinishedRecording(path.stem, people))
+        for extension in (".npz", ".trc", ".c3d", ".parquet"):
+            save_people(people, path.parent / f"written{extension}", world_up="z")
+        for each in people.values():
+            segment_poses(each)
+            joint_angles(each)
+
+
 def _make_xcp(folder: Path) -> None:
     lens = 'FOCAL_LENGTH="1145" PRINCIPAL_POINT="500 500" VICON_RADIAL2="ViconRadial2 500 500 0.1 0.01 0"'
     cameras = []
@@ -519,6 +587,17 @@ FORMATS = {
         Format("motion npz", "npz", _make_motion, _one(motion_from_npz)),
         Format("predictions npz", "npz", _make_predictions, _one(load_predictions)),
         Format("detections npz", "npz", _make_detections, _read_detections),
+        Format("live rig", "toml", _make_live_rig, lambda folder: load_live_rig(folder / "live.toml")),
+        Format("study", "toml", _text("study.toml", _STUDY), _one(load_study)),
+        Format("cell", "toml", _text("cell.toml", _CELL), _one(load_cell)),
+        Format(
+            "events", "text", _text("events.csv", "event,time_s,subject\nfall,1.5,S1\nend,2,S1\n"), _one(read_events)
+        ),
+        Format("scores", "json", _make_scores, _one(lambda path: load_scores(path, Score))),
+        Format("used parquet", "parquet", _make_used(".parquet"), _one(_use_result)),
+        Format("used npz", "npz", _make_used(".npz"), _one(_use_result)),
+        Format("used c3d", "c3d", _make_used(".c3d"), _one(_use_result)),
+        Format("used trc", "text", _make_used(".trc"), _one(_use_result)),
         Format("tflite", "bytes", _make_tflite, _read_tflite),
     )
 }

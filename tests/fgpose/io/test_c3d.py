@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from small_files import STICK, trajectory
 from fgpose.io import c3d_points
 from fgpose.io.c3d_points import C3dSize, check_size, read_points
 from fgpose.io.trajectories import load_trajectory, save_trajectory
+
+_OF_FRAMES = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
 
 pytest.importorskip("ezc3d")
 
@@ -98,3 +101,11 @@ def test_the_other_process_gives_what_ezc3d_gives(path: Path) -> None:
     np.testing.assert_array_equal(there["residuals"], here["data"]["meta_points"]["residuals"][0])
     assert there["LABELS"].tolist() == here["parameters"]["POINT"]["LABELS"]["value"]
     assert there["first_frame"] == here["header"]["points"]["first_frame"]
+
+
+def test_a_body_that_was_never_there_is_refused(tmp_path: Path) -> None:
+    """ezc3d divides by the number of frames."""
+    nothing = trajectory()
+    nothing = replace(nothing, **{name: getattr(nothing, name)[:0] for name in _OF_FRAMES})
+    with pytest.raises(ValueError, match=r"walk\.c3d: C3D holds at least one frame"):
+        save_trajectory(nothing, tmp_path / "walk.c3d")

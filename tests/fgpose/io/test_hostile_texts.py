@@ -153,7 +153,7 @@ def test_few_images_do_not_make_a_day(tmp_path: Path) -> None:
 
 
 def test_a_message_that_quotes_all_of_a_file_is_cut() -> None:
-    assert _one_line(ValueError("a" * 10_000)) == f"{'a' * 4000} ... and 6000 more"
+    assert _one_line(ValueError("a" * 10_000)) == f"{'a' * 3200} [6000 characters] {'a' * 800}"
 
 
 NAMES = ("=HYPERLINK(1)", "'=1", "''=1", "'a", "+1", "-", "@SUM(A1)", "a, b; c", "größe", "<b>", '"')

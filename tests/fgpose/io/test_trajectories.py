@@ -260,3 +260,18 @@ def test_an_archive_of_something_else_is_named(tmp_path):
     for name in ("rig.npz", "texts.npz"):
         with pytest.raises(ValueError, match=rf"{name}: not a readable npz .*skeleton and camera_names are missing"):
             load_trajectory(tmp_path / name)
+
+
+@pytest.mark.parametrize("extension", [".npz", ".trc"])
+def test_times_that_do_not_increase_are_refused_by_name(extension: str, trajectory: Trajectory, tmp_path: Path) -> None:
+    """As of a column that somebody stored as whole seconds."""
+    path = tmp_path / f"walk{extension}"
+    save_trajectory(trajectory, path)
+    if extension == ".npz":
+        arrays = dict(np.load(path))
+        np.savez(path, **{**arrays, "time_s": arrays["time_s"].astype(int)})
+    else:
+        lines = path.read_text().splitlines()
+        path.write_text("\n".join([*lines, lines[-1]]))
+    with pytest.raises(ValueError, match=rf"walk\{extension}: .*times do not increase: frame \d"):
+        load_trajectory(path)

@@ -21,7 +21,19 @@ _ODD_NUMBERS = (
 _ODD_TEXTS = ("[" * 100_000, "{" * 50_000, '{"a":' * 50_000, "a." * 20_000, "- " * 50_000, "<a>" * 100_000, "\x00", "�")
 ODD_VALUES: tuple[Any, ...] = (
     *(None, True, 0, -1, 1.5, 10**400, -(10**19), 1e308, float("nan"), float("inf"), "", "x", "nan", "9" * 5000),
-    *([], [[]], {}, {"a": 1}, [1, "a", None], [[1, 2], [3]], [[[[1.0]]]], [[None] * 3] * 3, "\x00", "ä" * 300),
+    *(
+        [],
+        [[]],
+        {},
+        {"a": 1},
+        [1, "a", None],
+        [[1, 2], [3]],
+        [[[[1.0]]]],
+        [[None] * 3] * 3,
+        "\x00",
+        "ä" * 300,
+        "x" * 100_000,
+    ),
 )
 _NUMBER = re.compile(rb"-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(rb"[A-Za-z_]\w*")
@@ -109,6 +121,10 @@ def other_word(rng: Rng, data: bytes) -> bytes:
     return _replaced(rng, data, _WORD, lambda: words[int(rng.integers(len(words)))])
 
 
+def long_word(rng: Rng, data: bytes) -> bytes:
+    return _replaced(rng, data, _WORD, lambda: b"x" * 100_000)
+
+
 def nest(rng: Rng, data: bytes) -> bytes:
     places = [match.start() for match in _NUMBER.finditer(data)] or [0]
     place = int(rng.choice(places)) if rng.random() < 0.8 else 0
@@ -134,7 +150,14 @@ def _encode(rng: Rng, data: bytes) -> bytes:
     )
 
 
-TEXT = {"odd number": odd_number, "other word": other_word, "nest": nest, "lines": _lines, "encode": _encode}
+TEXT = {
+    "odd number": odd_number,
+    "other word": other_word,
+    "long word": long_word,
+    "nest": nest,
+    "lines": _lines,
+    "encode": _encode,
+}
 
 
 def _places(node: Any) -> list[tuple[Any, Any]]:

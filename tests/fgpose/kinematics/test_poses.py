@@ -62,6 +62,15 @@ def test_a_skeleton_without_a_trunk_has_no_segments() -> None:
         segment_poses(Trajectory(leg, np.zeros(1), np.zeros((1, 3, 3)), np.zeros((1, 3))))
 
 
+def test_a_foot_without_its_shank_is_left_out() -> None:
+    """As of a file whose labels were damaged: what hangs on a segment that is not there has no pose."""
+    joints = ("left_hip", "right_hip", "left_shoulder", "right_shoulder", "left_ankle", "left_big_toe")
+    scattered = Skeleton("scattered", joints, bones=(), root=(0, 1))
+    positions_m = np.random.default_rng(0).normal(size=(2, len(joints), 3))
+    poses = segment_poses(Trajectory(scattered, np.arange(2.0), positions_m, np.ones((2, len(joints)))))
+    assert [segment.name for segment in poses.segments] == ["pelvis", "thorax"]
+
+
 def test_opensim_coordinates_of_a_known_posture() -> None:
     wanted = {
         "right_hip_flexion": 30.0,

@@ -40,6 +40,16 @@ def test_numbers_of_a_result(walk: FinishedRecording) -> None:
     assert "suspicions" not in judged.numbers
 
 
+def test_somebody_who_has_no_frame_is_refused(walk: FinishedRecording) -> None:
+    person = walk.people[0]
+    names = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
+    nothing = replace(
+        person, **{name: getattr(person, name)[:0] for name in names if getattr(person, name) is not None}
+    )
+    with pytest.raises(ValueError, match="person 3 has no frame"):
+        replace(walk, people={0: person, 3: nothing}, observations={})
+
+
 def test_what_is_not_known_is_nan(walk: FinishedRecording) -> None:
     bare = Trajectory(walk.main.skeleton, walk.main.time_s, walk.main.positions_m, walk.main.status)
     judged = quality(FinishedRecording("bare", {0: bare}))

@@ -375,6 +375,17 @@ def test_a_point_beyond_the_earth_is_no_solution(far: float) -> None:
     assert smoother.repairs > 0
 
 
+def test_it_goes_on_when_also_the_first_guess_is_beyond_the_earth() -> None:
+    """After a pause of months, a person who walked on would be there: it starts again from guesses without failing."""
+    smoother = FixedLagSmoother(relinearize_m=1e-3)
+    for number in range(6):
+        smoother.add(*frame_of(number, np.full(3, 1e12 if 1 < number < 4 else 0.5)))
+        assert np.isfinite(smoother.points([position_key(0, number)])).all()
+        assert np.isfinite(smoother.covariances([position_key(0, number)])).all()
+        if number >= 3:
+            smoother.drop_oldest()
+
+
 def test_what_cholesky_refuses_is_solved_by_qr() -> None:
     """500 Hz, and detections good to 1 m: nothing is lost, neither when it begins nor when it ends."""
     step_s, sigma_m, lag = 0.002, 1.0, 10
