@@ -73,7 +73,7 @@ class Outputs:
     """End of the name of the .rrd file, as that of a trajectory."""
 
     def __post_init__(self) -> None:
-        if self.name.startswith(".") or Path(self.name).name != self.name:
+        if not self.name or self.name.startswith(".") or Path(self.name).name != self.name:
             raise ValueError(
                 f"{self.name!r} is no name of result files: a word is, without a point before it and without /"
             )

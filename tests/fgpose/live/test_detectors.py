@@ -131,12 +131,12 @@ def test_a_thread_that_ends_is_begun_again_and_its_camera_goes_on(cameras: Camer
 def test_a_network_that_does_not_answer_is_told(
     cameras: Cameras, looking: Looking, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fgpose.live.detectors._HANGS_S", 0.0)
+    monkeypatch.setattr("fgpose.live.processes.detectors._HANGS_S", 0.0)
     assert looking.detectors.hung() == []
     cameras.take_images(1)
     end_s = time.monotonic() + LONG_S
     while not (hung := looking.detectors.hung()):
         assert time.monotonic() < end_s
     assert len(hung) == 1  # there is one thread
-    monkeypatch.setattr("fgpose.live.detectors._HANGS_S", LONG_S)
+    monkeypatch.setattr("fgpose.live.processes.detectors._HANGS_S", LONG_S)
     assert looking.detectors.hung() == []
