@@ -155,14 +155,14 @@ class ChildProcess:
 
     def _wait(self, pipe: IO[bytes], event: int, end_s: float) -> None:
         """Until a pipe can be read or written. Raises TimeoutError."""
-        looks = StoppedLooks()
+        looks = StoppedTwice()
         while not _is_ready(pipe, event, min(max(end_s - time.monotonic(), 0.0), _LOOKS_S)):
             is_stopped = math.isfinite(end_s) and self.is_stopped
             if looks.again(is_stopped) or time.monotonic() >= end_s:
                 raise TimeoutError(f"process {self.process_id} {'is stopped' if is_stopped else 'does not answer'}")
 
 
-class StoppedLooks:
+class StoppedTwice:
     """Looks at whether a process is stopped. One is not enough: whoever stops it for a moment lets it go on at once."""
 
     def __init__(self) -> None:

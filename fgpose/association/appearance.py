@@ -62,7 +62,7 @@ class Resemblance:
         same, different = self.same.log_density(similarity), self.different.log_density(similarity)
         return float(np.clip(same - different, -_MOST, _MOST)) if np.isfinite(same + different) else 0.0
 
-    def learn(self, present: Sequence[Looks], now_s: float) -> None:
+    def learn(self, present: Sequence[MeanAppearance], now_s: float) -> None:
         """From those who are there, once in a period."""
         if now_s < self.period_began_s + _PERIOD_S:
             return
@@ -79,7 +79,7 @@ class Resemblance:
 
 
 @dataclass(eq=False)
-class Looks:
+class MeanAppearance:
     """How somebody looks: the sum of their vectors, each of length 1."""
 
     resemblance: Resemblance = field(default_factory=Resemblance)
@@ -96,7 +96,7 @@ class Looks:
         if np.isfinite(length) and length > 0:
             self.recent = vector / length + (0.0 if self.recent is None else self.recent)
 
-    def join(self, before: Looks) -> None:
+    def join(self, before: MeanAppearance) -> None:
         """How the same person looked before."""
         self.n_periods += before.n_periods
         if before.all is not None:
@@ -108,7 +108,7 @@ class Looks:
             return self.recent if self.total is None else self.total
         return self.total + self.recent
 
-    def log_ratio(self, other: Looks) -> float:
+    def log_ratio(self, other: MeanAppearance) -> float:
         """Log of the ratio of probabilities that two are the same person, against that they are two of many."""
         if self.all is None or other.all is None:
             return 0.0

@@ -119,7 +119,7 @@ def _everybody(people: PeopleObservations, rig: CameraRig, person: int | PersonR
     if person == 0 and people.n_most <= 1:
         succession = successive(people, rig)
         return succession.association if succession and succession.n_people > 1 else None
-    return associate_somehow(people, rig)
+    return associate_or_each_camera(people, rig)
 
 
 @dataclass(frozen=True)
@@ -187,7 +187,7 @@ def _reason(order: Sequence[Candidate], n_cameras: int) -> str:
     return f"seen {own}, {size} in the images than the next, who is seen {others}"
 
 
-def associate_somehow(people: PeopleObservations, rig: CameraRig) -> Association:
+def associate_or_each_camera(people: PeopleObservations, rig: CameraRig) -> Association:
     """Who is who (see associate), also where no two cameras agree on anybody: because there is one only, or because the
     calibration is wrong.
 

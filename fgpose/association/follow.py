@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fgpose.association.appearance import Looks, Resemblance
+from fgpose.association.appearance import MeanAppearance, Resemblance
 from fgpose.association.blind import Blind
 from fgpose.association.founding import MAX_GAIN, detection_probability, found, found_alone
 from fgpose.association.identity import Likeness
@@ -47,7 +47,7 @@ _ONE_BODY_M, _ONE_BODY_S = 0.2, 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Begun:
+class NewPerson:
     """Somebody whom an image shows and who was not followed before, or lost sight of."""
 
     track: int
@@ -68,7 +68,7 @@ class Sighting:
     """Of all images of the moment."""
     number: int
     """Of this image among them."""
-    begun: tuple[Begun, ...]
+    begun: tuple[NewPerson, ...]
     """Everybody whose track begins with this image, or is found again."""
 
     def joints(self) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
@@ -180,9 +180,9 @@ class Follower:
             if (matches.chosen[:, k] != NOBODY).any():
                 track.absent = 0.0
 
-    def _found(self, now_s: float) -> dict[str, list[Begun]]:
+    def _found(self, now_s: float) -> dict[str, list[NewPerson]]:
         """Follow those who are new. By camera those whom its newest image shows."""
-        begun: dict[str, list[Begun]] = {name: [] for name in self.rig.names}
+        begun: dict[str, list[NewPerson]] = {name: [] for name in self.rig.names}
         recent = [free for free in self._free.values() if free.time_s > now_s - _SAME_MOMENT_S]
         agreeing = sum(bool(np.isfinite(free.points_px).any()) for free in recent) >= self._n_agreeing
         if not agreeing and not any(free.tells_distance.any() for free in recent):
@@ -199,7 +199,7 @@ class Follower:
             track = self._begin(somebody.pose, score, set(chosen), moment)
             for name, number in chosen.items():
                 self._free[name].points_px[0, number] = np.nan
-                begun[name].append(Begun(track, number, somebody.pose))
+                begun[name].append(NewPerson(track, number, somebody.pose))
         return begun
 
     def _begin(self, pose: PoseFilters, score: float, cameras: set[str], moment: Moment) -> int:
@@ -214,7 +214,7 @@ class Follower:
                 track.cameras |= cameras
                 self._note(now_s, track, "found again", f"{', '.join(sorted(cameras))} agree on a body near there")
                 return track.number
-        likeness = Likeness(self._skeleton, Looks(self._resemblance))
+        likeness = Likeness(self._skeleton, MeanAppearance(self._resemblance))
         track = Track(self._n_tracks, pose, score, now_s, now_s, set(cameras), likeness)
         # Of the others too: that they do not show them was counted.
         track.scored_s = dict(zip(moment.cameras.names, moment.times_s.tolist(), strict=True))

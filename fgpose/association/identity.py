@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.appearance import Looks
+from fgpose.association.appearance import MeanAppearance
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.skeleton import Skeleton
 
@@ -37,7 +37,7 @@ class Likeness:
     """What is known of the lengths of somebody's bones, and of how they look."""
 
     skeleton: Skeleton
-    looks: Looks = field(default_factory=Looks)
+    looks: MeanAppearance = field(default_factory=MeanAppearance)
     n: np.ndarray = field(init=False)
     mean_m: np.ndarray = field(init=False)
     squares_m2: np.ndarray = field(init=False)

@@ -79,7 +79,7 @@ class Report:
     def _recording(self) -> None:
         from fgpose.io.atomic import check_replaceable
         from fgpose.report import write_report
-        from fgpose.report.results import find_result, load_finished, told_maker
+        from fgpose.report.results import find_result, load_finished, maker_text
 
         result = find_result(self.results, self.name)
         path = self._path(result.parent, self.name)
@@ -95,7 +95,7 @@ class Report:
             )
             judged = write_report(recording, path)
         console = new_console()
-        made = told_maker(result)
+        made = maker_text(result)
         console.print(f"{result}{f', made by {made}' if made else ''}", soft_wrap=True)
         for number, finding in enumerate(judged.suspicions, 1):
             console.print(f"{number}. {finding.text}", soft_wrap=True)

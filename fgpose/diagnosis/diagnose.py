@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, associate
 from fgpose.config import Config
+from fgpose.diagnosis.body.mirrored import mirrored_body
 from fgpose.diagnosis.body.posture import wrong_up
-from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
 from fgpose.diagnosis.body.tempo import slow_motion
 from fgpose.diagnosis.body.units import wrong_unit

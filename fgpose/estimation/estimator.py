@@ -267,7 +267,7 @@ class Estimator:
         has_image = np.isfinite(newest.image_time_s)
         # What was given up is found again where its detections fit each other.
         positions_m = np.where(newest.active[:, None], newest.positions_m, newest.evidence.guess_m[0])
-        self._visibility.add(positions_m, newest.velocities_mps, newest.unjudged, self._rig, has_image)
+        self._visibility.add(positions_m, newest.velocities_mps, newest.as_gathered, self._rig, has_image)
         self._window[-1] = newest.judged(self._visibility.probability)
         self._last.note(self._window[-1])
 
@@ -286,7 +286,7 @@ class Estimator:
         first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
         frames = [self._graph.read(state) for state in itertools.islice(self._window, first, None)]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
-        known = self._visibility.judged(concatenated([state.unjudged for state in frames]), *poses, self._rig)
+        known = self._visibility.judged(concatenated([state.as_gathered for state in frames]), *poses, self._rig)
         unseen, changes = maybe_unseen(known), dict[int, FrameState]()
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
@@ -381,7 +381,7 @@ class Estimator:
             self._window.popleft()
             self._graph.drop_oldest()
             oldest = self._graph.read(self._window[0])
-            self._visibility.marginalise(oldest.unjudged, oldest.positions_m, oldest.velocities_mps, self._rig)
+            self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)
             if self.config.online.covariance:
                 self._covariances.learn(oldest, self._rig)
             if is_adaptive(self.config.motion):

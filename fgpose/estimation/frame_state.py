@@ -49,7 +49,7 @@ class FrameState:
         return np.where(self.evidence.seen[0], 0.0, self.unseen_before_s)
 
     @property
-    def unjudged(self) -> Evidence:
+    def as_gathered(self) -> Evidence:
         """With the weights as gathered, and the standard deviations and probabilities of the graph."""
         return replace(self.gathered, sigma_px=self.evidence.sigma_px, visibility=self.evidence.visibility)
 

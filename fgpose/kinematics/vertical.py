@@ -65,11 +65,11 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
     off_deg = _angle_deg(body, expected)
     if off_deg <= _UPRIGHT_DEG:
         return _perhaps_tilted(body, level, expected, usual)
-    referee = coarse if level is None else level
-    if referee is not None and _angle_deg(referee, body) > _angle_deg(referee, expected) + _LEAN_DEG:
+    cameras_up = coarse if level is None else level
+    if cameras_up is not None and _angle_deg(cameras_up, body) > _angle_deg(cameras_up, expected) + _LEAN_DEG:
         return FoundUp(usual, _lies(off_deg, usual) if off_deg > _LYING_DEG else "")
-    if referee is not None and _angle_deg(referee, body) < _angle_deg(referee, expected) - _LEAN_DEG:
-        return _agreed(body, referee, usual)
+    if cameras_up is not None and _angle_deg(cameras_up, body) < _angle_deg(cameras_up, expected) - _LEAN_DEG:
+        return _agreed(body, cameras_up, usual)
     return _by_body_alone(body, off_deg, usual)
 
 
@@ -186,12 +186,12 @@ def _perhaps_tilted(
     return _tilted(body, level)
 
 
-def _agreed(body: Float[np.ndarray, 3], referee: Float[np.ndarray, 3], usual: UpAxis) -> FoundUp:
+def _agreed(body: Float[np.ndarray, 3], cameras_up: Float[np.ndarray, 3], usual: UpAxis) -> FoundUp:
     """Where bodies and cameras say that another axis is up, or a direction between axes, if both mean the same one."""
-    axis = nearest_axis(_direction(body + referee))
-    offs_deg = [_angle_deg(each, up_vector(axis)) for each in (body, referee)]
-    if min(offs_deg) > _LEVEL_DEG and _angle_deg(body, referee) < min(_SAME_TILT * min(offs_deg), 2 * _LEVEL_DEG):
-        return _tilted(body, referee)
+    axis = nearest_axis(_direction(body + cameras_up))
+    offs_deg = [_angle_deg(each, up_vector(axis)) for each in (body, cameras_up)]
+    if min(offs_deg) > _LEVEL_DEG and _angle_deg(body, cameras_up) < min(_SAME_TILT * min(offs_deg), 2 * _LEVEL_DEG):
+        return _tilted(body, cameras_up)
     remark = f"the body stands along {axis} of the world, not along {usual}, so {axis} is taken to be up"
     if offs_deg[0] > _UNNOTICED_LEAN_DEG:
         remark += f"; it leans by {offs_deg[0]:.0f} degrees: if the person does not, the world is tilted"
@@ -213,8 +213,8 @@ def _by_body_alone(body: Float[np.ndarray, 3], off_deg: float, usual: UpAxis) ->
     )
 
 
-def _tilted(body: Float[np.ndarray, 3], referee: Float[np.ndarray, 3]) -> FoundUp:
-    up = body + referee
+def _tilted(body: Float[np.ndarray, 3], cameras_up: Float[np.ndarray, 3]) -> FoundUp:
+    up = body + cameras_up
     up /= np.linalg.norm(up)
     axis = nearest_axis(_direction(up))
     return FoundUp(

@@ -46,13 +46,13 @@ def find_result(path: Path, name: str | None = None) -> Path:
             raise ValueError(f"{path}: there is no result {name}, only {', '.join(found) or 'none'}")
         return found[name]
     if len(found) != 1:
-        named = (f"{run} ({told})" if (told := told_maker(file)) else run for run, file in found.items())
+        named = (f"{run} ({told})" if (told := maker_text(file)) else run for run, file in found.items())
         what = f"results of {', '.join(named)}: say which (--name NAME)" if found else "no result of fgpose"
         raise ValueError(f"{path}: {what}")
     return next(iter(found.values()))
 
 
-def told_maker(file: Path) -> str:
+def maker_text(file: Path) -> str:
     """Which command made a result, to be read; empty where its file does not say it."""
     maker = made_by(file)
     return f"fgpose {maker}" if maker else ""

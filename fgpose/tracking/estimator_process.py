@@ -15,12 +15,12 @@ from contextlib import suppress
 
 import numpy as np
 
-from fgpose.child_process import ChildProcess, StoppedLooks, parent
+from fgpose.child_process import ChildProcess, StoppedTwice, parent
 from fgpose.config import Config
 from fgpose.estimation.clock_offsets import OffsetEvidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.tracking.estimators import Estimators, Newest
+from fgpose.tracking.estimators import Estimators, NewDetections
 from fgpose.trajectory import Estimate
 
 _TIDY, _READY = "tidy", "ready"
@@ -53,7 +53,7 @@ class EstimatorProcess:
         self._needs, self._answers_within_s = (rig, skeleton, config), answers_within_s
         self.n_restarts = 0
         self._began_s = time.monotonic()
-        self._newest: dict[int, Newest] = {}
+        self._newest: dict[int, NewDetections] = {}
         self.told = self._nothing = OffsetEvidence.nothing(rig.n_cameras)
         """What the motion of its people tells of the clocks."""
         self._is_ready = self._starts_again = False
@@ -80,7 +80,7 @@ class EstimatorProcess:
             self._restart("does not start")
         return not self._starts_again
 
-    def send(self, newest: Mapping[int, Newest], clocks: Clocks) -> bool:
+    def send(self, newest: Mapping[int, NewDetections], clocks: Clocks) -> bool:
         """Let the estimators take what is new of each person. Whether there will be an answer: there is none where
         nobody was and nobody is, or where the process has ended.
 
@@ -172,7 +172,7 @@ class EstimatorProcess:
         self._start()
 
     def _start(self) -> None:
-        self._process, self._began_s, self._looks = ChildProcess(__name__), time.monotonic(), StoppedLooks()
+        self._process, self._began_s, self._looks = ChildProcess(__name__), time.monotonic(), StoppedTwice()
         self._process.write(self._needs)
 
     def _await_ready(self) -> None:

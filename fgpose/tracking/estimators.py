@@ -19,7 +19,7 @@ from fgpose.trajectory import Estimate
 
 
 @dataclass(frozen=True, eq=False)
-class Newest:
+class NewDetections:
     """What is new of somebody, as the estimator takes it."""
 
     camera: str | None
@@ -39,12 +39,12 @@ class Estimators:
         self.offsets = RunningOffsets(rig, config)
         """What everybody's motion tells of the cameras' clocks."""
 
-    def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+    def update(self, newest: Mapping[int, NewDetections]) -> dict[int, Estimate]:
         """The pose of each of these; who is new gets an estimator, and who is not among them loses theirs."""
         self._of = {number: self._of.get(number) or self._new() for number in newest}
         return self.add(newest)
 
-    def add(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+    def add(self, newest: Mapping[int, NewDetections]) -> dict[int, Estimate]:
         """The pose of each of these, who may be new; nobody is forgotten."""
         self._of |= {number: self._new() for number in newest if number not in self._of}
         return {number: _updated(self._of[number], new) for number, new in newest.items()}
@@ -58,7 +58,7 @@ class Estimators:
         return Estimator(self._rig, self._skeleton, self._config, self.offsets)
 
 
-def _updated(estimator: Estimator, new: Newest) -> Estimate:
+def _updated(estimator: Estimator, new: NewDetections) -> Estimate:
     try:
         if new.camera is None:
             return estimator.update_arrays(new.time_s, **new.arrays)
@@ -72,7 +72,7 @@ def _updated(estimator: Estimator, new: Newest) -> Estimate:
         return estimator.newest
 
 
-def _images(camera_names: Sequence[str], new: Newest) -> Iterator[tuple[str, float, dict[str, np.ndarray]]]:
+def _images(camera_names: Sequence[str], new: NewDetections) -> Iterator[tuple[str, float, dict[str, np.ndarray]]]:
     """The images of a frame of several cameras, in the order of time."""
     time_s = np.asarray(new.time_s)
     for c in np.argsort(time_s):

@@ -16,7 +16,7 @@ from fgpose.observations import refuse_millimetres
 from fgpose.people import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
-from fgpose.tracking.estimators import Newest
+from fgpose.tracking.estimators import NewDetections
 from fgpose.tracking.jumps import Jumps
 from fgpose.tracking.parallel import ParallelEstimators
 
@@ -178,7 +178,7 @@ class Tracker:
         if self.offsets.has_told and time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             self._follower.rig, self._offsets_applied_s = self.offsets.rig(), time_s
 
-    def _newest(self, images: Sequence[Detections], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Newest:
+    def _newest(self, images: Sequence[Detections], seen: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> NewDetections:
         """What is new of one person: the images, and which joints of which detections are theirs in those that show
         them."""
         n_cameras = self.rig.n_cameras
@@ -193,8 +193,8 @@ class Tracker:
                     arrays[name][c] = values
         if len(images) == 1 and n_cameras > 1:
             c = self.rig.names.index(images[0].camera)
-            return Newest(images[0].camera, images[0].time_s, {name: each[c] for name, each in arrays.items()})
-        return Newest(None, time_s, arrays)
+            return NewDetections(images[0].camera, images[0].time_s, {name: each[c] for name, each in arrays.items()})
+        return NewDetections(None, time_s, arrays)
 
 
 def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:

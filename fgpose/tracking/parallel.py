@@ -13,7 +13,7 @@ from fgpose.estimation.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S, EstimatorProcess
-from fgpose.tracking.estimators import Estimators, Newest
+from fgpose.tracking.estimators import Estimators, NewDetections
 from fgpose.trajectory import Estimate
 
 
@@ -46,7 +46,7 @@ class ParallelEstimators:
         """How often a process was started again."""
         return sum(process.n_restarts for process in self._others)
 
-    def update(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+    def update(self, newest: Mapping[int, NewDetections]) -> dict[int, Estimate]:
         """The pose of each of these; who is not among them any more is forgotten.
 
         Raises:
@@ -56,7 +56,7 @@ class ParallelEstimators:
             UserWarning: a process ended and was started again.
         """
         self._assign(newest)
-        shares: list[dict[int, Newest]] = [{} for _ in range(1 + len(self._others))]
+        shares: list[dict[int, NewDetections]] = [{} for _ in range(1 + len(self._others))]
         for number, new in newest.items():
             shares[self._process_of[number]][number] = new
         asked = [
@@ -79,7 +79,7 @@ class ParallelEstimators:
         others = (other.told for other in self._others if other is not process)
         return sum(others, self._here.offsets.evidence)
 
-    def _taken_here(self, newest: Mapping[int, Newest]) -> dict[int, Estimate]:
+    def _taken_here(self, newest: Mapping[int, NewDetections]) -> dict[int, Estimate]:
         """The people of a process that has ended: their estimates begin anew."""
         self._process_of |= dict.fromkeys(newest, 0)
         return self._here.add(newest)

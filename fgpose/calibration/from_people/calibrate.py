@@ -25,7 +25,7 @@ from fgpose.calibration.from_people.starts.starts import GivenStart, Starts, fin
 from fgpose.calibration.from_people.starts.together import together
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.calibration.from_people.verdict.grounds import gather
+from fgpose.calibration.from_people.verdict.inputs import gather
 from fgpose.calibration.from_people.verdict.sigmas import RigEstimate, camera_sigmas
 from fgpose.calibration.from_people.verdict.verdict import findings
 from fgpose.calibration.from_people.walk import Track, Walk

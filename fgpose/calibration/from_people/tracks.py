@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.calibration.from_people.body_size import body_radius
-from fgpose.calibration.from_people.sides import with_steady_sides
+from fgpose.calibration.from_people.left_right import with_steady_sides
 from fgpose.calibration.from_people.walk import Track
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import replace
 
-from fgpose.diagnosis.body.sides import mirrored
+from fgpose.diagnosis.body.mirrored import mirrored
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.hypotheses.agreement import agreement
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses

@@ -25,7 +25,7 @@ from types import TracebackType
 import numpy as np
 from jaxtyping import UInt8
 
-from fgpose.child_process import StoppedLooks, is_stopped
+from fgpose.child_process import StoppedTwice, is_stopped
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import LiveFrame
 from fgpose.live.link_distance import LinkDistance
@@ -176,7 +176,7 @@ class StatusPage:
         _send(connection, STATIC, self._html)
         for path in (_STATE, *map(_picture_path, self._sizes)):
             _send(connection, path, b"")
-        looks = StoppedLooks()
+        looks = StoppedTwice()
         while True:
             if connection.poll(_LOOKS_S):
                 path = connection.recv_bytes().decode()

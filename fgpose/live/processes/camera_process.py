@@ -14,7 +14,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
-from fgpose.child_process import ChildProcess, StoppedLooks
+from fgpose.child_process import ChildProcess, StoppedTwice
 from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.processes.camera_messages import Begin, CameraJob, Opened
@@ -158,7 +158,7 @@ class CameraProcess:
 
     def _watch(self) -> None:
         """Kill it if it hangs; that is heard."""
-        looks = StoppedLooks()
+        looks = StoppedTwice()
         while not self._watcher.stopped.wait(_LOOKS_S):
             hangs = self._is_running and time.monotonic() - self._heard_s > _HANGS_S
             if looks.again(self._is_running and self._process.is_stopped) or hangs:

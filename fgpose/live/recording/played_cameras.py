@@ -13,7 +13,7 @@ from pathlib import Path
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
 from fgpose.io.calibration import load_rig, save_rig
-from fgpose.live.sources.there_and_back import write_there_and_back
+from fgpose.live.sources.looped_video import write_looped_video
 
 RTSP_PACKAGES = "gir1.2-gst-rtsp-server-1.0 gstreamer1.0-plugins-good gstreamer1.0-plugins-bad python3-gi"
 """Of Debian and Ubuntu, that the server needs."""
@@ -63,7 +63,7 @@ def played_cameras(
     for camera in load_rig(calibration).subset(videos).cameras:
         progress(f"{camera.name}: preparing its video")
         video = videos[camera.name]
-        before_px, size_px = write_there_and_back(video, played[camera.name], every=every, shrink=shrink)
+        before_px, size_px = write_looped_video(video, played[camera.name], every=every, shrink=shrink)
         camera = fitted_camera(camera, before_px, video)
         with warnings.catch_warnings(action="ignore"):
             cameras.append(fitted_camera(camera, size_px, video))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fgpose.live.cameras.image import ArrayPicture, Picture, SourceImage
-from fgpose.live.sources.haste import Haste, Lateness
+from fgpose.live.sources.frame_dropping import Dropping, Lateness
 from fgpose.live.sources.playback import Playback
 from fgpose.live.sources.source import SourceError
 from fgpose.monocular.clips import image_files
@@ -44,7 +44,7 @@ class FolderSource:
         return self._playback.play(self._frames, in_real_time=self._in_real_time, loop=self._loop)
 
     def hurry(self, late_s: float) -> None:
-        if self._lateness.haste(late_s) is not Haste.NONE:
+        if self._lateness.dropping(late_s) is not Dropping.NONE:
             self._n_left_out = int(late_s * self._fps)
 
     def close(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from typing import TYPE_CHECKING, Literal
 
-from fgpose.live.sources.haste import Haste, Lateness
+from fgpose.live.sources.frame_dropping import Dropping, Lateness
 
 if TYPE_CHECKING:
     import av
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("fgpose.live")
 # What FFmpeg leaves out. After any but key frames, the next that can be decoded is a key frame.
-_SKIPS: dict[Haste, Literal["DEFAULT", "NONREF", "NONKEY"]] = {
-    Haste.NONE: "DEFAULT",
-    Haste.SOME: "NONREF",
-    Haste.MOST: "NONKEY",
+_SKIPS: dict[Dropping, Literal["DEFAULT", "NONREF", "NONKEY"]] = {
+    Dropping.NONE: "DEFAULT",
+    Dropping.SOME: "NONREF",
+    Dropping.MOST: "NONKEY",
 }
 
 
@@ -52,11 +52,11 @@ class PacketDecoder:
 
     def hurry(self, late_s: float) -> None:
         """See Source."""
-        haste = self._lateness.haste(late_s)
-        if haste is not Haste.NONE and not self._is_light:
+        dropping = self._lateness.dropping(late_s)
+        if dropping is not Dropping.NONE and not self._is_light:
             self._is_light = True
             _LOG.warning("camera %s: the computer is too slow to decode it with full quality", self._camera)
-        self._codec.skip_frame = _SKIPS[haste]
+        self._codec.skip_frame = _SKIPS[dropping]
 
     def _light_codec(self) -> VideoCodecContext:
         """FFmpeg takes this option only where a codec is opened."""

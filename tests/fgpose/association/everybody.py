@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.association.chosen_person import associate_somehow
+from fgpose.association.chosen_person import associate_or_each_camera
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY, PeopleObservations
 from fgpose.skeleton import Skeleton
@@ -18,7 +18,7 @@ def track_people(
     people = PeopleObservations.of_frames(skeleton, rig.names, time_s, points2d_px, confidence)
     places = np.argsort(~is_there, axis=-1, kind="stable")
     found = []
-    for seen in associate_somehow(people, rig).people.values():
+    for seen in associate_or_each_camera(people, rig).people.values():
         chosen = seen.in_frames(len(time_s)).main_detection
         place = np.take_along_axis(places, np.maximum(chosen, 0)[..., None], axis=-1)[..., 0]
         found.append(np.where(chosen == NOBODY, NOBODY, place))

@@ -9,7 +9,7 @@ import pytest
 from rooms import FPS, body_m, image, people_of
 
 import fgpose
-from fgpose.association.appearance import Looks, Resemblance, Samples
+from fgpose.association.appearance import MeanAppearance, Resemblance, Samples
 from fgpose.association.follow import Follower
 from fgpose.association.recording import associate
 from fgpose.geometry.camera import CameraRig
@@ -27,8 +27,8 @@ def vector_of(person: int, rng: np.random.Generator, spread: float = 1.0) -> np.
     return common + own + spread * rng.standard_normal(N_NUMBERS)
 
 
-def looks_of(resemblance: Resemblance, person: int, seed: int, n: int = 20) -> Looks:
-    looks, rng = Looks(resemblance), np.random.default_rng(seed)
+def looks_of(resemblance: Resemblance, person: int, seed: int, n: int = 20) -> MeanAppearance:
+    looks, rng = MeanAppearance(resemblance), np.random.default_rng(seed)
     for _ in range(n):
         looks.add(vector_of(person, rng))
     return looks
@@ -38,7 +38,7 @@ def looks_of(resemblance: Resemblance, person: int, seed: int, n: int = 20) -> L
 def resemblance() -> Resemblance:
     """Learned from four people in ten seconds."""
     rng, learned = np.random.default_rng(0), Resemblance()
-    people = [Looks(learned) for _ in range(4)]
+    people = [MeanAppearance(learned) for _ in range(4)]
     for second in range(10):
         for _ in range(20):
             for person, looks in enumerate(people):
@@ -62,7 +62,7 @@ def test_without_experience_looks_tell_nothing():
 
 
 def test_without_vectors_looks_tell_nothing(resemblance: Resemblance):
-    nothing = Looks(resemblance)
+    nothing = MeanAppearance(resemblance)
     nothing.add(np.full(N_NUMBERS, np.nan))
     nothing.add(np.zeros(N_NUMBERS))
     assert nothing.log_ratio(looks_of(resemblance, 0, 1)) == 0.0
@@ -71,7 +71,7 @@ def test_without_vectors_looks_tell_nothing(resemblance: Resemblance):
 def test_no_resemblance_is_a_proof():
     """Vectors that are always the same of a person, and always different of others."""
     learned = Resemblance()
-    people = [Looks(learned) for _ in range(3)]
+    people = [MeanAppearance(learned) for _ in range(3)]
     for second in range(100):
         for looks, vector in zip(people, np.eye(3), strict=True):
             looks.add(vector)

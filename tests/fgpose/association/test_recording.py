@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rooms import FPS, body_m, image
 
-from fgpose.association.chosen_person import associate_somehow, main_person
+from fgpose.association.chosen_person import associate_or_each_camera, main_person
 from fgpose.association.recording import associate
 from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import CameraRig
@@ -131,7 +131,7 @@ def test_every_camera_for_itself_with_rates_of_its_own(skeleton: Skeleton) -> No
     images = [
         image(rig, c, frame / FPS, [places_m[c]], rng) for frame in range(60) for c in range(2) if c == 0 or frame % 2
     ]
-    association = associate_somehow(PeopleObservations(skeleton, rig.names, tuple(images)), rig)
+    association = associate_or_each_camera(PeopleObservations(skeleton, rig.names, tuple(images)), rig)
     seen = association.people[0].main_detection
     assert (seen[:, 0] == 0).all()
     assert (seen[1::2, 1] == 0).all()

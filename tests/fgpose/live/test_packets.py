@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from made_videos import SMOOTHED, pictures, write_video
 
-from fgpose.live.sources import haste
-from fgpose.live.sources.haste import Haste, Lateness
+from fgpose.live.sources import frame_dropping
+from fgpose.live.sources.frame_dropping import Dropping, Lateness
 from fgpose.live.sources.packets import PacketDecoder
 
 av = pytest.importorskip("av")
@@ -39,14 +39,14 @@ def decoded(video: Path, late_s: float) -> list[tuple[int, np.ndarray]]:
 def test_a_network_that_holds_images_back_is_no_reason_to_hurry() -> None:
     times_s = iter([0.0, 0.2, 0.4, 0.41, 10.0, 10.4])
     lateness = Lateness(lambda: next(times_s))
-    assert [lateness.haste(late_s) for late_s in (1.0, 0.8, 0.5, 0.1, 1.0, 1.0)] == [Haste.NONE] * 6
+    assert [lateness.dropping(late_s) for late_s in (1.0, 0.8, 0.5, 0.1, 1.0, 1.0)] == [Dropping.NONE] * 6
 
 
 def test_a_computer_that_stays_behind_hurries_until_it_is_in_time() -> None:
     times_s = iter([0.0, 0.6, 1.9, 2.1, 2.2, 2.3])
     lateness = Lateness(lambda: next(times_s))
-    expected = [Haste.NONE, Haste.SOME, Haste.SOME, Haste.MOST, Haste.NONE, Haste.NONE]
-    assert [lateness.haste(late_s) for late_s in (1.0, 1.0, 1.0, 1.0, 0.2, 0.5)] == expected
+    expected = [Dropping.NONE, Dropping.SOME, Dropping.SOME, Dropping.MOST, Dropping.NONE, Dropping.NONE]
+    assert [lateness.dropping(late_s) for late_s in (1.0, 1.0, 1.0, 1.0, 0.2, 0.5)] == expected
 
 
 def test_in_time_everything_is_decoded_as_it_is(video: Path) -> None:
@@ -60,7 +60,7 @@ def test_in_time_everything_is_decoded_as_it_is(video: Path) -> None:
 def test_too_late_all_frames_come_with_rougher_edges_from_the_next_key_frame_on(
     video: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(haste, "_STAYS_S", -1.0)
+    monkeypatch.setattr(frame_dropping, "_STAYS_S", -1.0)
     with caplog.at_level(logging.WARNING, "fgpose.live"):
         frames = decoded(video, 1.0)
     assert [record.getMessage() for record in caplog.records] == [
@@ -76,6 +76,6 @@ def test_too_late_all_frames_come_with_rougher_edges_from_the_next_key_frame_on(
 
 
 def test_far_too_late_only_key_frames_come(video: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(haste, "_STAYS_S", -1.0)
-    monkeypatch.setattr(haste, "_STAYS_FAR_S", -1.0)
+    monkeypatch.setattr(frame_dropping, "_STAYS_S", -1.0)
+    monkeypatch.setattr(frame_dropping, "_STAYS_FAR_S", -1.0)
     assert [number for number, _ in decoded(video, 1.0)] == [0, 30, 60]

@@ -15,7 +15,7 @@ from fgpose.estimation.clock_offsets import OffsetEvidence
 from fgpose.people import Detections
 from fgpose.tracking import parallel
 from fgpose.tracking.estimator_process import EstimatorProcess
-from fgpose.tracking.estimators import Estimators, Newest
+from fgpose.tracking.estimators import Estimators, NewDetections
 from fgpose.tracking.parallel import ParallelEstimators
 from fgpose_benchmarks.synthetic import CrowdScene
 
@@ -39,11 +39,11 @@ def estimators(scene: CrowdScene) -> Iterator[ParallelEstimators]:
     shared.close()
 
 
-def newest(scene: CrowdScene, frame: int, people: tuple[int, ...]) -> dict[int, Newest]:
+def newest(scene: CrowdScene, frame: int, people: tuple[int, ...]) -> dict[int, NewDetections]:
     """Anybody's detections will do: the first of each camera, for all."""
     images = [scene.observations.by_camera[name][frame] for name in scene.rig.names]
     arrays = {name: np.stack([image.arrays[name][0] for image in images]) for name in images[0].arrays}
-    return {person: Newest(None, np.full(len(images), images[0].time_s), arrays) for person in people}
+    return {person: NewDetections(None, np.full(len(images), images[0].time_s), arrays) for person in people}
 
 
 def process_ids(estimators: ParallelEstimators) -> list[int]:
@@ -161,7 +161,7 @@ def test_processes_end_with_the_tracker(scene: CrowdScene):
 @pytest.mark.slow
 def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
     process = EstimatorProcess(scene.rig, scene.motion.skeleton, CONFIG)
-    wrong = Newest("door", 0.0, {"points2d_px": np.zeros((17, 2))})
+    wrong = NewDetections("door", 0.0, {"points2d_px": np.zeros((17, 2))})
     assert process.send({0: wrong}, (np.zeros(3), OffsetEvidence.nothing(3)))
     with pytest.raises(ValueError, match="door"):
         process.receive()
@@ -172,7 +172,7 @@ def test_errors_of_the_other_process_are_raised_here(scene: CrowdScene):
 def test_what_one_estimator_raises_delays_nobody(scene: CrowdScene, estimators: ParallelEstimators):
     """An answer that is not read would be taken for that of the next update, for ever."""
     estimators.update(newest(scene, 0, (0, 1)))
-    wrong = Newest("door", 0.0, {"points2d_px": np.zeros((17, 2))})
+    wrong = NewDetections("door", 0.0, {"points2d_px": np.zeros((17, 2))})
     with pytest.raises(ValueError, match="door"):
         estimators.update(newest(scene, 1, (0, 1)) | {0: wrong})
     after = newest(scene, 2, (0, 1))

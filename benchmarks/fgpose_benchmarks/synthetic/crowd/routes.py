@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose_benchmarks.synthetic.crowd.bodies import Box
+from fgpose_benchmarks.synthetic.crowd.floor_paths import AT_REST_MPS, curve, speed_profile, steps, turning_radps
 from fgpose_benchmarks.synthetic.crowd.sitting import Seat
-from fgpose_benchmarks.synthetic.crowd.ways import AT_REST_MPS, curve, speed_profile, steps, turning_radps
 from fgpose_benchmarks.synthetic.noise import check_scales
 
 _RESTARTS = 60

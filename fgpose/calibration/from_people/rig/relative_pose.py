@@ -14,7 +14,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.rig.referee import angle_deg
+from fgpose.calibration.from_people.rig.procrustes import angle_deg
 
 _RUNS = 8
 _MAX_POINTS = 1500  # for each proposal; thrice as many change no result by a tenth of its error
@@ -37,7 +37,7 @@ class RelativePose:
     """Mean of the robust loss of the epipolar (Sampson) errors, at most 1."""
     in_front: float
     """Share of the joints that lie in front of both cameras."""
-    referee_deg: float
+    cross_check_deg: float
     """Between its rotation and that of the views' 3D; NaN without 3D."""
 
 
@@ -45,7 +45,7 @@ def relative_poses(
     first: Float[np.ndarray, "frame joint 2"],
     second: Float[np.ndarray, "frame joint 2"],
     tolerance: float,
-    referee: Float[np.ndarray, "4 4"] | None,
+    from_3d: Float[np.ndarray, "4 4"] | None,
     rng: np.random.Generator,
 ) -> list[RelativePose]:
     """Candidates, the one with the least error first.
@@ -53,7 +53,7 @@ def relative_poses(
     Args:
         first, second: undistorted points at unit focal length; NaN = missing.
         tolerance: error of a good point in these units.
-        referee: first_T_second of the views' 3D (procrustes_pose), or None.
+        from_3d: first_T_second of the views' 3D (procrustes_pose), or None.
         rng: draws the subsets.
 
     Returns:
@@ -65,8 +65,8 @@ def relative_poses(
     judged = _some(known, rng)
     points = first[judged], second[judged]
     found: list[RelativePose] = []
-    for proposal in _proposals(first, second, known, tolerance, referee, rng):
-        candidate = _polished(proposal, *points, tolerance, referee)
+    for proposal in _proposals(first, second, known, tolerance, from_3d, rng):
+        candidate = _polished(proposal, *points, tolerance, from_3d)
         same = [other for other in found if _are_same(other, candidate)]
         if candidate.in_front < _LEAST_IN_FRONT or any(other.cost <= candidate.cost for other in same):
             continue
@@ -79,14 +79,14 @@ def _proposals(
     second: Float[np.ndarray, "frame joint 2"],
     known: np.ndarray,
     tolerance: float,
-    referee: Float[np.ndarray, "4 4"] | None,
+    from_3d: Float[np.ndarray, "4 4"] | None,
     rng: np.random.Generator,
 ) -> Iterator[Float[np.ndarray, "4 4"]]:
     """first_T_second of each run."""
     import cv2
 
-    if referee is not None and np.linalg.norm(referee[:3, 3]) > 0:
-        yield referee
+    if from_3d is not None and np.linalg.norm(from_3d[:3, 3]) > 0:
+        yield from_3d
     n_frames = len(known)
     for run in range(_RUNS):
         drawn = rng.random(n_frames) < (1.0 if run == 0 else _SHARE)
@@ -106,7 +106,7 @@ def _polished(
     first: Float[np.ndarray, "point 2"],
     second: Float[np.ndarray, "point 2"],
     tolerance: float,
-    referee: Float[np.ndarray, "4 4"] | None,
+    from_3d: Float[np.ndarray, "4 4"] | None,
 ) -> RelativePose:
     """The minimum of the robust Sampson errors that is nearest."""
     from scipy.optimize import least_squares
@@ -132,7 +132,7 @@ def _polished(
         polished,
         cost=float(np.mean(np.minimum(squared, 1.0))),
         in_front=float(max(in_front, behind)),
-        referee_deg=np.nan if referee is None else angle_deg(R, referee[:3, :3]),
+        cross_check_deg=np.nan if from_3d is None else angle_deg(R, from_3d[:3, :3]),
     )
 
 

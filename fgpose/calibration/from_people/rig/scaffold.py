@@ -21,7 +21,7 @@ from fgpose.calibration.from_people.rig.evidence import (
     evidence_of,
     frames_of,
 )
-from fgpose.calibration.from_people.rig.referee import angle_deg, procrustes_pose
+from fgpose.calibration.from_people.rig.procrustes import angle_deg, procrustes_pose
 from fgpose.calibration.from_people.rig.relative_pose import RelativePose, relative_poses
 from fgpose.calibration.from_people.rig.unit import unit_of
 from fgpose.calibration.from_people.walk import Walk
@@ -50,7 +50,7 @@ class Scaffold:
     camera but those of the pair, theirs is that of the joints triangulated with all."""
     score: float
     """The lower, the better: the worst residual, and how much bones change their length."""
-    referee_deg: Float[np.ndarray, "camera camera"]
+    cross_check_deg: Float[np.ndarray, "camera camera"]
     """Between the relative rotation of two cameras and that of their views' 3D; NaN without."""
     n_joints: tuple[int, ...]
     """How many joints of each camera have been used."""
@@ -117,7 +117,7 @@ class _Views:
         """Every relative pose that the views' 3D does not rule out."""
         for (a, b), referee in self.referees.items():
             found = relative_poses(self._at_unit(a), self._at_unit(b), self._tolerance(a, b), referee, rng)
-            agreeing = [relative for relative in found if not relative.referee_deg > _REFEREE_DEG]
+            agreeing = [relative for relative in found if not relative.cross_check_deg > _REFEREE_DEG]
             for relative in agreeing or found:
                 yield a, b, relative
 
@@ -143,7 +143,7 @@ class _Views:
             pair=(self.intrinsics.names[first], self.intrinsics.names[second]),
             residual=residual,
             score=float(np.max(residual)) + self._bone_spread(joints),
-            referee_deg=self._referee_deg(rig),
+            cross_check_deg=self._referee_deg(rig),
             n_joints=tuple((self.evidence.sightings.weights > 0).sum(axis=(0, 2)).tolist()),
         )
 

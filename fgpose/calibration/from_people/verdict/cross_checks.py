@@ -105,7 +105,7 @@ def _median(angle: Float[np.ndarray, " frame"]) -> float:
     return float(np.median(known)) if known.size else float("nan")
 
 
-def referee_deg(
+def cross_check_deg(
     points3d_m: Float[np.ndarray, "frame camera joint 3"], joints_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig
 ) -> Float[np.ndarray, " camera"]:
     """By how much each camera would have to be turned for the poses to look as its network sees them, degrees.

@@ -17,7 +17,7 @@ from fgpose.calibration.disagreement import allowed_third_view_mrad
 from fgpose.calibration.from_people.calibrated import Finding, Grade
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
-from fgpose.calibration.from_people.verdict.grounds import Grounds
+from fgpose.calibration.from_people.verdict.inputs import VerdictInputs
 
 # Of good calibrations of simulated walkers the worst camera has 4 mrad in the median and 8 at most; where one is late,
 # 25 and more.
@@ -48,31 +48,31 @@ _THROUGH = "walk through its whole view, near and far"
 _OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames that say the other
 
 
-def findings(grounds: Grounds) -> tuple[Finding, ...]:
+def findings(inputs: VerdictInputs) -> tuple[Finding, ...]:
     """All reasons against a calibration, the gravest first; none: it is good."""
-    names, sigmas, distance_m = grounds.camera_names, grounds.sigmas, grounds.distance_m
-    too_short = recording_too_short(grounds.duration_s)
+    names, sigmas, distance_m = inputs.camera_names, inputs.sigmas, inputs.distance_m
+    too_short = recording_too_short(inputs.duration_s)
     # What is the cause of others comes before them.
     found = [
-        *mirrors(names, grounds.mirrored, grounds.handedness),
-        *of_another_size(names, grounds.off_centre),
-        *worst_camera(names, grounds.third_view_mrad),
-        *twisted(names, grounds.referee_deg),
-        *halves_disagree(names, grounds.halves_deg, grounds.halves_m / distance_m),
+        *mirrors(names, inputs.mirrored, inputs.handedness),
+        *of_another_size(names, inputs.off_centre),
+        *worst_camera(names, inputs.third_view_mrad),
+        *twisted(names, inputs.cross_check_deg),
+        *halves_disagree(names, inputs.halves_deg, inputs.halves_m / distance_m),
         *uncertain(names, sigmas.direction_deg, sigmas.position_m / distance_m),
-        *focal_undetermined(names, grounds.estimated_lenses, sigmas.focal, grounds.coverage.depth_ratio),
-        *focal_wrong(names, grounds.focal_check),
-        *start_uncertain(names, grounds.start_certain),
+        *focal_undetermined(names, inputs.estimated_lenses, sigmas.focal, inputs.coverage.depth_ratio),
+        *focal_wrong(names, inputs.focal_check),
+        *start_uncertain(names, inputs.start_certain),
         *poorly_covered(
             names,
-            grounds.coverage,
+            inputs.coverage,
             certain(sigmas.direction_deg, sigmas.position_m / distance_m),
             is_short=bool(too_short),
         ),
         *nobody_checks(len(names)),
         *too_short,
-        *nobody_upright(grounds.upright, grounds.camera_tilt_deg),
-        *grounds.of_scale,
+        *nobody_upright(inputs.upright, inputs.camera_tilt_deg),
+        *inputs.of_scale,
     ]
     return tuple(sorted(found, key=_gravity, reverse=True))
 
@@ -97,11 +97,11 @@ def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " came
     return found
 
 
-def twisted(names: Sequence[str], referee_deg: Float[np.ndarray, " camera"]) -> list[Finding]:
+def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"]) -> list[Finding]:
     """Views in which the network sees another pose than was reconstructed."""
     reason = "its direction contradicts the 3D of its own images by {0:.0f} degrees"
     remedy = "walk across its view and towards it, so that you are seen from several sides"
-    return _graded(names, referee_deg, (_REFEREE_COARSE_DEG, _REFEREE_FAILED_DEG), reason, remedy)
+    return _graded(names, cross_check_deg, (_REFEREE_COARSE_DEG, _REFEREE_FAILED_DEG), reason, remedy)
 
 
 def halves_disagree(

@@ -7,7 +7,7 @@ import pytest
 from adjusted_rigs import FPS, adjusted, moved, walker
 
 from fgpose.calibration.from_people.verdict.coverage import coverage
-from fgpose.calibration.from_people.verdict.cross_checks import referee_deg, third_view_mrad
+from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, third_view_mrad
 from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
@@ -78,7 +78,7 @@ def test_the_referee_finds_a_twist() -> None:
     points3d_m = np.stack([camera.to_camera_frame(truth_m) for camera in RIG.cameras], axis=1)
     points3d_m += 0.3  # places do not matter, the pose does
     points3d_m[:, 1] = np.nan
-    off_deg = referee_deg(points3d_m, truth_m, turned(RIG, 2, 40.0))
+    off_deg = cross_check_deg(points3d_m, truth_m, turned(RIG, 2, 40.0))
     assert off_deg[[0, 3]] == pytest.approx(0.0, abs=1e-4)
     assert off_deg[2] == pytest.approx(40.0)
     assert np.isnan(off_deg[1])

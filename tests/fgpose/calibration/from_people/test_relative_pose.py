@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.calibration.from_people.rig.referee import angle_deg
+from fgpose.calibration.from_people.rig.procrustes import angle_deg
 from fgpose.calibration.from_people.rig.relative_pose import relative_poses, sampson_errors
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import ring_rig, walking
@@ -50,7 +50,7 @@ def test_noisy_joints_with_gross_errors_give_the_pose(second: int) -> None:
     # 2,000 joints of 4.4 mrad that vary over the image: 0.1 degrees by their number; the walk is within 2 m.
     assert angle_deg(best.first_T_second[:3, :3], truth[:3, :3]) < 1.0
     assert best.first_T_second[:3, 3] @ truth[:3, 3] > np.cos(np.deg2rad(2.0))
-    assert np.isnan(best.referee_deg)
+    assert np.isnan(best.cross_check_deg)
     assert best.in_front > 0.85
 
 
@@ -59,7 +59,7 @@ def test_the_referee_is_a_proposal_and_a_measure() -> None:
 
     found = relative_poses(points[0], points[1], TOLERANCE, true_pose(0, 1), rng)
 
-    assert found[0].referee_deg < 0.1
+    assert found[0].cross_check_deg < 0.1
     assert found[0].cost < 1e-6
 
 

@@ -38,7 +38,7 @@ def test_its_unit_is_that_of_the_views_3d(found: Scaffold) -> None:
 
 def test_figures_for_a_verdict(found: Scaffold) -> None:
     # Each view is turned by 6 degrees, two views by 6 to 12 relative to each other.
-    off_diagonal = found.referee_deg[np.triu_indices(3, 1)]
+    off_diagonal = found.cross_check_deg[np.triu_indices(3, 1)]
     assert (off_diagonal > 2.0).all()
     assert (off_diagonal < 20.0).all()
     assert (found.residual < 0.25).all()  # of the body's radius, 0.45 m: 30 mm and triangulation add up to 0.1
@@ -49,7 +49,7 @@ def test_figures_for_a_verdict(found: Scaffold) -> None:
 def test_without_3d_a_torso_is_the_unit_and_nobody_is_the_referee() -> None:
     made = scaffold(replace(WALK, points3d_m=None), bare(RIG))
 
-    assert np.isnan(made.referee_deg).all()
+    assert np.isnan(made.cross_check_deg).all()
     assert rotation_errors_deg(made.rig, RIG).max() < ROUGH_DEG
     # The walker's own torso, shoulder to hip, is 0.51 m.
     apart_m = [np.linalg.norm(rig.cameras[1].position_m - rig.cameras[0].position_m) for rig in (made.rig, RIG)]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from filmed_walk import bodies_px, track_of, walk_scene
 
-from fgpose.calibration.from_people.sides import exchanged_images, with_steady_sides
+from fgpose.calibration.from_people.left_right import exchanged_images, with_steady_sides
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.people import Detections, PeopleObservations

@@ -10,7 +10,7 @@ from adjusted_rigs import adjusted, moved, rig_errors
 from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
-from fgpose.calibration.from_people.verdict.grounds import Grounds, gather
+from fgpose.calibration.from_people.verdict.inputs import VerdictInputs, gather
 from fgpose.calibration.from_people.verdict.verdict import (
     findings,
     focal_undetermined,
@@ -51,17 +51,17 @@ def well_covered() -> Coverage:
     )
 
 
-def good() -> Grounds:
+def good() -> VerdictInputs:
     sigmas = CameraSigmas(
         np.full(3, 0.03), np.full(3, 0.5), np.zeros(3), np.full(3, 0.002), scale=0.01, vertical_deg=0.5, floor_m=0.01
     )
     certain = np.ones(3, dtype=bool)
-    return Grounds(
+    return VerdictInputs(
         camera_names=NAMES,
         sigmas=sigmas,
         distance_m=np.full(3, 4.0),
         third_view_mrad=np.full(3, 7.0),
-        referee_deg=np.full(3, 8.0),
+        cross_check_deg=np.full(3, 8.0),
         halves_deg=np.full(3, 0.8),
         halves_m=np.full(3, 0.05),
         coverage=well_covered(),
@@ -80,15 +80,15 @@ def test_nothing_speaks_against_a_good_calibration() -> None:
 
 
 def test_the_gravest_comes_first() -> None:
-    grounds = replace(good(), duration_s=1.0, mirrored=np.array([False, True, False]))
-    assert [finding.grade for finding in findings(grounds)] == [Grade.FAILED, Grade.COARSE]
+    inputs = replace(good(), duration_s=1.0, mirrored=np.array([False, True, False]))
+    assert [finding.grade for finding in findings(inputs)] == [Grade.FAILED, Grade.COARSE]
 
 
 @pytest.mark.parametrize(
     ("change", "camera", "grade", "words"),
     [
         ({"third_view_mrad": each(7, 16, 7)}, "b", Grade.FAILED, "16 mrad"),
-        ({"referee_deg": each(7, 8, 40)}, "c", Grade.FAILED, "40 degrees"),
+        ({"cross_check_deg": each(7, 8, 40)}, "c", Grade.FAILED, "40 degrees"),
         ({"halves_deg": each(10, 1, 1)}, "a", Grade.FAILED, "10.0 degrees"),
         ({"halves_m": each(0.1, 0.3, 0.1)}, "b", Grade.COARSE, "8%"),
         ({"start_certain": np.array([True, False, True])}, "b", Grade.COARSE, "start is not certain"),
@@ -162,10 +162,10 @@ def test_a_line_does_not_matter_where_the_camera_is_certain() -> None:
     line, place = replace(well_covered(), across_m=np.zeros(3)), replace(well_covered(), along_m=np.zeros(3))
     assert not poorly_covered(NAMES, line, ~NOBODY)
     assert poorly_covered(NAMES, place, ~NOBODY)
-    grounds = replace(good(), coverage=line)
-    assert not findings(grounds)
-    sigmas = replace(grounds.sigmas, direction_deg=each(0.5, 0.5, 1.2))
-    (finding,) = findings(replace(grounds, sigmas=sigmas))
+    inputs = replace(good(), coverage=line)
+    assert not findings(inputs)
+    sigmas = replace(inputs.sigmas, direction_deg=each(0.5, 0.5, 1.2))
+    (finding,) = findings(replace(inputs, sigmas=sigmas))
     assert (finding.camera, finding.reason) == ("c", "it saw the person on one line only")
 
 
@@ -206,14 +206,14 @@ def test_a_walker_gives_a_good_verdict() -> None:
     found = to_metric(case.walk, case.rig, case.joints_m, stature_m=1.7)
     rng = np.random.default_rng(0)
     first, second = (moved(found.rig, rig_errors(found.rig, 0.02, rng)) for _ in range(2))
-    grounds = gather(
+    inputs = gather(
         case.walk, found, four_sigmas(), (first, second), np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA
     )
-    assert findings(grounds) == ()
-    assert grounds.duration_s == pytest.approx(30.0, abs=0.1)
-    assert grounds.distance_m == pytest.approx(4.5, rel=0.2)
-    assert grounds.camera_tilt_deg < 20  # the cameras look down by 10 degrees, all towards the middle
-    assert np.isnan(grounds.referee_deg).all()  # no 3D
+    assert findings(inputs) == ()
+    assert inputs.duration_s == pytest.approx(30.0, abs=0.1)
+    assert inputs.distance_m == pytest.approx(4.5, rel=0.2)
+    assert inputs.camera_tilt_deg < 20  # the cameras look down by 10 degrees, all towards the middle
+    assert np.isnan(inputs.cross_check_deg).all()  # no 3D
 
 
 def test_a_camera_that_was_bumped_in_the_middle_fails() -> None:
@@ -221,9 +221,9 @@ def test_a_camera_that_was_bumped_in_the_middle_fails() -> None:
     bumped = rig_errors(case.rig, 0.0, np.random.default_rng(0))
     bumped[1, 1] += np.deg2rad(6.0)
     found = to_metric(case.walk, moved(case.rig, bumped), case.joints_m, stature_m=1.7)
-    grounds = gather(case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA)
-    assert {(finding.camera, finding.grade) for finding in findings(grounds)} >= {("ring_1", Grade.FAILED)}
-    assert np.isnan(grounds.halves_deg).all()
+    inputs = gather(case.walk, found, four_sigmas(), None, np.arange(len(case.truth_m)) % 2 == 0, (), ~NO_CAMERA)
+    assert {(finding.camera, finding.grade) for finding in findings(inputs)} >= {("ring_1", Grade.FAILED)}
+    assert np.isnan(inputs.halves_deg).all()
 
 
 def four_sigmas() -> CameraSigmas:
@@ -236,8 +236,8 @@ def test_somebody_who_lies_is_not_the_vertical() -> None:
     case = adjusted(10.0, 3)
     lying = case.joints_m @ np.array(gtsam.Rot3.Rx(np.pi / 2).matrix()).T
     found = to_metric(case.walk, case.rig, lying, stature_m=1.7)
-    grounds = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), (), ~NO_CAMERA)
-    assert any("lies" in finding.reason for finding in findings(grounds))
+    inputs = gather(case.walk, found, four_sigmas(), None, np.ones(len(lying), dtype=bool), (), ~NO_CAMERA)
+    assert any("lies" in finding.reason for finding in findings(inputs))
 
 
 def test_the_cause_comes_before_what_it_does() -> None:

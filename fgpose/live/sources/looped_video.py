@@ -9,7 +9,7 @@ from pathlib import Path
 _CODEC, _OPTIONS = "libx264", {"preset": "ultrafast", "bf": "0", "crf": "20"}
 
 
-def write_there_and_back(
+def write_looped_video(
     video: Path, path: Path, *, every: int = 1, shrink: int = 1
 ) -> tuple[tuple[int, int], tuple[int, int]]:
     """Write a video that goes forwards and then backwards, so that nobody jumps when it begins anew.

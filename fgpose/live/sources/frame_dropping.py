@@ -12,7 +12,7 @@ _LATE_S = 0.3
 _STAYS_S, _STAYS_FAR_S = 0.5, 2.0
 
 
-class Haste(Enum):
+class Dropping(Enum):
     """What to leave out."""
 
     NONE = 0
@@ -29,13 +29,13 @@ class Lateness:
         self._now_s = now_s
         self._late_since_s: float | None = None
 
-    def haste(self, late_s: float) -> Haste:
+    def dropping(self, late_s: float) -> Dropping:
         """After an image that arrived so late."""
         now_s = self._now_s()
         if late_s < _LATE_S:
             self._late_since_s = None
-            return Haste.NONE
+            return Dropping.NONE
         if self._late_since_s is None:
             self._late_since_s = now_s
         stays_s = now_s - self._late_since_s
-        return Haste.MOST if stays_s > _STAYS_FAR_S else Haste.SOME if stays_s > _STAYS_S else Haste.NONE
+        return Dropping.MOST if stays_s > _STAYS_FAR_S else Dropping.SOME if stays_s > _STAYS_S else Dropping.NONE

@@ -12,7 +12,7 @@ from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.coverage import Coverage, coverage
-from fgpose.calibration.from_people.verdict.cross_checks import referee_deg, third_view_mrad
+from fgpose.calibration.from_people.verdict.cross_checks import cross_check_deg, third_view_mrad
 from fgpose.calibration.from_people.verdict.handedness import handedness, mirrored_views
 from fgpose.calibration.from_people.verdict.sigmas import disagreement
 from fgpose.calibration.from_people.walk import Walk
@@ -26,7 +26,7 @@ _MIN_UNUSED = 25  # frames: with fewer the median of what was not used says less
 
 
 @dataclass(frozen=True, eq=False)
-class Grounds:
+class VerdictInputs:
     """What a verdict rests on. Numbers of cameras are in the order of camera_names; NaN: not known."""
 
     camera_names: tuple[str, ...]
@@ -35,8 +35,8 @@ class Grounds:
     """From the person, median."""
     third_view_mrad: Float[np.ndarray, " camera"]
     """cross_checks.third_view_mrad, of frames that were not used."""
-    referee_deg: Float[np.ndarray, " camera"]
-    """cross_checks.referee_deg."""
+    cross_check_deg: Float[np.ndarray, " camera"]
+    """cross_checks.cross_check_deg."""
     halves_deg: Float[np.ndarray, " camera"]
     """By how much the halves of the recording disagree: rotation ..."""
     halves_m: Float[np.ndarray, " camera"]
@@ -71,8 +71,8 @@ def gather(
     estimated_lenses: Groups,
     start_certain: Bool[np.ndarray, " camera"],
     focal_check: FocalCheck | None = None,
-) -> Grounds:
-    """The grounds on which a calibration is judged.
+) -> VerdictInputs:
+    """The inputs on which a calibration is judged.
 
     Args:
         walk: that the calibration was made from.
@@ -89,12 +89,12 @@ def gather(
     halves_deg, halves_m = _halves(halves, rig)
     unknown = np.full(rig.n_cameras, np.nan)
     points3d_m = walk.points3d_m
-    return Grounds(
+    return VerdictInputs(
         camera_names=rig.names,
         sigmas=sigmas,
         distance_m=_distances_m(walk, rig, joints_m),
         third_view_mrad=third_view_mrad(rig.undistort(walk.points2d_px[judged]), walk.confidence[judged], rig),
-        referee_deg=unknown if points3d_m is None else referee_deg(points3d_m, joints_m, rig),
+        cross_check_deg=unknown if points3d_m is None else cross_check_deg(points3d_m, joints_m, rig),
         halves_deg=halves_deg,
         halves_m=halves_m,
         coverage=coverage(walk, rig, joints_m),
