@@ -62,10 +62,12 @@ class StormVisitors(Visitors):
         if not image.n_people or (found := self._of_image.get(_key(image))) is None:
             return _NOTHING
         clip, k, people = found
-        minute = int(self.number(now_s) / self._rate_hz / 60.0)
+        newest = self.number(now_s)
+        minute = int(newest / self._rate_hz / 60.0)
         for each in (minute, minute - 1):
             visit = self._visit(each)
-            if visit is not None and visit.clip == clip:
+            # Late images of a visit before, with the same clip, come when this one has begun.
+            if visit is not None and visit.clip == clip and visit.first + k <= newest:
                 return Shown(visit.first + k, people)
         return _NOTHING
 
