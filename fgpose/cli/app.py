@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TextIO, Union
+from typing import Annotated, Any, Protocol, TextIO, Union, runtime_checkable
 
 import numpy as np
 
@@ -136,6 +136,7 @@ def _is_of_stdout(error: BaseException) -> bool:
     return isinstance(error, OSError) and error.errno == errno.ENOSPC and error.filename is None
 
 
+@runtime_checkable
 class Command(Protocol):
     """A dataclass whose fields are the options and whose docstring is the help."""
 
