@@ -41,6 +41,10 @@ class Count:
 class Balls:
     max_people: int
     name: str = "balls"
+    skeleton: fgpose.Skeleton = fgpose.load_skeleton("coco_17")
+
+    def tracker(self, camera):
+        raise NotImplementedError
 
 
 def read(path, rig, skeleton):
