@@ -257,12 +257,12 @@ class Follower:
         self._note(now_s, track, "lost", reason)
 
     def _learn(self, now_s: float) -> None:
-        for track in self.tracks:
-            if track.is_confirmed:
-                self._lost.room.add(track.middle_m)
-                if track.seen_s > now_s - _SAME_MOMENT_S:
-                    track.likeness.add(track.pose, now_s)
-        self._resemblance.learn([track.likeness.looks for track in self.tracks if track.is_confirmed], now_s)
+        confirmed = [track for track in self.tracks if track.is_confirmed]
+        self._lost.room.add([track.middle_m for track in confirmed], now_s)
+        for track in confirmed:
+            if track.seen_s > now_s - _SAME_MOMENT_S:
+                track.likeness.add(track.pose, now_s)
+        self._resemblance.learn([track.likeness.looks for track in confirmed], now_s)
 
     def _recognise(self, now_s: float) -> None:
         """Those who have just been confirmed may be somebody who was lost before."""

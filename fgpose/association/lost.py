@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 
 import numpy as np
@@ -10,20 +11,33 @@ from jaxtyping import Float
 from fgpose.association.identity import RECOGNISED, UNAMBIGUOUS, Passage
 from fgpose.association.track import Track
 
+# A false track that lasts for less than this share of the time does not make the room larger.
+_OUTLIERS = 0.01
+_SAMPLED_S = 1.0
+
 
 class _Room:
-    """Where people have been."""
+    """Where people have been of late."""
 
-    def __init__(self) -> None:
-        self._low_m, self._high_m = np.full(3, np.inf), np.full(3, -np.inf)
+    def __init__(self, forget_s: float) -> None:
+        self._forget_s = forget_s
+        self._places: deque[tuple[float, Float[np.ndarray, 3]]] = deque()
 
-    def add(self, place_m: Float[np.ndarray, 3]) -> None:
-        self._low_m, self._high_m = np.minimum(self._low_m, place_m), np.maximum(self._high_m, place_m)
+    def add(self, places_m: Sequence[Float[np.ndarray, 3]], now_s: float) -> None:
+        """Where everybody is; one moment in a second counts."""
+        if not places_m or (self._places and now_s < self._places[-1][0] + _SAMPLED_S):
+            return
+        self._places.extend((now_s, place_m) for place_m in places_m)
+        while self._places[0][0] < now_s - self._forget_s:
+            self._places.popleft()
 
     @property
     def area_m2(self) -> float:
-        """Of the floor, whichever axis is vertical: the two longer sides."""
-        extent_m = np.sort(np.maximum(self._high_m - self._low_m, 0.0))
+        """Of the floor, whichever axis is vertical: the two longer sides. Zero where nobody has been."""
+        if not self._places:
+            return 0.0
+        low_m, high_m = np.quantile([place_m for _, place_m in self._places], (_OUTLIERS, 1 - _OUTLIERS), axis=0)
+        extent_m = np.sort(high_m - low_m)
         return float(extent_m[1] * extent_m[2])
 
 
@@ -33,7 +47,7 @@ class Lost:
     def __init__(self, forget_s: float) -> None:
         self._forget_s = forget_s
         self._people: dict[int, Passage] = {}
-        self.room = _Room()
+        self.room = _Room(forget_s)
 
     def __len__(self) -> int:
         return len(self._people)
