@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 from sybil import Document, Example, Sybil
 from sybil.evaluators.python import PythonEvaluator
@@ -20,6 +21,7 @@ from sybil.parsers.myst import CodeBlockParser
 from fgpose.cli import main
 from fgpose.cli.app import _parse
 from fgpose.config import config_from_dict
+from fgpose.extensions import Group
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.live.cameras.rig_file import load_live_rig
@@ -97,7 +99,8 @@ def run_python(example: Example) -> None:
 
 
 def check_toml(example: Example) -> None:
-    """It is what its tables say: a configuration, a study, the cameras of a live system, or the cell of a robot."""
+    """It is what its tables say: a configuration, a study, the cameras of a live system, the cell of a robot, or entry
+    points of a package."""
     table = tomllib.loads(example.parsed)
     if "links" in table or "zones" in table:
         Path("cell.toml").write_text(example.parsed)
@@ -111,6 +114,8 @@ def check_toml(example: Example) -> None:
         save_rig(CameraRig(tuple(named)), table["live"]["calibration"])
         Path("live.toml").write_text(example.parsed)
         assert load_live_rig("live.toml").rig.names == tuple(table["cameras"])
+    elif "project" in table:
+        assert set(table["project"]["entry-points"]) <= set(get_args(Group))
     else:
         config_from_dict(table)
 
