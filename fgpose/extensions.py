@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, Literal
 
 Group = Literal["fgpose.commands", "fgpose.demonstrations", "fgpose.detectors", "fgpose.formats"]
 
 
+@cache  # to look takes milliseconds, and every reader of a file asks
 def added(group: Group) -> dict[str, Any]:
     """What others add to a group, by its name; imported.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.testing import assert_allclose
 
 import fgpose
 from fgpose.cli import main
+from fgpose.extensions import added
 from fgpose.io.keypoints import keypoint_cameras
 from fgpose.monocular.networks import open_network
 from fgpose_benchmarks.synthetic import ring_rig
@@ -92,7 +94,7 @@ trajectory = my_package:TRAJECTORY
 
 
 @pytest.fixture
-def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Installed, as pip would leave it."""
     (tmp_path / "my_package.py").write_text(PACKAGE)
     about = tmp_path / "my_package-1.0.dist-info"
@@ -101,6 +103,9 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (about / "entry_points.txt").write_text(ENTRY_POINTS)
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
+    added.cache_clear()
+    yield
+    added.cache_clear()
 
 
 def a_trajectory() -> fgpose.Trajectory:
