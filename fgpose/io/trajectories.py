@@ -27,7 +27,7 @@ from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
 EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
-"""What save_trajectory writes, with the formats that other packages add (fgpose.io.formats)."""
+"""What save_trajectory writes, those that keep most first. Other packages may add formats (fgpose.io.formats)."""
 
 
 def check_output(path: str | Path) -> None:

@@ -17,6 +17,7 @@ from fgpose.people import PeopleObservations
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.source import AnySource, Source
+from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
 
@@ -70,10 +71,8 @@ def load_source(
     if people in ("auto", "all"):
         everybody = everybody.subset(cameras).first_frames(n_frames)
         return everybody if people == "all" else everybody.one_or_all()
-    try:
+    with naming(keypoints):
         one = everybody.one(people if isinstance(people, PersonRegion) else 0)
-    except ValueError as error:
-        raise ValueError(f"{keypoints}: {error}") from None
     return one.subset(cameras).first_frames(n_frames)
 
 

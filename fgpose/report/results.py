@@ -19,15 +19,13 @@ from fgpose.io.calibration import load_calibration_origin, load_rig
 from fgpose.io.folders import shown
 from fgpose.io.made_by import made_by
 from fgpose.io.origin import InputFile, Origin
-from fgpose.io.trajectories import load_origin, load_upright
+from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
 from fgpose.report.origin_facts import facts_of, findings_of, without_home
 from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory
 
-_EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
-"""Of trajectories, those that keep most first."""
 _RIGS = ("calibration.toml", "cameras.toml", "rig.toml")
 
 
@@ -62,7 +60,7 @@ def _results(folder: Path) -> dict[str, Path]:
     """The most important trajectories of each run, by its name. Where fgpose track has left its own beside those of
     another command, both have names of their own."""
     files: dict[str, Path] = {}
-    for extension in _EXTENSIONS:
+    for extension in EXTENSIONS:
         for file in shown(folder.glob(f"*{extension}")):
             files.setdefault(_without_person(file.stem), file)
     of_runs: dict[str, dict[str, Path]] = {}
