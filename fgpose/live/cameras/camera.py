@@ -60,10 +60,8 @@ class LiveCamera:
         self.name, self.settings, self.clock = name, settings, clock
         self._on_event = on_event
         self._model = ClockModel(settings.latency_s, settings.clock)
-        self._health, self._picture_faults = (
-            Health(settings.fps, late_s if settings.pace == "real time" else np.inf),
-            PictureFaults(),
-        )
+        self._health = Health(settings.fps, late_s if settings.pace == "real time" else np.inf)
+        self._picture_faults = PictureFaults()
         self._keypoints = FrozenKeypoints()
         self._lock = threading.Lock()
         self._said = _CONNECTING
