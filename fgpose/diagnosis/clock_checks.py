@@ -30,7 +30,7 @@ _DRIFT_FRAMES = 1.0  # from the first second to the last: half of it at either e
 # A frame that comes later than this many steps has missed one.
 _MISSING_STEPS = 1.5
 _OUTLIER_RATIO = 5.0  # of the median error
-_UNWEIGHTED = ProjectionConfig(sigma_px=1.0, kernel="none")
+_UNWEIGHTED = ProjectionConfig(kernel="none")
 # Relative: the lag that all cameras have in common has none but by rounding and by what keeps unseen joints invertible.
 _NO_INFORMATION = 1e-7
 
@@ -119,6 +119,7 @@ def _blocks(
             velocity_mps[own],
             undistorted_px[own] - bias_px,
             weights[own],
+            np.ones_like(weights[own]),
             rig,
             _UNWEIGHTED,
         )

@@ -1,7 +1,13 @@
-"""How late each camera is, learned online from the residuals of the newest frames."""
+"""How late each camera is, learned online from the residuals of the newest frames.
+
+Errors of detections last, and those of joints are alike, so that frames tell less than their number says. How much less
+is seen by how far apart the offsets are that different seconds tell.
+"""
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +19,13 @@ from fgpose.estimation.noise import CORRELATION_S, correlated_frames
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose_factors import robust_weight
+
+# Errors of a network last for some tenths of a second, motion changes its direction within one: seconds that follow
+# each other are independent.
+_SECOND_S = 1.0
+_PRIOR_FREEDOM = 6.0  # of what is usual: two seconds of four cameras
+_MOST_SECONDS = 100  # they tell the scatter to a tenth
+_NO_INFORMATION = 1e-6  # in that of the best known offset; that of all cameras together is never seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +50,7 @@ class OffsetEvidence:
 
 
 class RunningOffsets:
-    """Time offsets frame by frame, from the residuals of all frames so far; older frames have less weight.
+    """Time offsets frame by frame, from the residuals of all frames so far; older seconds have less weight.
 
     Several estimators may share one: the cameras are the same, whoever moves before them.
 
@@ -47,13 +60,21 @@ class RunningOffsets:
 
     def __init__(self, rig: CameraRig, config: Config) -> None:
         self._rig, self._config = rig, config
-        self.evidence = self.elsewhere = OffsetEvidence.nothing(rig.n_cameras)
-        """Of the frames that were added here, and of those that were added in other processes."""
+        self.elsewhere = OffsetEvidence.nothing(rig.n_cameras)
+        """Of the frames that were added in other processes."""
+        self._told = self._of_second = OffsetEvidence.nothing(rig.n_cameras)
+        self._seconds: deque[OffsetEvidence] = deque(maxlen=_MOST_SECONDS)
+        self._second_since_s, self._scatter = -np.inf, 1.0
         self.sigma_s = np.full(rig.n_cameras, config.calibration.offset_sigma_s)
         """(C,) standard deviations of the prior; zero: held. At first that of the first camera is held and the others
         have calibration.offset_sigma_s; whoever knows the clocks better says so here."""
         self.sigma_s[:1] = 0.0
         self._newest_s = -np.inf
+
+    @property
+    def evidence(self) -> OffsetEvidence:
+        """Of the frames that were added here."""
+        return self._told.faded(1.0 / self._scatter)
 
     def add(
         self,
@@ -63,22 +84,36 @@ class RunningOffsets:
         velocities_mps: Float[np.ndarray, "joint 3"],
         undistorted_px: Float[np.ndarray, "camera joint 2"],
         weights: Float[np.ndarray, "camera joint"],
+        sigma_px: Float[np.ndarray, "camera joint"],
         rig: CameraRig,
     ) -> None:
         """Take a frame of somebody at its time, its detections moved to that time with the offsets of the rig.
 
         Args:
             step_s: since the frame before, of the same person.
+            weights: of the detections.
+            sigma_px: standard deviation of a detection of weight 1.
         """
         if not self.sigma_s.any():
             return
         information, gradient = offset_information(
-            positions_m[None], velocities_mps[None], undistorted_px[None], weights[None], rig, self._config.projection
+            positions_m[None],
+            velocities_mps[None],
+            undistorted_px[None],
+            weights[None],
+            sigma_px[None],
+            rig,
+            self._config.projection,
         )
         told = OffsetEvidence(information, information @ rig.time_offsets_s - gradient)
+        told = told.faded(1.0 / float(correlated_frames(step_s, CORRELATION_S)))
+        if time_s >= self._second_since_s + _SECOND_S:
+            self._seconds.append(self._of_second)
+            self._scatter = _scatter(self._seconds)
+            self._second_since_s, self._of_second = time_s, OffsetEvidence.nothing(rig.n_cameras)
         passed_s, self._newest_s = max(time_s - self._newest_s, 0.0), max(time_s, self._newest_s)
-        kept = self.evidence.faded(float(np.exp(-passed_s / self._config.calibration.offset_memory_s)))
-        self.evidence = kept + told.faded(1.0 / float(correlated_frames(step_s, CORRELATION_S)))
+        kept = self._told.faded(float(np.exp(-passed_s / self._config.calibration.offset_memory_s)))
+        self._told, self._of_second = kept + told, self._of_second + told
 
     @property
     def has_told(self) -> bool:
@@ -117,11 +152,25 @@ class RunningOffsets:
         return np.linalg.inv(told[np.ix_(free, free)] + np.diag(self.sigma_s[free] ** -2))
 
 
+def _scatter(seconds: Sequence[OffsetEvidence]) -> float:
+    """How many times the variance that the standard deviations of detections give is what different seconds show: the
+    mean squared deviation from what all of them tell, over its degrees of freedom, drawn towards 1."""
+    information, moment = (np.stack([getattr(each, name) for each in seconds]) for name in ("information", "moment"))
+    own_s2, of_all_s2 = (
+        np.linalg.pinv(told, rcond=_NO_INFORMATION, hermitian=True) for told in (information, information.sum(axis=0))
+    )
+    deviation = information @ (of_all_s2 @ moment.sum(axis=0)) - moment
+    squared = np.einsum("si,sij,sj->", deviation, own_s2, deviation)
+    freedom = np.einsum("sij,sji->", information, own_s2) - np.sum(information.sum(axis=0) * of_all_s2)
+    return float((squared + _PRIOR_FREEDOM) / (freedom + _PRIOR_FREEDOM))
+
+
 def offset_information(
     positions_m: Float[np.ndarray, "frame joint 3"],
     velocities_mps: Float[np.ndarray, "frame joint 3"],
     undistorted_px: Float[np.ndarray, "frame camera joint 2"],
     weights: Float[np.ndarray, "frame camera joint"],
+    sigma_px: Float[np.ndarray, "frame camera joint"],
     rig: CameraRig,
     config: ProjectionConfig,
 ) -> tuple[Float[np.ndarray, "camera camera"], Float[np.ndarray, " camera"]]:
@@ -129,9 +178,10 @@ def offset_information(
 
     Args:
         undistorted_px: detections, moved to the times of their frames with the offsets so far.
+        weights, sigma_px: of each detection, and the standard deviation that one of weight 1 would have.
+        config: its kernel.
     """
     residual_px, by_joint, projected = linearized_projection(undistorted_px, rig, positions_m)
-    sigma_px = rig.in_own_px(config.sigma_px)
     by_offset = by_joint @ velocities_mps[:, None, ..., None]
     known = projected & np.isfinite(by_offset).all(axis=(-1, -2))
     squared = np.where(known, np.sum(residual_px**2, axis=-1), 0.0) / sigma_px**2

@@ -307,15 +307,12 @@ class Estimator:
         self._lengths.add(self._window[-1].evidence)
         self._lengths.improve(self._rig)
         self._sole_views.learn(self._window[-1], self._lengths.lengths_m, self._rig)
-        self._learn_offsets()
 
-    def _learn_offsets(self) -> None:
-        if not self.config.online.estimate_time_offsets or len(self._window) < 2:
-            return
-        state = self._window[-1]
-        detections, time_s = (state.evidence.measured_px[0], state.evidence.weights[0]), state.at.time_s
-        motion = state.step_s, state.positions_m, state.velocities_mps
-        self._offsets.add(time_s, *motion, *detections, self.rig_with_offsets)
+    def _learn_offsets(self, oldest: FrameState) -> None:
+        """From a frame that is one lag old: the errors of its velocities, which shrink offsets, are least."""
+        time_s, weights, sigma_px = oldest.at.time_s, oldest.evidence.weights[0], oldest.evidence.sigma_px[0]
+        motion = oldest.step_s, oldest.positions_m, oldest.velocities_mps
+        self._offsets.add(time_s, *motion, oldest.on_time_px(self._rig), weights, sigma_px, self.rig_with_offsets)
         if time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             learned, self._offsets_applied_s = self._offsets.rig(), time_s
             self._rig = learned.with_time_offsets(learned.time_offsets_s - self._late_s)
@@ -388,6 +385,8 @@ class Estimator:
                 velocities_mps = np.where(oldest.active[:, None], oldest.velocities_mps, np.nan)
                 information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
                 self._density.add(oldest.at.time_s, velocities_mps, information)
+            if self.config.online.estimate_time_offsets and np.isfinite(oldest.step_s):
+                self._learn_offsets(oldest)
 
     def _is_lagged(self, state: FrameState, time_s: float) -> bool:
         return state.at.time_s <= time_s - self.config.online.lag_s + TIME_ROUNDING_S

@@ -7,9 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.estimation.delays import image_shift_px
 from fgpose.estimation.evidence import Evidence
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import FrameTime
+from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.trajectory import joint_status
 
@@ -84,6 +86,13 @@ class FrameState:
     @property
     def velocity_keys(self) -> list[int]:
         return [velocity_key(joint, self.at.frame) for joint in self.joints]
+
+    def on_time_px(self, rig: CameraRig) -> Float[np.ndarray, "camera joint 2"]:
+        """The detections, undistorted and with their bias, where they would be if this were the motion and all cameras
+        were synchronous but for the offsets of this rig."""
+        delay_s = np.nan_to_num(self.image_time_s - self.at.time_s) + rig.time_offsets_s
+        moved_px = image_shift_px(self.positions_m, self.velocities_mps * delay_s[:, None, None], rig)
+        return rig.undistort(self.observations.points2d_px)[0] - moved_px
 
     def carried_on_m(self, step_s: float) -> Float[np.ndarray, "joint 3"]:
         """Predicted positions after this time, by the velocities."""

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import fgpose
 from fgpose.config import CalibrationConfig, Config
 from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose_benchmarks.synthetic import walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 
 KNOWN_S = np.array([0.0, 0.2, -0.1, 0.05])
 FPS = 50.0
 UNIFORM = np.ones((4, 17))
+SIGMA_PX = np.full((4, 17), 6.0)
+LATE_S = np.array([0.0, 0.03, -0.02, 0.01])
 
 
 def test_offsets_that_are_known_stay_where_nobody_moves(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
@@ -20,7 +24,9 @@ def test_offsets_that_are_known_stay_where_nobody_moves(rig: fgpose.CameraRig, s
     rig = rig.with_time_offsets(KNOWN_S)
     offsets, standing_m = RunningOffsets(rig, Config()), walking(1, FPS, skeleton)[0]
     for frame in range(20):
-        offsets.add(frame / FPS, 1 / FPS, standing_m, np.zeros_like(standing_m), rig.project(standing_m), UNIFORM, rig)
+        offsets.add(
+            frame / FPS, 1 / FPS, standing_m, np.zeros_like(standing_m), rig.project(standing_m), UNIFORM, SIGMA_PX, rig
+        )
     np.testing.assert_allclose(offsets.rig().time_offsets_s, KNOWN_S, atol=1e-12)
 
 
@@ -33,7 +39,7 @@ def test_offsets_of_a_moving_person(sigma_s: float, rig: fgpose.CameraRig, skele
     late_s = np.array([0.0, 0.01, -0.01, 0.0])
     for frame, (position_m, velocity_mps) in enumerate(zip(motion_m, velocities_mps, strict=True)):
         seen_px = rig.project_each(position_m + late_s[:, None, None] * velocity_mps)
-        offsets.add(frame / FPS, 1 / FPS, position_m, velocity_mps, seen_px, UNIFORM, rig)
+        offsets.add(frame / FPS, 1 / FPS, position_m, velocity_mps, seen_px, UNIFORM, SIGMA_PX, rig)
     found_s = offsets.rig().time_offsets_s
     assert found_s[0] == 0.0
     if sigma_s == 0.1:
@@ -53,15 +59,16 @@ def fed(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton, late_s: np.ndarray, n_
     ):
         seen_px = rig.project_each(position_m + late_s[:, None, None] * velocity_mps)
         for _ in range(n_people):
-            offsets.add(frame / FPS, 1 / FPS, position_m, velocity_mps, seen_px, UNIFORM, rig)
+            offsets.add(frame / FPS, 1 / FPS, position_m, velocity_mps, seen_px, UNIFORM, SIGMA_PX, rig)
     return offsets
 
 
 def test_several_people_tell_more_and_are_remembered_as_long(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     late_s = np.array([0.0, 0.01, -0.01, 0.0])
     one, three = (fed(rig, skeleton, late_s, n).evidence for n in (1, 3))
-    np.testing.assert_allclose(three.information, 3 * one.information, rtol=1e-9)
-    np.testing.assert_allclose(three.moment, 3 * one.moment, rtol=1e-9)
+    # Seconds of three people contradict each other three times as clearly, by the kernel and the curvature alone.
+    np.testing.assert_allclose(three.information, 3 * one.information, rtol=1e-4)
+    np.testing.assert_allclose(three.moment, 3 * one.moment, rtol=1e-4)
 
 
 def test_what_all_cameras_have_in_common_is_not_told(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
@@ -90,5 +97,23 @@ def test_evidence_from_elsewhere_counts(rig: fgpose.CameraRig, skeleton: fgpose.
     late_s = np.array([0.0, 0.01, -0.01, 0.0])
     both, here = fed(rig, skeleton, late_s, 2), fed(rig, skeleton, late_s, 1)
     here.elsewhere = fed(rig, skeleton, late_s, 1).evidence
-    np.testing.assert_allclose(here.rig().time_offsets_s, both.rig().time_offsets_s, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(here.relative(), both.relative(), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(here.rig().time_offsets_s, both.rig().time_offsets_s, atol=1e-9)
+    np.testing.assert_allclose(here.relative(), both.relative(), rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize(("sigma_px", "within_s"), [(2.0, 2e-3), (15.0, 30e-3)])
+def test_offsets_are_as_uncertain_as_the_detections(
+    sigma_px: float, within_s: float, mocap_scene: Scene, rig: fgpose.CameraRig, skeleton: fgpose.Skeleton
+) -> None:
+    """The spread of detections is learned; errors of velocities, which shrink offsets, are those one lag later."""
+    noise = DetectionNoise(sigma_px=sigma_px, correlated_px=0.0, outlier_share=0.0)
+    truth_m = mocap_scene.truth_m[:75]
+    seen = simulate(truth_m, skeleton, rig, FPS, noise, NO_OCCLUSION, seed=0, offsets_s=LATE_S).observations
+    estimator = fgpose.Estimator(rig, skeleton, Config(online={"estimate_time_offsets": True}))
+    for frame in replace(seen, points3d_m=None, covariance3d_m2=None):
+        estimator.update(frame)
+    change_s, sigma_s = estimator._offsets.relative()
+    error_s = change_s[1:] - LATE_S[1:]
+    assert np.abs(error_s).max() < within_s
+    # The 99.9 % quantile of chi-square with three degrees of freedom.
+    assert np.sum((error_s / sigma_s[1:]) ** 2) < 16.3
