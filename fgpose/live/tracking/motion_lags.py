@@ -32,6 +32,8 @@ _SIGMAS = 3.0
 _LEFT = 0.4
 # Without the camera that is wrong the others agree, to which so much more is no difference.
 _NOT_BETTER = 1.5
+# Between the lags that agree as well.
+_KNOWN_TO_S = 0.5
 
 
 class MotionLags:
@@ -127,8 +129,10 @@ class MotionLags:
         of_now = _mean(np.broadcast_to(mrad[_NOW], mrad.shape), both)
         left = _mean(np.broadcast_to(left_mrad, mrad.shape), both)
         best = int(np.argmin(of_lag / np.maximum(of_now, MAX_MRAD)))
-        # A minimum, from which the images agree less and less to both sides.
+        # A minimum, from which the images agree less and less to both sides: of somebody who stood, many lags are right.
+        as_good = np.flatnonzero(of_lag <= _NOT_BETTER * of_lag[best])
         is_minimum = 0 < best < len(_LAGS_S) - 1 and np.isfinite(of_lag[[best - 1, best + 1]]).all()
+        is_minimum = is_minimum and float(np.ptp(_LAGS_S[as_good])) <= _KNOWN_TO_S
         is_better = of_now[best] > MAX_MRAD and max(of_lag[best], left[best]) < _LEFT * of_now[best]
         if is_minimum and is_better and abs(_LAGS_S[best]) > allowed_s:
             return _Lag(float(_LAGS_S[best]), float(of_lag[best] + left[best]))
