@@ -129,7 +129,7 @@ class MotionLags:
         of_now = _mean(np.broadcast_to(mrad[_NOW], mrad.shape), both)
         left = _mean(np.broadcast_to(left_mrad, mrad.shape), both)
         best = int(np.argmin(of_lag / np.maximum(of_now, MAX_MRAD)))
-        # A minimum, from which the images agree less and less to both sides: of somebody who stood, many lags are right.
+        # A minimum, from which the images agree less and less to both sides: of who stood, many lags are right.
         as_good = np.flatnonzero(of_lag <= _NOT_BETTER * of_lag[best])
         is_minimum = 0 < best < len(_LAGS_S) - 1 and np.isfinite(of_lag[[best - 1, best + 1]]).all()
         is_minimum = is_minimum and float(np.ptp(_LAGS_S[as_good])) <= _KNOWN_TO_S
