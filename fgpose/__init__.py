@@ -31,7 +31,7 @@ from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
 from fgpose.config import Config, load_config
 from fgpose.diagnosis.diagnose import Diagnosis, diagnose
 from fgpose.estimation.estimator import Estimator
-from fgpose.estimation.fusion import Fusion, fuse
+from fgpose.estimation.evidence.fusion import Fusion, fuse
 from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.finding import Code, Finding, Severity

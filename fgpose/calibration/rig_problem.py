@@ -10,8 +10,8 @@ from fgpose.calibration.adjustment.problem import BundleProblem
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.adjustment.unknowns import Unknowns
 from fgpose.config import Config
+from fgpose.estimation.evidence.weights import LEAST_WEIGHT
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
-from fgpose.estimation.weights import LEAST_WEIGHT
 from fgpose.geometry.camera import CameraRig
 
 # 1e-4 degrees, 10 um: a tenth of what any result is stated to.

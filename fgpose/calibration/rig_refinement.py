@@ -21,7 +21,7 @@ from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_problem import rig_problem, sighting_weights
 from fgpose.calibration.used_parts import Adjusted, agreed_joints_m, frames_of_each, seen_by_two
 from fgpose.config import Config
-from fgpose.estimation.delays import by_mean_clock, delays_s, on_time_px
+from fgpose.estimation.evidence.delays import by_mean_clock, delays_s, on_time_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations

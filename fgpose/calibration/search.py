@@ -23,7 +23,7 @@ from fgpose.calibration.used_parts import (
     seen_by_two,
 )
 from fgpose.config import Config
-from fgpose.estimation.delays import on_time_px
+from fgpose.estimation.evidence.delays import on_time_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import linearized_projection
 from fgpose.observations import Observations

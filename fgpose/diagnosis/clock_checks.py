@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from fgpose.config import ProjectionConfig
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile
-from fgpose.estimation.clock_offsets import offset_information
+from fgpose.estimation.online.clock_offsets import offset_information
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import usual_step_s

@@ -11,22 +11,22 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
-from fgpose.estimation.bone_lengths import RunningLengths
-from fgpose.estimation.clock_offsets import RunningOffsets
-from fgpose.estimation.credibility import RunningCredibility
-from fgpose.estimation.evidence import FARTHEST_M, Evidence, concatenated, gather_frame
+from fgpose.estimation.covariances.online_covariance import OnlineCovariances
+from fgpose.estimation.evidence.credibility import RunningCredibility
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, concatenated, gather_frame
+from fgpose.estimation.evidence.images import corrected, fits_better
+from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
+from fgpose.estimation.evidence.presence import has_left
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
-from fgpose.estimation.images import corrected, fits_better
-from fgpose.estimation.online_covariance import OnlineCovariances
-from fgpose.estimation.plausibility import Bodies, RunningPlausibility
-from fgpose.estimation.presence import has_left
+from fgpose.estimation.online.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
+from fgpose.estimation.online.bone_lengths import RunningLengths
+from fgpose.estimation.online.clock_offsets import RunningOffsets
+from fgpose.estimation.online.window_graph import WindowGraph
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime
-from fgpose.estimation.sole_views import RunningSoleViews
-from fgpose.estimation.visibility import RunningVisibility
-from fgpose.estimation.window_graph import WindowGraph
+from fgpose.estimation.visibility.sole_views import RunningSoleViews
+from fgpose.estimation.visibility.visibility import RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.estimation.delays import image_shift_px
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.delays import image_shift_px
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.keys import position_key, velocity_key
 from fgpose.estimation.segment import FrameTime
 from fgpose.geometry.camera import CameraRig

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
-from fgpose.estimation.delays import of_one_moment
-from fgpose.estimation.evidence import Evidence, gather
+from fgpose.estimation.evidence.delays import of_one_moment
+from fgpose.estimation.evidence.evidence import Evidence, gather
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt

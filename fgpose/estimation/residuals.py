@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.factors.bone_length import KnownLengths
 from fgpose.estimation.factors.joint_rows import JointRows
 from fgpose.estimation.factors.state import BatchState

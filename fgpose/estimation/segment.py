@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.config import Config
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.initial_guess import active_joints, fill_gaps, median_lengths
 from fgpose.estimation.keys import Keys
 from fgpose.estimation.process_noise import initial_density

@@ -11,20 +11,20 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.delays import image_motion_px, motion_m, of_one_moment
-from fgpose.estimation.error_components import covariance_of_errors_m2
-from fgpose.estimation.evidence import Evidence, gather
-from fgpose.estimation.few_view_errors import widened
+from fgpose.estimation.covariances.error_components import covariance_of_errors_m2
+from fgpose.estimation.covariances.few_view_errors import widened
+from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
+from fgpose.estimation.evidence.delays import image_motion_px, motion_m, of_one_moment
+from fgpose.estimation.evidence.evidence import Evidence, gather
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
-from fgpose.estimation.sole_views import with_distances
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
 from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations
-from fgpose.estimation.uncertainty import distrust_factor, with_swing
-from fgpose.estimation.visibility import judged
+from fgpose.estimation.visibility.sole_views import with_distances
+from fgpose.estimation.visibility.visibility import judged
 from fgpose.estimation.windows import cut_windows
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
@@ -67,7 +67,7 @@ def smooth(
         offsets. Where a camera's clock is more than 0.1 s from their mean, the images that were taken together make
         other frames than in the observations (on_common_clock). Its convergence says whether the optimiser settled in
         every window. Where nobody is there (before the first and after the last sighting, and between sightings farther
-        apart than tracking.coast_s, see fgpose.estimation.presence) it is NaN: Trajectory.absent.
+        apart than tracking.coast_s, see fgpose.estimation.evidence.presence) it is NaN: Trajectory.absent.
 
     Raises:
         ValueError: the cameras of the observations and of the rig differ.

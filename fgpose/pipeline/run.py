@@ -10,7 +10,7 @@ from fgpose.association.recording import Progress
 from fgpose.calibration.moved_views import Recording
 from fgpose.calibration.self_calibration import CameraCalibration, calibrate_cameras
 from fgpose.config import Config
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.refinement import refine_evidence
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig

@@ -14,7 +14,7 @@ from fgpose.association.recording import Association, Progress
 from fgpose.association.track import TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.estimator import Estimator
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations

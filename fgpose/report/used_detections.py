@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.association.common_clock import is_far_off, on_common_clock
-from fgpose.estimation.delays import image_motion_px
+from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.changing_rig import is_changing

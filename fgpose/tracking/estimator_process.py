@@ -17,7 +17,7 @@ import numpy as np
 
 from fgpose.child_process import ChildProcess, StoppedTwice, parent
 from fgpose.config import Config
-from fgpose.estimation.clock_offsets import OffsetEvidence
+from fgpose.estimation.online.clock_offsets import OffsetEvidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimators import Estimators, NewDetections

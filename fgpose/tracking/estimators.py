@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.arrivals import TooLateError
-from fgpose.estimation.clock_offsets import RunningOffsets
 from fgpose.estimation.estimator import Estimator
+from fgpose.estimation.online.arrivals import TooLateError
+from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate

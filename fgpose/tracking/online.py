@@ -10,7 +10,7 @@ from fgpose.association.follow import Follower
 from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
 from fgpose.config import Config
-from fgpose.estimation.clock_offsets import RunningOffsets
+from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import refuse_millimetres
 from fgpose.people import NOTHING, Detections, refuse_mixed_appearance

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 
 from fgpose.config import Config
 from fgpose.cores import n_cores
-from fgpose.estimation.clock_offsets import OffsetEvidence, RunningOffsets
+from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S, EstimatorProcess

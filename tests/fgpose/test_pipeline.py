@@ -12,9 +12,9 @@ import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config
-from fgpose.estimation import evidence as evidence_module
-from fgpose.estimation import fusion
-from fgpose.estimation.evidence import gather
+from fgpose.estimation.evidence import evidence as evidence_module
+from fgpose.estimation.evidence import fusion
+from fgpose.estimation.evidence.evidence import gather
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed, smooth
 from fgpose.finding import Code

@@ -15,9 +15,9 @@ from fgpose.assessment.metrics import mean_known
 from fgpose.calibration.self_calibration import self_calibrate
 from fgpose.calibration.time_offsets import estimate_time_offsets
 from fgpose.config import Config, MotionConfig, OnlineConfig, ProjectionConfig, SolverConfig
-from fgpose.estimation.delays import motion_m
 from fgpose.estimation.estimator import Estimator
-from fgpose.estimation.fusion import fuse
+from fgpose.estimation.evidence.delays import motion_m
+from fgpose.estimation.evidence.fusion import fuse
 from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from fgpose.config import Config
-from fgpose.estimation.fusion import fuse
+from fgpose.estimation.evidence.fusion import fuse
 from fgpose.estimation.refinement import refine
 from fgpose.estimation.smoother import smooth
 from fgpose.io.keypoints import load_observations

@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.factors.state import BatchState, Information
 from fgpose.estimation.keys import Keys
 from fgpose.estimation.segment import Segment

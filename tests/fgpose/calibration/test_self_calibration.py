@@ -16,7 +16,7 @@ from fgpose.calibration.adjustment.unknowns import OFFSET, ROTATION
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.calibration.used_parts import best_seen
 from fgpose.config import CalibrationConfig, Config, SolverConfig
-from fgpose.estimation.evidence import Evidence
+from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.estimation.solvers.levenberg_marquardt import Solution
 from fgpose.trajectory import Trajectory
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate

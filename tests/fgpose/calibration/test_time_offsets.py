@@ -10,7 +10,7 @@ import pytest
 
 import fgpose
 from fgpose.config import CalibrationConfig, Config, ProjectionConfig, SolverConfig
-from fgpose.estimation.clock_offsets import offset_information
+from fgpose.estimation.online.clock_offsets import offset_information
 from fgpose_benchmarks.synthetic import (
     NO_NOISE,
     NO_OCCLUSION,

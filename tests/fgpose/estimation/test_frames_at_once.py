@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.config import Config
-from fgpose.estimation import evidence
+from fgpose.estimation.evidence import evidence
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 
 

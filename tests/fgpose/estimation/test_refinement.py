@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from fgpose.config import Config, RefinementConfig
-from fgpose.estimation.fusion import fuse
+from fgpose.estimation.evidence.fusion import fuse
 from fgpose.estimation.refinement import refine
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations

@@ -7,9 +7,9 @@ import pytest
 
 import fgpose
 from fgpose.config import Config
-from fgpose.estimation.agreement import Agreement, is_doubtful
-from fgpose.estimation.detection_residuals import DetectionResiduals
-from fgpose.estimation.evidence import gather
+from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
+from fgpose.estimation.visibility.detection_residuals import DetectionResiduals
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status

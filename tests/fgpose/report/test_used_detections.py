@@ -10,7 +10,7 @@ import pytest
 from finished_walk import finished_walk
 
 from fgpose.diagnosis.clock_checks import late_cameras
-from fgpose.estimation.delays import image_motion_px
+from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.keypoints import save_observations, save_people_observations
 from fgpose.people import Detections, PeopleObservations

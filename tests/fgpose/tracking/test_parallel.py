@@ -11,7 +11,7 @@ import pytest
 from crowds import crowd
 
 import fgpose
-from fgpose.estimation.clock_offsets import OffsetEvidence
+from fgpose.estimation.online.clock_offsets import OffsetEvidence
 from fgpose.people import Detections
 from fgpose.tracking import parallel
 from fgpose.tracking.estimator_process import EstimatorProcess

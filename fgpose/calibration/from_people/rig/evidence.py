@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.calibration.adjustment.sightings import Sightings
 from fgpose.calibration.from_people.walk import Walk
+from fgpose.estimation.evidence.weights import LEAST_WEIGHT
 from fgpose.estimation.noise import CORRELATION_S, correlated_frames
-from fgpose.estimation.weights import LEAST_WEIGHT
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly, usual_step_s
 from fgpose.skeleton import Skeleton

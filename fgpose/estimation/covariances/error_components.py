@@ -1,0 +1,226 @@
+"""What the errors of a recording's detections do to the joints.
+
+Pose networks have white noise, errors that are correlated for some time, and a constant for each joint in each camera
+(variance_components). How large each is cannot be read from the residuals of the graph: the pose
+follows the detections, slow errors the most, and detections that do not agree with it were rejected. So it is taken
+from what the views of each frame contradict each other by (detection_errors), with the detections
+that were rejected although a visible joint might have given them. Then each component is simulated, with the
+correlation between joints that was found, and the joints deviate as the linearised problem says. The covariance of the
+joints is that of their simulated deviations, plus what bones and motion leave uncertain, as much as the residuals show
+of it: people move less roughly than white noise on the acceleration, or more.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.estimation.covariances.detection_errors import (
+    ErrorProducts,
+    TellingDetections,
+    accepted,
+    lags_of,
+    share_of_visible,
+)
+from fgpose.estimation.covariances.rig_errors import MEMORY_S, SURELY_M, CameraMoves, without_move
+from fgpose.estimation.covariances.roughness import TELLS_AGAIN_S, roughness
+from fgpose.estimation.covariances.variance_components import TIMES_S, ErrorComponents, correlation_after
+from fgpose.estimation.noise import surely_positive
+from fgpose.estimation.segment import Segment
+from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
+from fgpose.estimation.solvers.normal_equations import Linearized, NormalEquations
+from fgpose.sampling import spread_evenly, usual_step_s
+
+# Deviations are averaged over the axes of a joint and over so much time as well. Then so few samples give standard
+# deviations to some 5 %.
+_SAMPLES, _AVERAGED_S = 8, 1.0
+_LEAST_FACTOR = 0.02  # what is left of a variance where nothing errs
+_NEXT_TO_NOTHING_M2 = 1e-12
+_LEAST_TELLING = 1e-3  # of the variance of the graph
+_LONGEST_STEP_S = 1e3  # beyond any recording; a single frame has no next one
+_CORRELATION_FRAMES = 200  # tell how the errors of joints are correlated; more take more memory and tell no more
+
+
+def covariance_of_errors_m2(
+    segment: Segment, positions_m: Float[np.ndarray, "frame joint 3"]
+) -> tuple[Float[np.ndarray, "frame joint 3 3"], Float[np.ndarray, " joint"]]:
+    """Covariance of every active joint around the solution of a segment, NaN elsewhere; and the variance of the
+    lasting errors of each joint's detections, in that of the graph."""
+    linearized, joints = NormalEquations(segment).linearized(positions_m), segment.joints
+    step_s = min(usual_step_s(segment.evidence.time_s), _LONGEST_STEP_S)
+    bias_share = segment.evidence.bias_share[:, joints, None, None]
+    with one_blas_thread():
+        covariance_m2 = surely_positive(linearized.covariance_m2())
+        of_cameras_m2, residual = _of_cameras(segment, linearized, positions_m, step_s)
+        components = _components(segment, linearized, residual, step_s)
+        rng = np.random.default_rng(0)
+        deviations = Deviations.of(linearized, components, bias_share, step_s, rng)
+        known = np.asarray(np.isfinite(covariance_m2[:, joints]).all(axis=(-1, -2)))
+        in_graph_m2 = np.where(known[..., None, None], covariance_m2[:, joints], 0.0)
+        of_graph_m2 = _averaged(in_graph_m2, step_s) + _NEXT_TO_NOTHING_M2 * np.eye(3)
+        tells = known & segment.evidence.observed[:, joints]
+        of_motion = share_of_motion(linearized, deviations, of_graph_m2, tells, step_s, rng)
+        # In the directions and units of the covariance of the graph, which knows each frame.
+        inverse = np.linalg.inv(np.linalg.cholesky(of_graph_m2))
+        relative = inverse @ deviations.covariance_m2 @ inverse.swapaxes(-1, -2)
+        relative += np.maximum(of_motion, _LEAST_FACTOR)[..., None, None] * np.eye(3)
+        root = np.linalg.cholesky(in_graph_m2[known])
+        found_m2 = root @ relative[known] @ root.swapaxes(-1, -2) + (bias_share * of_cameras_m2)[known]
+    frames, slots = np.nonzero(known)
+    covariance_m2[frames, joints[slots]] = found_m2
+    lasting = np.ones(positions_m.shape[1])
+    lasting[joints] = components.lasting
+    return covariance_m2, lasting
+
+
+@dataclass(frozen=True, eq=False)
+class Deviations:
+    """Of the joints, from simulated errors of their detections."""
+
+    samples_m: Float[np.ndarray, "sample frame slot 3"]
+    covariance_m2: Float[np.ndarray, "frame slot 3 3"]
+    """Averaged over some time."""
+
+    @staticmethod
+    def of(
+        linearized: Linearized,
+        components: ErrorComponents,
+        bias_share: Float[np.ndarray, "frame slot 1 1"] | float,
+        step_s: float,
+        rng: np.random.Generator,
+    ) -> Deviations:
+        """From errors with these components, of whose constant part this much is left."""
+        (n_frames, _, n_slots), mixing = linearized.weight.shape, _root(components.correlation)
+        samples_m, covariance_m2 = np.zeros((_SAMPLES, n_frames, n_slots, 3)), np.zeros((n_frames, n_slots, 3, 3))
+        for time_s, variance in zip(TIMES_S, components.variances.T, strict=True):
+            if not variance.any():
+                continue
+            sigma = np.sqrt(variance[:, None] * components.axes)
+            errors = _samples(linearized.weight.shape, float(correlation_after(time_s, np.array([step_s]))[0]), rng)
+            own_m = np.stack([linearized.deviation_m(sigma * (mixing @ sample)) for sample in errors])
+            samples_m += own_m
+            own_m2 = _averaged(np.einsum("stja,stjb->tjab", own_m, own_m) / _SAMPLES, step_s)
+            covariance_m2 += own_m2 * (bias_share if np.isinf(time_s) else 1.0)
+        return Deviations(samples_m, covariance_m2)
+
+
+def share_of_motion(
+    linearized: Linearized,
+    deviations: Deviations,
+    of_graph_m2: Float[np.ndarray, "frame slot 3 3"],
+    tells: Bool[np.ndarray, "frame slot"],
+    step_s: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, "frame slot"]:
+    """What bones and motion leave uncertain, in the variance of the graph.
+
+    The graph is a filter H. From the positions x + n that detections alone would give, with errors n, it takes
+    (1 - H) (x + n) away, which is in the residuals; (1 - H) x is what is wrong because people move otherwise than bones
+    and motion say. Filtered once more, H (1 - H) (x + n), hardly any noise is left (twicing, Tukey 1977). As far as it
+    exceeds what the simulated n makes of it, it tells how much larger or smaller (1 - H) x is than in the graph.
+
+    Args:
+        linearized: the problem.
+        deviations: from errors as they are.
+        of_graph_m2: covariance of the graph, averaged as the deviations are.
+        tells: the joints whose residuals count.
+        step_s: from frame to frame.
+        rng: of the errors.
+    """
+
+    def filtered_m(deviation_m: Float[np.ndarray, "frame slot 3"]) -> Float[np.ndarray, "frame slot 3"]:
+        return linearized.deviation_m(np.einsum("tcjia,tja->tcji", linearized.jacobian, deviation_m))
+
+    white = Deviations.of(linearized, ErrorComponents.white(tells.shape[1]), 1.0, step_s, rng)
+    twice_m = np.stack([filtered_m(sample) for sample in white.samples_m])
+    in_graph_m2 = _averaged(np.sum(twice_m * (white.samples_m - twice_m), axis=(0, -1)) / _SAMPLES, step_s)
+    off_m = np.stack([sample - filtered_m(sample) for sample in deviations.samples_m])
+    noise_m2 = _averaged(np.sum(off_m**2, axis=(0, -1)) / _SAMPLES, step_s)
+    found_m2 = np.sum(linearized.deviation_m(linearized.residual) ** 2, axis=-1)
+    total_m2 = np.trace(of_graph_m2, axis1=-2, axis2=-1)
+    share = np.maximum(1 - np.trace(white.covariance_m2, axis1=-2, axis2=-1) / total_m2, 0.0)
+    tells = tells & (in_graph_m2 > _LEAST_TELLING * total_m2)
+    if not tells.any():
+        return share
+    measurements = float(tells.sum()) * min(step_s / TELLS_AGAIN_S, 1.0)
+    return share * roughness(found_m2[tells], noise_m2[tells], in_graph_m2[tells], measurements)
+
+
+def _with_bias(segment: Segment, linearized: Linearized) -> Float[np.ndarray, "frame camera slot 2"]:
+    """The residuals against the detections themselves."""
+    evidence = segment.evidence
+    bias = np.nan_to_num(evidence.bias_px / evidence.detection_sigma_px[..., None])
+    return linearized.residual - bias[:, :, segment.joints]
+
+
+def _components(
+    segment: Segment, linearized: Linearized, residual: Float[np.ndarray, "frame camera slot 2"], step_s: float
+) -> ErrorComponents:
+    """Of the errors of the detections, by these residuals."""
+    telling = TellingDetections.of(residual, linearized.jacobian, segment.evidence.weights[:, :, segment.joints])
+    lags, spread = lags_of(segment.n_frames, step_s), spread_evenly(segment.n_frames, _CORRELATION_FRAMES)
+    of_accepted, of_all = (ErrorProducts.of(parity, lags, spread) for parity in telling.parities)
+    found = of_accepted.mixed(of_all, share_of_visible(telling.within, telling.around))
+    names = [segment.skeleton.joints[joint] for joint in segment.joints]
+    return ErrorComponents.of(found, lags * step_s, step_s, names)
+
+
+def _of_cameras(
+    segment: Segment, linearized: Linearized, positions_m: Float[np.ndarray, "frame joint 3"], step_s: float
+) -> tuple[Float[np.ndarray, "frame slot 3 3"], Float[np.ndarray, "frame camera slot 2"]]:
+    """What is uncertain because a camera may not be where the rig has it, were that not found by its bias; and the
+    residuals without what a camera explains that has surely moved. Stretches overlap by half."""
+    jacobian, positions_m = linearized.jacobian, positions_m[:, segment.joints]
+    residual, good = _with_bias(segment, linearized), accepted(jacobian, segment.evidence.weights[:, :, segment.joints])
+    moves = CameraMoves.of(residual, jacobian, good, positions_m, segment.rig)
+    half = max(int(MEMORY_S / 2 / step_s), 1)
+    parts = [slice(start, start + half) for start in range(0, segment.n_frames, half)]
+    around = [(slice(max(part.start - half, 0), part.stop), slice(part.start, part.stop + half)) for part in parts]
+    without = residual.copy()
+    for part, (before, _) in zip(parts, around, strict=True):
+        moved = moves.sums(before).most_likely()
+        without[part] = without_move(residual[part], jacobian[part], positions_m[part], moved, segment.rig)
+    independent = _components(segment, linearized, without, step_s).independent(MEMORY_S, step_s)
+    found_m2 = np.zeros((*jacobian.shape[:1], *jacobian.shape[2:3], 3, 3))
+    for part, stretches in zip(parts, around, strict=True):
+        moments_m2 = np.mean([moves.sums(stretch).moments(independent) for stretch in stretches], axis=0)
+        found_m2[part] = moves.covariance_m2(moments_m2, part)
+        if np.trace(moments_m2, axis1=-2, axis2=-1).max() > SURELY_M**2:
+            residual[part] = without[part]
+    return found_m2, residual
+
+
+def _root(correlation: Float[np.ndarray, "slot slot"]) -> Float[np.ndarray, "slot slot"]:
+    values, vectors = np.linalg.eigh(correlation)
+    return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def _samples(
+    shape: tuple[int, ...], correlation: float, rng: np.random.Generator
+) -> Float[np.ndarray, "sample frame camera slot 2"]:
+    """Of a first-order Gauss-Markov process of variance 1.
+
+    What is new in each frame is orthogonal for each joint over the samples, between the detections of four cameras: so
+    few samples have exactly the covariance there that many would have.
+    """
+    n_frames, n_cameras, n_slots = shape
+    n_new, n_groups = n_frames if correlation < 1 else 1, -(-2 * n_cameras // _SAMPLES)
+    new, _ = np.linalg.qr(rng.standard_normal((n_new, n_slots, n_groups, _SAMPLES, _SAMPLES)))
+    new *= rng.choice([-1.0, 1.0], (n_new, n_slots, n_groups, 1, _SAMPLES))  # LAPACK chooses the signs, not at random
+    by_detection = np.sqrt(_SAMPLES) * new.swapaxes(2, 3).reshape(n_new, n_slots, _SAMPLES, -1)
+    errors = by_detection[..., : 2 * n_cameras].reshape(n_new, n_slots, _SAMPLES, n_cameras, 2)
+    errors[1:] *= np.sqrt(1 - correlation**2)
+    for earlier, later in itertools.pairwise(errors):
+        later += correlation * earlier
+    return np.broadcast_to(errors.transpose(2, 0, 3, 1, 4), (_SAMPLES, *shape, 2))
+
+
+def _averaged(values: Float[np.ndarray, "frame slot *more"], step_s: float) -> Float[np.ndarray, "frame slot *more"]:
+    from scipy.ndimage import uniform_filter1d
+
+    # Frames may be nanoseconds apart: to average more than there are tells nothing, and takes memory without bound.
+    width = np.clip(int(_AVERAGED_S / step_s), 1, 2 * len(values))
+    return uniform_filter1d(values, int(width), axis=0, mode="nearest")

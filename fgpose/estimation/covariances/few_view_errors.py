@@ -1,0 +1,125 @@
+"""Errors of joints that fewer than two cameras see, of which the graph does not know."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.estimation.covariances.uncertainty import at_least, holders
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
+
+_ONE_PLACE_SIGMAS = 2.8  # two detections of one point are nearer to each other, 98 in 100 times
+
+
+def widened(
+    covariance_m2: Float[np.ndarray, "frame joint 3 3"],
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    lasting: Float[np.ndarray, " joint"],
+    rig: CameraRig,
+    skeleton: Skeleton,
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """The covariance of the graph with what it does not know of joints that fewer than two cameras surely see.
+
+    Args:
+        covariance_m2: of the graph.
+        evidence: what it was found from.
+        positions_m: the pose.
+        lasting: variance of the lasting errors of each joint's detections, in that of the graph.
+        rig: the cameras.
+        skeleton: for the bones.
+    """
+    if not evidence.observed.all():
+        least_m2 = sole_view_errors_m2(evidence, positions_m, lasting, rig)
+        covariance_m2 = at_least(covariance_m2, least_m2) + other_explanations_m2(evidence, positions_m, rig, skeleton)
+    return covariance_m2 + taken_for_mirrored_m2(evidence, positions_m, rig, skeleton)
+
+
+def sole_view_errors_m2(
+    evidence: Evidence,
+    positions_m: Float[np.ndarray, "frame joint 3"],
+    lasting: Float[np.ndarray, " joint"],
+    rig: CameraRig,
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """Covariance of the error of every joint that one camera alone sees: along the ray that of a depth that follows
+    from bone lengths, across it that of a detection, for no other one averages its errors out. 0 for the others.
+
+    The graph takes errors of consecutive frames for independent. Those of a depth from bone lengths last for seconds;
+    those of a view's own 3D do not.
+    """
+    sigma_m = np.where(evidence.sole_view, evidence.detection_sigma_px / rig.px_per_m(positions_m), np.nan)
+    across_m2 = np.nan_to_num(lasting * sigma_m**2)
+    depth_m2 = np.zeros_like(across_m2)
+    if evidence.depth_sigma_m.shape[1]:
+        follows = (across_m2 > 0) & evidence.from_bones[:, None]
+        depth_m2 = np.where(follows, np.nan_to_num(evidence.depth_sigma_m**2), 0.0)
+    rays = positions_m[:, None] - np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    along = rays[..., :, None] * rays[..., None, :]
+    errors_m2 = across_m2[..., None, None] * (np.eye(3) - along) + depth_m2[..., None, None] * along
+    return np.asarray(errors_m2.sum(axis=1))
+
+
+def other_explanations_m2(
+    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, skeleton: Skeleton
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """Second moment of where each joint would be if the detections that were taken for hallucinated were right, while
+    fewer than two others are believed: of views that contradict each other, it is not known which one is right. 0 for
+    joints that two cameras see, or of which a view's own 3D tells which one is right.
+
+    A joint is not farther off than to where it may have swung around its neighbours.
+    """
+    undecided = ~evidence.observed & ~evidence.has_measured_depth
+    rejected = evidence.detected & ~evidence.believed & undecided[:, None]
+    off_m = np.zeros((*rejected.shape, 3))
+    for number, camera in enumerate(rig.cameras):
+        offset_m, ray = camera.position_m - positions_m, camera.ray(evidence.undistorted_px[:, number])
+        to_ray_m = offset_m - np.sum(offset_m * ray, axis=-1, keepdims=True) * ray
+        off_m[:, number] = np.where(rejected[:, number, :, None], to_ray_m, 0.0)
+    off_m = np.nan_to_num(off_m)
+    distance_m = np.linalg.norm(off_m, axis=-1)
+    reach_m = 2 * _longest_bones_m(positions_m, skeleton)[:, None]
+    off_m *= np.divide(reach_m, distance_m, out=np.ones_like(distance_m), where=distance_m > reach_m)[..., None]
+    # Each is as likely as the estimate.
+    share = 1 / (1 + rejected.sum(axis=1))
+    return share[..., None, None] * np.einsum("tcji,tcjk->tjik", off_m, off_m)
+
+
+def taken_for_mirrored_m2(
+    evidence: Evidence, positions_m: Float[np.ndarray, "frame joint 3"], rig: CameraRig, skeleton: Skeleton
+) -> Float[np.ndarray, "frame joint 3 3"]:
+    """Second moment of where each joint would be if all views but one had taken the one on the other side of the body
+    for it. That may be so where both are detected in one place. 0 for all other joints.
+
+    On the ray of that view there are two points at the right distance from the joint that holds it: the estimate,
+    and one that is as far from the camera as the estimate is near to it, or vice versa.
+    """
+    moment_m2, mirror = np.zeros((*positions_m.shape, 3)), skeleton.mirror
+    apart_px = np.linalg.norm(evidence.undistorted_px - evidence.undistorted_px[:, :, mirror], axis=-1)
+    in_one_place = (apart_px < _ONE_PLACE_SIGMAS * evidence.sigma_px) & (mirror != np.arange(len(mirror)))
+    others = evidence.believed & ~in_one_place
+    doubtful = in_one_place.any(axis=1) & (others.sum(axis=1) == 1)
+    if not doubtful.any():
+        return moment_m2
+    rays = positions_m[:, None] - np.array([camera.position_m for camera in rig.cameras])[:, None]
+    rays = np.nan_to_num(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
+    other_ray = np.sum(np.where(others[..., None], rays, 0.0), axis=1)
+    for joint, holder in holders(skeleton):
+        bone_m, ray = positions_m[:, joint] - positions_m[:, holder], other_ray[:, joint]
+        off_m = 2 * np.nan_to_num(np.sum(bone_m * ray, axis=-1, keepdims=True) * ray)
+        own_m2 = off_m[:, :, None] * off_m[:, None] / 2  # it is as likely as the estimate
+        moment_m2[:, joint] = np.where(doubtful[:, joint, None, None], own_m2 + moment_m2[:, holder], 0.0)
+    return moment_m2
+
+
+def _longest_bones_m(
+    positions_m: Float[np.ndarray, "frame joint 3"], skeleton: Skeleton
+) -> Float[np.ndarray, "frame joint"]:
+    """The longest bone at each joint; 0 where there is none."""
+    longest_m, length_m = np.zeros(positions_m.shape[:2]), np.nan_to_num(skeleton.bone_lengths(positions_m))
+    for bone, ends in enumerate(skeleton.bones):
+        for joint in ends:
+            longest_m[:, joint] = np.maximum(longest_m[:, joint], length_m[:, bone])
+    return longest_m

@@ -1,0 +1,139 @@
+"""How large the errors of detections are and how long they last, and whether a camera has moved: learned
+frame by frame."""
+
+from __future__ import annotations
+
+import importlib
+from collections import deque
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.estimation.covariances.detection_errors import (
+    ErrorProducts,
+    Parity,
+    TellingDetections,
+    accepted,
+    lags_of,
+    products_later,
+    products_of_others,
+    share_of_visible,
+)
+from fgpose.estimation.covariances.rig_errors import MEMORY_S, CameraMoves, MoveSums, without_move
+from fgpose.estimation.covariances.variance_components import ErrorComponents
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.reprojection import linearized_projection
+
+# A network, a light and a person are the same for longer than this; a camera may be moved.
+_MEMORY_S = 30.0
+_EVERY_S, _OF_ALL = 0.5, 0.25  # fits take a few milliseconds, and errors change slowly once something is known
+_LONGEST_FRAMES = 1000  # a stream of more frames in a second is cut short
+
+
+# Variance of the errors in that of the graph, before anything is known of them. The spread that the graph takes is
+# learned from residuals, which are smaller online, where fewer frames contradict each other.
+_TOTAL_AT_FIRST = 1.0
+
+
+_OTHERS_EVERY_S = 0.1  # neighbouring frames tell the same of cameras and of the correlation between joints
+_LEAST_MOMENT_M2 = 1e-8  # a tenth of a millimetre
+
+
+class RunningErrors:
+    """The components of the errors of all joints, and how far a camera may have moved; earlier frames have less weight.
+    Frames are evenly spaced, by and large: lags are counted in frames.
+    """
+
+    components: ErrorComponents
+    """Learned so far, without what the move of a camera explains."""
+    moments_m2: Float[np.ndarray, "camera 6 6"]
+    """Of the moves of the cameras, learned so far; see MoveSums."""
+
+    def __init__(self, n_cameras: int, n_joints: int) -> None:
+        importlib.import_module("scipy.optimize")  # takes 0.2 s: the first fit would stop for it
+        self.components = ErrorComponents.usual(n_joints, _TOTAL_AT_FIRST)
+        self.moments_m2 = np.zeros((n_cameras, 6, 6))
+        self._n_joints = n_joints
+        self._parities: deque[Parity] = deque()
+        self._lags = np.zeros(1, dtype=int)
+        self._sums = np.zeros((0, 2, 2, n_joints))  # by lag; of accepted detections and of all; products, dimensions
+        self._others = np.zeros((2, n_joints, n_joints))  # products, dimensions
+        self._moves = MoveSums(np.zeros((n_cameras, 6, 6)), np.zeros((n_cameras, 6)))
+        self._moved = self._moves.most_likely()
+        self._n_frames, self._step_s, self._since_s, self._since_others_s = 0.0, 0.0, 0.0, np.inf
+        self._within, self._around = 0.0, 0.0
+
+    def add(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], step_s: float, rig: CameraRig) -> None:
+        """Take the next frame, so long after the one before, with the weights of its detections in the graph."""
+        if not np.isfinite(step_s):
+            return
+        residual, jacobian = _whitened(evidence, positions_m, rig)
+        self._since_others_s += step_s
+        tells_others = self._since_others_s >= _OTHERS_EVERY_S
+        if tells_others:
+            good = accepted(jacobian, evidence.weights)
+            moves = CameraMoves.of(residual, jacobian, good, positions_m[None], rig).sums(slice(None))
+            self._moves = moves.plus(self._moves, float(np.exp(-self._since_others_s / MEMORY_S)))
+            self._moved = self._moves.most_likely()
+        residual = without_move(residual, jacobian, positions_m[None], self._moved, rig)
+        telling = TellingDetections.of(residual, jacobian, evidence.weights)
+        keep = float(np.exp(-step_s / _MEMORY_S))
+        self._within, self._around = keep * self._within + telling.within, keep * self._around + telling.around
+        self._step_s = step_s if self._n_frames == 0 else keep * self._step_s + (1 - keep) * step_s
+        self._n_frames = keep * self._n_frames + 1
+        self._add_later(Parity.joined(list(telling.parities)), keep)
+        if tells_others:
+            memory = float(np.exp(-self._since_others_s / _MEMORY_S))
+            self._others = memory * self._others + np.stack(products_of_others(telling.parities[0]))
+            self._since_others_s = 0.0
+        self._since_s += step_s
+        if self._since_s >= min(_EVERY_S, _OF_ALL * self._n_frames * self._step_s):
+            self._fit()
+
+    def of_cameras_m2(
+        self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+    ) -> Float[np.ndarray, "joint 3 3"]:
+        """Covariance of the joints of a frame because a camera may have moved."""
+        if np.trace(self.moments_m2, axis1=-2, axis2=-1).max() < _LEAST_MOMENT_M2:
+            return np.zeros((self._n_joints, 3, 3))
+        residual, jacobian = _whitened(evidence, positions_m, rig)
+        moves = CameraMoves.of(residual, jacobian, accepted(jacobian, evidence.weights), positions_m[None], rig)
+        return evidence.bias_share[0, :, None, None] * moves.covariance_m2(self.moments_m2, slice(None))[0]
+
+    def _add_later(self, parity: Parity, keep: float) -> None:
+        """Products with the frames before; the lags are by the step of the first."""
+        if len(self._sums) == 0:
+            self._lags = lags_of(_LONGEST_FRAMES, max(self._step_s, 1.0 / _LONGEST_FRAMES))
+            self._sums = np.zeros((len(self._lags), 2, 2, self._n_joints))
+        self._parities.appendleft(parity)
+        there = self._lags < len(self._parities)
+        earlier = Parity.joined([self._parities[lag] for lag in self._lags[there].tolist()])
+        newest = Parity.joined([parity] * int(there.sum()))
+        products = np.stack(products_later(earlier, newest), axis=1).reshape(-1, 2, 2, self._n_joints)
+        self._sums = keep * self._sums
+        # By lag and kind of detections, then products and dimensions.
+        self._sums[there] += products.reshape(-1, 2, 2, self._n_joints)
+        while len(self._parities) > self._lags[-1]:
+            self._parities.pop()
+
+    def _fit(self) -> None:
+        share = share_of_visible(self._within, self._around)
+        products, dimensions = np.moveaxis((1 - share) * self._sums[:, 0] + share * self._sums[:, 1], 1, 0)
+        # Nothing asks in which direction of the image a detection errs.
+        axes, axes_dimensions = np.zeros((products.shape[1], 2)), np.zeros((products.shape[1], 2, 2))
+        found = ErrorProducts(
+            self._n_frames, products, dimensions, *self._others, axes=axes, axes_dimensions=axes_dimensions
+        )
+        self.components = ErrorComponents.of(found, self._lags * self._step_s, self._step_s)
+        independent = self.components.independent(MEMORY_S, self._step_s) * _OTHERS_EVERY_S / self._step_s
+        self.moments_m2, self._since_s = self._moves.moments(independent), 0.0
+
+
+def _whitened(
+    evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig
+) -> tuple[Float[np.ndarray, "1 camera joint 2"], Float[np.ndarray, "1 camera joint 2 3"]]:
+    """Residuals against the detections, biases included, and their Jacobians, in standard deviations."""
+    residual_px, jacobian, seen = linearized_projection(evidence.measured_px, rig, positions_m[None])
+    sigma_px = np.where(seen, evidence.detection_sigma_px, 1.0)[..., None]
+    return residual_px / sigma_px, jacobian / sigma_px[..., None]

@@ -1,0 +1,204 @@
+"""The errors of each joint's detections as a sum of components that last for different times.
+
+White noise, processes that are correlated for some time (first-order Gauss-Markov), and a constant for each joint in
+each camera, which no number of frames averages out. Their variances are those that give the autocovariance found in the
+recording (non-negative least squares: a method of moments for variance components). Joints err differently: a network
+knows a shoulder better than a hip. How much they differ is estimated too, and each joint is drawn towards the mean of
+all as far as its own measurements leave open (empirical Bayes). So are the two axes of the image: a hip is known better
+vertically than horizontally.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.estimation.covariances.detection_errors import ErrorProducts
+from fgpose.estimation.noise import CORRELATED_FACTOR, CORRELATION_S, ErrorCorrelation, correlated_frames
+
+TIMES_S = (0.0, 0.05, CORRELATION_S, 0.5, np.inf)
+"""Correlation times of the components, from white to constant. Others in between look like two of them."""
+# So many pairs of detections, counted as independent, outweigh what is usual. One camera and one joint give 7 a second.
+_PRIOR_PAIRS = 10.0
+_PRIOR_PAIRS_OF_JOINT = 1.0  # the joint's own fit is shrunk afterwards
+_FEWEST = 3  # joints that tell how much joints differ
+_LEAST_FREEDOM = 0.5
+# The t distribution with fewer has hardly a variance.
+_LEAST_TOTAL_FREEDOM = 4.0
+# Of the variances along the axes of the image from each other, in their sum: standard deviation before anything is
+# known, and the most that is believed.
+_USUAL_DIFFERENCE, _MOST_DIFFERENCE = 0.3, 0.9
+# What is known of networks, where a recording does not tell: of the lasting errors of hips the variance is three times
+# as large horizontally as vertically, of all other joints together as large (OpenPose, BlazePose full and heavy against
+# three other cameras: fgpose_benchmarks/data/detection_errors). Half of it, for that is one man.
+_OF_HIPS, _HIPS = 0.5, ("hip", "pelvis")
+_MOST_FRAMES = 1000.0  # of one sum; frames may be nanoseconds apart
+_STEPS = 200  # of the integral over the squared correlation
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorComponents:
+    """Of the errors of detections, in the variances that the graph takes for them."""
+
+    variances: Float[np.ndarray, "joint component"]
+    """Of each of TIMES_S."""
+    correlation: Float[np.ndarray, "joint joint"]
+    """Between the joints of one view; positive semidefinite."""
+    axes: Float[np.ndarray, "joint axis"]
+    """Variance along the horizontal and the vertical axis of the images, in that of both."""
+
+    @staticmethod
+    def usual(n_joints: int, total: float) -> ErrorComponents:
+        """Before anything is known: correlated as usual, with this total variance."""
+        usual = total / _usual().sum() * _usual()
+        return ErrorComponents(np.tile(usual, (n_joints, 1)), np.eye(n_joints), np.ones((n_joints, 2)))
+
+    @staticmethod
+    def white(n_joints: int) -> ErrorComponents:
+        """As the graph takes them."""
+        variances = np.tile([float(time_s == 0) for time_s in TIMES_S], (n_joints, 1))
+        return ErrorComponents(variances, np.eye(n_joints), np.ones((n_joints, 2)))
+
+    @staticmethod
+    def of(
+        products: ErrorProducts, lags_s: Float[np.ndarray, " lag"], step_s: float, joints: Sequence[str] = ()
+    ) -> ErrorComponents:
+        """That explain these products; the names of the joints tell what is usual of networks."""
+        decays = np.stack([correlation_after(time_s, lags_s) for time_s in TIMES_S], axis=1)
+        pairs = products.later_dimensions / 2 / correlated_frames(step_s, CORRELATION_S)
+        real = products.autocovariance
+        of_all = _fitted(decays, _mean(real, pairs), pairs.sum(axis=1), _usual(), _PRIOR_PAIRS)
+        freedom = products.later_dimensions[0] / _frames_as_one(of_all, products.n_frames, step_s)
+        ratio = real[0] / max(of_all.sum(), 1e-12)
+        prior = _freedom_of_mean(ratio, freedom)
+        own = np.stack(
+            [
+                _fitted(decays, real[:, joint], pairs[:, joint], of_all * ratio[joint], _PRIOR_PAIRS_OF_JOINT)
+                for joint in range(len(ratio))
+            ]
+        )
+        share = (freedom / (freedom + prior))[:, None]
+        # With so many degrees of freedom errors follow Student's t, whose variance is larger.
+        total = np.maximum(freedom + prior, _LEAST_TOTAL_FREEDOM)[:, None]
+        variances = total / (total - 2) * (share * own + (1 - share) * of_all)
+        frames_as_one = max(products.later_dimensions[0].sum() / max(freedom.sum(), 1e-12), 1.0)
+        correlation = _shrunk(products.correlation, products.others_dimensions / frames_as_one)
+        usual = np.array([_OF_HIPS * any(hip in name for hip in _HIPS) for name in joints] or [0.0] * len(ratio))
+        return ErrorComponents(variances, correlation, _by_axis(products, freedom, usual))
+
+    @property
+    def lasting(self) -> Float[np.ndarray, " joint"]:
+        """Variance of what lasts for longer than a few frames."""
+        return self.variances[:, np.array(TIMES_S) >= CORRELATION_S].sum(axis=1)
+
+    def independent(self, duration_s: float, step_s: float) -> float:
+        """How much of an independent measurement, in the variance of the graph, each detection is of what all joints
+        and all frames of so long have in common."""
+        of_all = self.variances.mean(axis=0)
+        after_s = step_s * np.arange(1, max(int(min(duration_s / step_s, _MOST_FRAMES)), 1))
+        weight = 1 - after_s / duration_s
+        lasting = [np.sum(weight * correlation_after(time_s, after_s)) for time_s in TIMES_S[1:]]
+        frames_as_one = 1 + 2 * float(of_all[1:] @ lasting) / max(float(of_all.sum()), 1e-12)
+        joints_as_one = max(float(self.correlation.sum()) / len(self.correlation), 1.0)
+        return 1 / (max(float(of_all.sum()), 1e-12) * frames_as_one * joints_as_one)
+
+
+def correlation_after(time_s: float, lags_s: Float[np.ndarray, " lag"]) -> Float[np.ndarray, " lag"]:
+    """Of the errors of a component after these times."""
+    return np.ones(len(lags_s)) if np.isinf(time_s) else np.exp(-lags_s / max(time_s, 1e-9))
+
+
+def _usual() -> Float[np.ndarray, " component"]:
+    usual = ErrorCorrelation()
+    shares = {0.0: 1 - usual.share, usual.time_s: usual.share}
+    return np.array([shares.get(time_s, 0.0) for time_s in TIMES_S]) / CORRELATED_FACTOR**2
+
+
+def _mean(values: Float[np.ndarray, "lag joint"], weights: Float[np.ndarray, "lag joint"]) -> Float[np.ndarray, " lag"]:
+    total = weights.sum(axis=1)
+    return np.divide(np.sum(weights * values, axis=1), total, out=np.zeros_like(total), where=total > 0)
+
+
+def _fitted(
+    decays: Float[np.ndarray, "lag component"],
+    real: Float[np.ndarray, " lag"],
+    pairs: Float[np.ndarray, " lag"],
+    prior: Float[np.ndarray, " component"],
+    prior_pairs: float,
+) -> Float[np.ndarray, " component"]:
+    from scipy.optimize import nnls
+
+    weight = np.sqrt(np.maximum(pairs, 0.0))
+    rows = np.concatenate([weight[:, None] * decays, np.sqrt(prior_pairs) * np.eye(len(prior))])
+    return nnls(rows, np.append(weight * real, np.sqrt(prior_pairs) * prior))[0]
+
+
+def _frames_as_one(variances: Float[np.ndarray, " component"], n_frames: float, step_s: float) -> float:
+    """How many frames are one measurement of the variance: the sum of the squared correlations (Bartlett 1946)."""
+    duration_s = n_frames * step_s
+    after_s = (np.arange(_STEPS) + 0.5) / _STEPS * duration_s
+    lasting = sum(v * correlation_after(time_s, after_s) for v, time_s in zip(variances[1:], TIMES_S[1:], strict=True))
+    squared = (np.asarray(lasting) / max(variances.sum(), 1e-12)) ** 2 * (1 - after_s / duration_s)
+    return float(np.clip(2 * np.mean(squared) * duration_s / step_s, 1.0, max(n_frames, 1.0)))
+
+
+def _freedom_of_mean(ratio: Float[np.ndarray, " joint"], freedom: Float[np.ndarray, " joint"]) -> float:
+    """How many degrees of freedom the mean of all joints counts as: the fewer, the more they differ.
+
+    Args:
+        ratio: variance of each joint in that of all.
+        freedom: degrees of freedom of each.
+    """
+    tells = freedom > _LEAST_FREEDOM
+    if np.sum(tells) < _FEWEST:
+        return max(float(freedom.sum()), _LEAST_TOTAL_FREEDOM)
+    weight = freedom[tells] / freedom[tells].sum()
+    squared = np.sum(weight * (ratio[tells] / np.sum(weight * ratio[tells]) - 1) ** 2)
+    by_chance = np.sum(weight * 2 / freedom[tells])
+    between = max(float((squared - by_chance) / (1 + by_chance)), 0.0)
+    return 1 / (between / 2 + 1 / float(freedom.sum()))
+
+
+def _shrunk(
+    correlation: Float[np.ndarray, "joint joint"], freedom: Float[np.ndarray, "joint joint"]
+) -> Float[np.ndarray, "joint joint"]:
+    """What chance does not explain of each correlation, as a positive semidefinite matrix of unit diagonal."""
+    by_chance = (1 - correlation**2) ** 2 / np.maximum(freedom, 1.0)
+    squared = np.maximum(correlation**2, 1e-12)
+    shrunk = np.where(freedom > 1.0, correlation * np.maximum(1 - by_chance / squared, 0.0), 0.0)
+    np.fill_diagonal(shrunk, 1.0)
+    values, vectors = np.linalg.eigh((shrunk + shrunk.T) / 2)
+    positive = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    sigma = np.sqrt(np.diag(positive))
+    return positive / np.outer(sigma, sigma)
+
+
+def _by_axis(
+    products: ErrorProducts, freedom: Float[np.ndarray, " joint"], usual: Float[np.ndarray, " joint"]
+) -> Float[np.ndarray, "joint axis"]:
+    """Variance along each axis of the image in that of both, drawn towards the mean of all joints and towards usual
+    differences as far as the measurements leave open. Two cameras of one height contradict each other vertically
+    alone."""
+    total = np.maximum(products.axes_dimensions.sum(axis=(1, 2)), 1e-9)
+    dimensions = products.axes_dimensions / total[:, None, None]
+    horizontal, vertical = np.moveaxis(dimensions.sum(axis=2), 1, 0)
+    # The variances are 1 + 2 vertical d and 1 - 2 horizontal d.
+    sum_of_both = products.axes.sum(axis=1)
+    share = np.divide(products.axes[:, 0], sum_of_both, out=horizontal.copy(), where=sum_of_both > 0)
+    by_difference = 2 * np.linalg.det(dimensions)
+    information = freedom * by_difference**2 / np.maximum(2 * horizontal * vertical, 1e-9)
+    tells = information > 1e-6
+    difference = np.divide(share - horizontal, by_difference, out=usual.copy(), where=tells) - usual
+    information = np.where(tells, information, 0.0)
+    mean = np.sum(information * difference) / (information.sum() + 1 / _USUAL_DIFFERENCE**2)
+    spread = np.sum(information * (difference - mean) ** 2) - (tells.sum() - 1)
+    squared = information.sum() - np.sum(information**2) / max(information.sum(), 1e-9)
+    between = max(float(spread / max(squared, 1e-9)), 1e-9)
+    own = usual + mean + (difference - mean) * information / (information + 1 / between)
+    own = np.clip(
+        own, -_MOST_DIFFERENCE / 2 / np.maximum(vertical, 0.5), _MOST_DIFFERENCE / 2 / np.maximum(horizontal, 0.5)
+    )
+    return np.stack([1 + 2 * vertical * own, 1 - 2 * horizontal * own], axis=1)

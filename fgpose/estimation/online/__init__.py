@@ -1,0 +1,1 @@
+"""What the online estimator keeps from frame to frame: its window, and what it learns."""
