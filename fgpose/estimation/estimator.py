@@ -26,7 +26,7 @@ from fgpose.estimation.online.window_graph import WindowGraph
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
-from fgpose.estimation.visibility.visibility import RunningVisibility
+from fgpose.estimation.visibility.visibility import Filtered, RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
@@ -70,6 +70,8 @@ class Estimator:
         self._late_s, self._rig = rig.common_offset_s, rig.without_common_offset()
         self._lengths = RunningLengths(skeleton, self.config)
         self._window: deque[FrameState] = deque()
+        self._left: FrameState | None = None
+        """The last frame that has left the window."""
         self._last = LastSeen(skeleton.n_joints)
         self._density = RunningDensity(skeleton.n_joints, self.config.motion)
         self._graph = WindowGraph(self._lengths, self.config)
@@ -236,7 +238,8 @@ class Estimator:
             evidence = self._visibility.predicted(gathered, *pose)
             gathered, evidence = self._sole_views.with_distances(gathered, evidence, *pose)
         else:
-            evidence = self._visibility.with_image(at, is_own, state.evidence, gathered, *pose)
+            filtered = self._filtered(at), self._filtered(at - 1)
+            evidence = self._visibility.with_image(is_own, *filtered, state.evidence, gathered, *pose)
         entering = evidence.located[0] & ~state.active & is_newest
         state = state.joined(observations, image_time_s, gathered, evidence, entering)
         self._graph.replace({at: state}, self._rig, entering)
@@ -268,7 +271,8 @@ class Estimator:
         # What was given up is found again where its detections fit each other.
         positions_m = np.where(newest.active[:, None], newest.positions_m, newest.evidence.guess_m[0])
         self._visibility.add(positions_m, newest.velocities_mps, newest.as_gathered, self._rig, has_image)
-        self._window[-1] = newest.judged(self._visibility.probability)
+        probability = self._visibility.probability
+        self._window[-1] = replace(newest.judged(probability), filtered=probability)
         self._last.note(self._window[-1])
 
     def _revised(self) -> dict[int, FrameState]:
@@ -286,7 +290,8 @@ class Estimator:
         first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
         frames = [self._graph.read(state) for state in itertools.islice(self._window, first, None)]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
-        known = self._visibility.judged(concatenated([state.as_gathered for state in frames]), *poses, self._rig)
+        gathered = concatenated([state.as_gathered for state in frames])
+        known, filtered = self._visibility.judged(gathered, *poses, self._rig, self._filtered(first - 1))
         unseen, changes = maybe_unseen(known), dict[int, FrameState]()
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
@@ -295,12 +300,17 @@ class Estimator:
             changed = new_lengths | state.would_change(evidence, _CHANGED_SHARE)
             changed = state.active & with_references(changed, unseen[number], self.skeleton)
             state = state.weighted(evidence, changed)
-            if new_lengths:
-                state = replace(state, lengths_m=self._lengths.lengths_m.copy())
+            lengths_m = self._lengths.lengths_m.copy() if new_lengths else state.lengths_m
+            state = replace(state, filtered=filtered[number], lengths_m=lengths_m)
             if changed.any():
                 changes[at] = replace(state, active=changed)
             self._window[at] = state
         return changes
+
+    def _filtered(self, at: int) -> Filtered:
+        """Of a frame of the window; -1: of the one before it."""
+        state = self._window[at] if at >= 0 else self._left
+        return self._visibility.at_first if state is None else Filtered(state.at.time_s, state.filtered)
 
     def _learn(self) -> None:
         """From the newest frame, all images of which are there that will be used."""
@@ -369,13 +379,14 @@ class Estimator:
             linked=linked,
             process_density=density,
             status=joint_status(active, evidence.observed[0]),
+            filtered=evidence.visibility[0],
             unseen_before_s=time_s - self._last.seen_s,
         )
 
     def _marginalise_old(self, time_s: float) -> None:
         """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""
         while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
-            self._window.popleft()
+            self._left = self._window.popleft()
             self._graph.drop_oldest()
             oldest = self._graph.read(self._window[0])
             self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)

@@ -42,6 +42,8 @@ class FrameState:
     process_density: Float[np.ndarray, " joint"]
     """Power spectral density of the noise of the motion that leads to this frame; see Segment."""
     status: np.ndarray
+    filtered: Float[np.ndarray, "camera joint"]
+    """Probability that each joint is visible to each camera, by this frame and those before it."""
     unseen_before_s: Float[np.ndarray, " joint"]
     """Time since any camera probably saw each joint, if none does in this frame."""
 

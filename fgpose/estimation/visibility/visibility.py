@@ -9,8 +9,8 @@ expectation-maximisation, in fgpose.estimation.smoother).
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -107,6 +107,15 @@ class _Known:
         return np.maximum(evidence.time_s[0] - self.last_s, _LEAST_STEP_S)
 
 
+class Filtered(NamedTuple):
+    """What a frame and those before it tell."""
+
+    time_s: float
+    """Of the frame."""
+    probability: Float[np.ndarray, "camera joint"]
+    """That each joint is visible to each camera."""
+
+
 class RunningVisibility:
     """The same online: forward for the newest frame, forward and backward for the window, the spread of each camera
     from the last seconds.
@@ -126,9 +135,8 @@ class RunningVisibility:
         self._newest_s, self._before_newest = -np.inf, self._known_of_images()
         self._bias = RunningBias(n_cameras, skeleton.n_joints)
         self._oldest: Evidence | None = None
-        # Time and filtered probability of every frame in the window, and of the one before it.
-        self._window: deque[tuple[float, Float[np.ndarray, "camera joint"]]] = deque()
-        self._before = -np.inf, self._probability
+        self.at_first = Filtered(-np.inf, self._probability)
+        """Before there is any frame."""
 
     @property
     def probability(self) -> Float[np.ndarray, "camera joint"]:
@@ -169,9 +177,6 @@ class RunningVisibility:
         updated = self._chain.updated(self._chain.predicted(before.probability, since_s), odds)
         self._probability = np.where(has_image[:, None], updated, before.probability)
         self._last_s = np.where(has_image[:, None], evidence.time_s[0], before.last_s)
-        if self._window and self._window[-1][0] == evidence.time_s[0]:
-            self._window.pop()
-        self._window.append((float(evidence.time_s[0]), self._probability))
         self._learn_spread(since_s, residuals, has_image)
 
     def judged(
@@ -180,22 +185,19 @@ class RunningVisibility:
         positions_m: Float[np.ndarray, "frame joint 3"],
         velocities_mps: Float[np.ndarray, "frame joint 3"],
         rig: CameraRig,
-    ) -> Evidence:
-        """The evidence of the newest frames in the window, with what their poses tell about it; see the function of
-        this name."""
+        before: Filtered,
+    ) -> tuple[Evidence, Float[np.ndarray, "frame camera joint"]]:
+        """The evidence of the newest frames, with what their poses tell about it (see the function of this name), and
+        the filtered probabilities; before is of the frame before them."""
         if not self._on:
-            return evidence
+            return evidence, evidence.visibility
         residuals = DetectionResiduals.of(positions_m, evidence, rig, self._config)
-        for _ in evidence.time_s:
-            self._window.pop()
-        before_s, before = self._window[-1] if self._window else self._before
-        step_s = np.diff(evidence.time_s, prepend=before_s)
+        step_s = np.diff(evidence.time_s, prepend=before.time_s)
         odds = self._log_odds(residuals, velocities_mps, rig) * _independent(step_s, _CORRELATION_S)[:, None, None]
-        filtered = self._chain.filtered(odds, step_s, before)
-        self._window.extend(zip(evidence.time_s.tolist(), filtered, strict=True))
+        filtered = self._chain.filtered(odds, step_s, before.probability)
         probability = self._chain.smoothed(filtered, odds, step_s)
         seen, priors = residuals.of_seen, self._config.visibility
-        return _known(evidence, *seen, self._spread_m, probability, step_s[:, None, None], priors)
+        return _known(evidence, *seen, self._spread_m, probability, step_s[:, None, None], priors), filtered
 
     def marginalise(
         self,
@@ -208,8 +210,6 @@ class RunningVisibility:
         biases, and how long joints stay visible or hidden, are learned from it."""
         if not self._on:
             return
-        if self._window:
-            self._before = self._window.popleft()
         before, self._oldest = self._oldest, oldest
         if before is None:
             return
@@ -253,8 +253,9 @@ class RunningVisibility:
 
     def with_image(
         self,
-        at: int,
         is_own: Bool[np.ndarray, " camera"],
+        filtered: Filtered,
+        before: Filtered,
         judged: Evidence,
         evidence: Evidence,
         positions_m: Float[np.ndarray, "joint 3"],
@@ -263,8 +264,8 @@ class RunningVisibility:
         """The evidence of an older frame that another image joins; what was known of its other detections stays.
 
         Args:
-            at: number of the frame in the window.
             is_own: whose image it is.
+            filtered, before: of this frame, and of the one before it.
             judged: without the image, as it is in the graph.
             evidence: with the image, as gathered.
             positions_m: the pose.
@@ -272,9 +273,8 @@ class RunningVisibility:
         """
         if not self._on:
             return evidence
-        probability = np.where(is_own[:, None], self._window[at][1], judged.visibility[0])
-        before_s = self._window[at - 1][0] if at else self._before[0]
-        since_s = np.full((len(probability), 1), max(float(evidence.time_s[0]) - before_s, _LEAST_STEP_S))
+        probability = np.where(is_own[:, None], filtered.probability, judged.visibility[0])
+        since_s = np.full((len(probability), 1), max(filtered.time_s - before.time_s, _LEAST_STEP_S))
         return self._with_probability(probability[None], evidence, positions_m, rig, since_s)
 
     def predicted(self, evidence: Evidence, positions_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> Evidence:
