@@ -179,11 +179,12 @@ class Demo:
         from fgpose.pipeline import Outputs, Source
         from fgpose.pipeline.origin import origin_of
 
+        n_frames = checked_frames(self.frames)
         outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"), step="demo")
         outputs.check(("smoothed",), calibration=True)
         console = new_console()
         rig, observations = load_recording(self.recording)
-        source = Source(rig, observations, origin_of(rig)).first_frames(checked_frames(self.frames))
+        source = Source(rig, observations, origin_of(rig)).first_frames(n_frames)
         console.print(f"{self.recording}: real detections of a man balancing on one leg")
         print_source(console, source)
         source = calibrated(source, Config(), outputs, console, poses=True, clocks=False)
