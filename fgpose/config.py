@@ -208,7 +208,9 @@ def _several(kind: Any, value: Any, name: str) -> tuple[Any, ...]:
     return tuple(_convert(kind, each, name) for each in values)
 
 
-_LARGEST = 1e100  # of a number of the configuration: third powers of it, and of one over it, do not overflow
+# Of a number of the configuration. No scale, duration or count is as large, or as small as one over it, and what is
+# computed with them, weights as the inverse squares of sigmas among it, has a solution in double precision.
+_LARGEST = 1e12
 
 
 def _number(kind: type[int] | type[float], value: Any, name: str) -> int | float:

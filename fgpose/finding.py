@@ -67,6 +67,7 @@ class Code(StrEnum):
     # What came out.
     UNDETERMINED = "undetermined"
     NOT_CONVERGED = "not-converged"
+    SOLVER_FAILURE = "solver-failure"
     LARGE_ERRORS = "large-errors"
     DISAGREEING_CAMERA = "disagreeing-camera"
     CONTRADICTED = "contradicted"

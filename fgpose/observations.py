@@ -15,6 +15,8 @@ from fgpose.skeleton import Skeleton
 
 # The rigs of this field are rooms: a median view farther than this from the person is a unit mistake, not a hall.
 _MAX_PLAUSIBLE_M = 100.0
+# No image or room has as much, and sixth powers of it do not overflow.
+_LARGEST = 1e30
 _PER_DETECTION = ("points2d_px", "confidence", "points3d_m", "covariance3d_m2")
 
 
@@ -87,7 +89,7 @@ class Observations:
         return f"camera {self.camera_names[camera]}, joint {self.skeleton.joints[joint]}, frame {frame}"
 
     def _refuse_infinite(self, what: str, array: np.ndarray) -> None:
-        infinite = np.asarray(np.isinf(array).any(axis=-1))
+        infinite = np.asarray(is_infinite(array).any(axis=-1))
         if infinite.any():
             raise ValueError(f"{what} is infinite at {self._where(infinite)}")
 
@@ -270,8 +272,16 @@ def check_cameras(camera_names: tuple[str, ...], rig_names: tuple[str, ...]) -> 
     )
 
 
+def is_infinite(numbers: Float[np.ndarray, "*shape"]) -> Bool[np.ndarray, "*shape"]:
+    """Whether each of these pixels or metres is infinite, or beyond 1e30, which is the same to those who compute with
+    it; False for NaN."""
+    return np.asarray(np.abs(numbers) > _LARGEST)
+
+
 def positive_definite(matrices: Float[np.ndarray, "*shape 3 3"]) -> Bool[np.ndarray, "*shape"]:
-    """Whether the leading minors are positive (Sylvester); False for NaN. Ten times as fast as eigenvalues."""
+    """Whether the leading minors are positive (Sylvester); False for NaN and what is infinite. Ten times as fast as
+    eigenvalues."""
+    matrices = np.where(is_infinite(matrices), np.nan, matrices)
     (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
     of_two = a * e - b * d
     determinant = of_two * i - (a * f - c * d) * h + (b * f - c * e) * g

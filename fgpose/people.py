@@ -15,6 +15,7 @@ from fgpose.observations import (
     blanked,
     check_cameras,
     check_confidence,
+    is_infinite,
     positive_definite,
     refuse_millimetres,
 )
@@ -68,9 +69,9 @@ class Detections:
         if self.appearance is not None and (np.ndim(self.appearance) != 2 or len(self.appearance) != people_joints[0]):
             raise ValueError(f"{self}: appearance must be ({people_joints[0]}, any), got {np.shape(self.appearance)}")
         known = np.isfinite(points2d_px).all(axis=-1) & (confidence != 0)
-        self._refuse(np.isinf(points2d_px), "a pixel that is infinite")
+        self._refuse(is_infinite(points2d_px), "a pixel that is infinite")
         if self.points3d_m is not None:
-            self._refuse(np.isinf(self.points3d_m), "a 3D coordinate that is infinite")
+            self._refuse(is_infinite(np.asarray(self.points3d_m)), "a 3D coordinate that is infinite")
             if self.covariance3d_m2 is not None:
                 in_3d = np.asarray(np.isfinite(self.points3d_m).all(axis=-1))
                 wrong = in_3d & ~positive_definite(np.asarray(self.covariance3d_m2))

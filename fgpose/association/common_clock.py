@@ -22,7 +22,7 @@ Recording = TypeVar("Recording", Observations, PeopleObservations)
 
 def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, CameraRig]:
     """The recording by the clock of the rig, if a camera's time offset is more than half a frame, if a clock or a pose
-    changes or if no frame has images of two cameras; else as it is.
+    changes or if cameras take turns so that most frames are one image (single_images_together); else as it is.
 
     The estimators correct small offsets by the motion of the joints. Videos that began seconds apart must have the
     right images put together first: the clocks of the rig are applied to the times of the images, and its offsets are
@@ -37,14 +37,59 @@ def on_common_clock(people: Recording, rig: CameraRig) -> tuple[Recording, Camer
         ValueError: the cameras of people and rig differ.
     """
     people.check_cameras(rig.names)
+    together = single_images_together(people, rig)
+    if together is not None:
+        return together
     if isinstance(people, PeopleObservations):
         step_s = min(usual_step_s(people.times_s(name)) for name in rig.names)
-        return _together(people, rig) if is_changing(rig) or is_far_off(rig, step_s) else (people, rig)
-    is_far = is_far_off(rig, usual_step_s(people.frame_time_s))
-    if not is_changing(rig) and not is_far and not are_single_images(people):
+    else:
+        step_s = usual_step_s(people.frame_time_s)
+    if not is_changing(rig) and not is_far_off(rig, step_s):
         return people, rig
-    together, on_clock = _together(PeopleObservations.of_one(replace(people, camera_names=rig.names)), rig)
-    return together.of_person(together.only()), on_clock
+    everybody, on_clock = _together(_everybody(people, rig), rig)
+    return _as_given(people, everybody), on_clock
+
+
+def single_images_together(people: Recording, rig: CameraRig) -> tuple[Recording, CameraRig] | None:
+    """The recording by the clock of the rig, where most frames that show somebody show them in one camera and the
+    cameras take turns: then images of different cameras make one frame, and most frames have several. Else None.
+
+    It makes no difference whether a camera whose turn it is not has no image, or one that shows nobody.
+    """
+    if not _is_of_single_views(people):
+        return None
+    everybody, on_clock = _together(_without_empty_images(_everybody(people, rig)), rig)
+    return None if _is_of_single_views(everybody) else (_as_given(people, everybody), on_clock)
+
+
+def _is_of_single_views(people: Recording) -> bool:
+    """Whether most frames that show somebody show them in one of several cameras."""
+    n_showing = people.n_showing if isinstance(people, PeopleObservations) else people.seen.any(axis=2).sum(axis=1)
+    is_most = 2 * np.count_nonzero(n_showing == 1) > np.count_nonzero(n_showing)
+    return len(people.camera_names) > 1 and bool(is_most)
+
+
+def _everybody(people: Recording, rig: CameraRig) -> PeopleObservations:
+    if isinstance(people, PeopleObservations):
+        return people
+    return PeopleObservations.of_one(replace(people, camera_names=rig.names))
+
+
+def _as_given(people: Recording, everybody: PeopleObservations) -> Recording:
+    """Everybody, or the one person, as the recording was given."""
+    if isinstance(people, PeopleObservations):
+        return everybody
+    return everybody.of_person(everybody.only())
+
+
+def _without_empty_images(people: PeopleObservations) -> PeopleObservations:
+    """Without the images that show nobody, where one camera shows somebody."""
+    alone = people.frames.image[people.n_showing == 1]
+    kept: list[Detections] = []
+    for c, name in enumerate(people.camera_names):
+        beside = set(alone[:, c].tolist())
+        kept += (image for i, image in enumerate(people.by_camera[name]) if image.n_people or i not in beside)
+    return replace(people, images=tuple(kept), given_frames=None)
 
 
 def _together(people: PeopleObservations, rig: CameraRig) -> tuple[PeopleObservations, CameraRig]:
@@ -77,12 +122,6 @@ def _on_clock(image: Detections, camera: Camera) -> Detections:
 def _without_doubles(images: tuple[Detections, ...]) -> tuple[Detections, ...]:
     """Where a clock jumps back, images before and after have the same time: the later ones count."""
     return tuple({(image.camera, round(image.time_s, 9)): image for image in images}.values())
-
-
-def are_single_images(observations: Observations) -> bool:
-    """Whether each of several cameras has frames of its own: images that come one by one."""
-    time_s = observations.time_s
-    return time_s.ndim == 2 and time_s.shape[1] > 1 and bool((np.isfinite(time_s).sum(axis=1) <= 1).all())
 
 
 def is_far_off(rig: CameraRig, step_s: float) -> bool:

@@ -104,7 +104,8 @@ class Follower:
         self._resemblance = Resemblance()
         self._blind = Blind(rig.names)
         self.person_of_track: dict[int, int] = {}
-        """Who each track is that was ever confirmed; people are counted from 0 as they are confirmed."""
+        """Who each track is that is confirmed, or has ended with the newest images; people are counted from 0 as they
+        are confirmed."""
 
     def see(self, images: Sequence[Detections]) -> list[Sighting]:
         """Take the next images, and say whom each shows.
@@ -115,6 +116,7 @@ class Follower:
             return []
         moment = Moment.of(images, self.rig)
         tracks = np.array([track.number for track in self.tracks], dtype=int)
+        self.person_of_track = {track.number: track.person for track in self.tracks if track.is_confirmed}
         matches = self._match(moment)
         self._tell_apart(matches)
         self._look(images, matches)

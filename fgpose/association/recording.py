@@ -103,16 +103,18 @@ def associate(
     follower = Follower(recording.rig, observations.skeleton, config, lost)
     seen: dict[int, list[SeenInImage]] = {}
     first: dict[int, tuple[int, PoseFilters]] = {}
+    confirmed: dict[int, int] = {}
     for frame in range(len(recording)):
         cameras, images = recording[frame]
         for c, sighting in zip(cameras, follower.see(images), strict=True):
             first = {begun.track: (frame, begun.pose) for begun in sighting.begun} | first
             for track, detection, joint in sighting.joints():
                 seen.setdefault(track, []).append((frame, c, detection, joint))
+        confirmed |= follower.person_of_track
         if progress:
             progress(frame + 1, len(recording))
     follower.finish()
-    person_of, events, passages = _recognised(follower, lost)
+    person_of, events, passages = _recognised(follower, confirmed | follower.person_of_track, lost)
     # Who was founded on images of frames before has no image of the first.
     first = {track: first[track] for track in person_of if track in first}
     used = {(t, c, int(p)) for own in seen.values() for t, c, detection, _ in own for p in detection}
@@ -129,13 +131,13 @@ def associate(
 
 
 def _recognised(
-    follower: Follower, lost: EverybodyLost
+    follower: Follower, person_of_track: Mapping[int, int], lost: EverybodyLost
 ) -> tuple[dict[int, int], list[TrackEvent], dict[int, tuple[Passage, ...]]]:
     """Who each track is, once it is known who comes back, all that has happened to them, in the order of time, and when
     each person was there."""
     tracks = [*lost.tracks, *(track for track in follower.tracks if track.is_confirmed)]
     passages = {track.person: track.passage for track in tracks}
-    identity = {person: person for person in follower.person_of_track.values()}
+    identity = {person: person for person in person_of_track.values()}
     events = follower.events.copy()
     for link in links(passages, lost.room.area_m2):
         identity[link.after] = identity[link.before]
@@ -149,7 +151,7 @@ def _recognised(
     for number, passage in passages.items():
         person = identity.get(number, number)
         of_person[person] = (*of_person.get(person, ()), passage)
-    return {track: identity[person] for track, person in follower.person_of_track.items()}, known, of_person
+    return {track: identity[person] for track, person in person_of_track.items()}, known, of_person
 
 
 def total_confidence(observations: PeopleObservations, seen: Seen) -> float:

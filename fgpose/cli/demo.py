@@ -177,11 +177,14 @@ class Demo:
         from fgpose.config import Config
         from fgpose.io.recordings import load_recording
         from fgpose.pipeline import Outputs, Source
+        from fgpose.pipeline.origin import origin_of
 
+        n_frames = checked_frames(self.frames)
         outputs = Outputs(self.output, "demo", ("parquet", "trc", "rrd"), step="demo")
         outputs.check(("smoothed",), calibration=True)
         console = new_console()
-        source = Source(*load_recording(self.recording)).first_frames(checked_frames(self.frames))
+        rig, observations = load_recording(self.recording)
+        source = Source(rig, observations, origin_of(rig)).first_frames(n_frames)
         console.print(f"{self.recording}: real detections of a man balancing on one leg")
         print_source(console, source)
         source = calibrated(source, Config(), outputs, console, poses=True, clocks=False)

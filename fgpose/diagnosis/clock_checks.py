@@ -187,7 +187,7 @@ def drifting_cameras(recording: FinishedRecording) -> list[Finding]:
             )
             remedy = (
                 "Its frame rate is not what was said, or it lost images: give the times of its images, or its true "
-                "rate. --estimate-time-offsets finds constant offsets only."
+                "rate. Constant time offsets do not help."
             )
             found.append(Finding(Code.CLOCK_RATE, Severity.DOUBTFUL, reason, remedy, 0.5, camera=camera))
     return found

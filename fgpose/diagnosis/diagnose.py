@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, replace
 
 from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, associate
@@ -60,6 +60,9 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
 """By what they judge, as it is printed."""
 
 
+_ESTIMATES = {"poses": "--refine-calibration", "clocks": "--estimate-time-offsets"}
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """What was found, and what could not be judged."""
@@ -75,6 +78,14 @@ class Diagnosis:
     def worst(self) -> Severity | None:
         """Of all findings; None: there is none."""
         return self.findings[0].severity if self.findings else None
+
+    def after(self, estimated: Collection[str]) -> Diagnosis:
+        """Without advice that was followed.
+
+        Args:
+            estimated: what of the cameras was estimated on the recording: poses, clocks.
+        """
+        return replace(self, findings=tuple(_after(finding, estimated) for finding in self.findings))
 
     def tells_of(self, code: Code) -> bool:
         """Whether a finding says this, or something that explains it."""
@@ -109,6 +120,19 @@ def diagnose(
     return _diagnosed(Examined.of(recording, rig, config, finished, world_up))
 
 
+def _after(finding: Finding, estimated: Collection[str]) -> Finding:
+    """With another remedy if the recording was estimated with all that it names."""
+    named = [what for what, option in _ESTIMATES.items() if option in finding.remedy]
+    if not named or not set(named) <= set(estimated):
+        return finding
+    whose = finding.camera or "the cameras"
+    remedy = (
+        f"The {' and '.join(named)} of {whose} were estimated on this recording already: calibrate {whose} again, or "
+        "leave out with --cameras what disagrees."
+    )
+    return replace(finding, remedy=remedy)
+
+
 def _standing(people: Mapping[int, Trajectory], rig: CameraRig, world_up: UpChoice | WorldUp) -> FinishedRecording:
     """The result in a world with z up."""
     up_R_world = z_up_R_world(find_up(people.values(), rig).world_up if world_up == "auto" else world_up)
@@ -119,8 +143,10 @@ def _standing(people: Mapping[int, Trajectory], rig: CameraRig, world_up: UpChoi
 def diagnose_finished(recording: FinishedRecording) -> Diagnosis:
     """The same of a finished recording: of what the cameras saw too, where that is known, else of the result alone."""
     if recording.rig is None or not recording.observations:
-        return Diagnosis(most_important([*recording.known_findings, *_of_result(recording)]), ("result",), {})
-    return _diagnosed(Examined(recording.rig, recording.observations, result=recording))
+        diagnosis = Diagnosis(most_important([*recording.known_findings, *_of_result(recording)]), ("result",), {})
+    else:
+        diagnosis = _diagnosed(Examined(recording.rig, recording.observations, result=recording))
+    return diagnosis.after(recording.estimated)
 
 
 def _diagnosed(examined: Examined) -> Diagnosis:

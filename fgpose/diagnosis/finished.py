@@ -51,6 +51,8 @@ class FinishedRecording:
     """Of the calibration from people, if the rig is from one."""
     known_findings: tuple[Finding, ...] = ()
     """What was found when it was estimated."""
+    estimated: tuple[str, ...] = ()
+    """What of the cameras was estimated on the recording before: poses, clocks."""
     events: tuple[TrackEvent, ...] = ()
     """Of the tracks of people."""
     marks: tuple[Mark, ...] = ()

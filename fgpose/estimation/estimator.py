@@ -19,7 +19,7 @@ from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
 from fgpose.estimation.evidence.presence import has_left
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
 from fgpose.estimation.frame_state import FrameState, LastSeen
-from fgpose.estimation.online.arrivals import Arrivals, check_frame, one_frame, one_image, with_image
+from fgpose.estimation.online.arrivals import Arrivals, Turns, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.window_graph import WindowGraph
@@ -82,7 +82,7 @@ class Estimator:
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
         self._is_tidy = True
-        self._arrivals = Arrivals(rig.names)
+        self._arrivals, self._turns = Arrivals(rig.names), Turns()
         self._plausibility = RunningPlausibility()
         self._credibility = RunningCredibility(rig.n_cameras, skeleton.n_joints)
 
@@ -115,7 +115,9 @@ class Estimator:
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
 
-        Detections that make no body are left out, as if nobody had been detected (Estimate.is_implausible).
+        Detections that make no body are left out, as if nobody had been detected (Estimate.is_implausible). The image
+        of one camera alone (the others have no time, or are not in the frame) is taken as update_camera takes it, as
+        are those of cameras that show somebody in turns: it may join the frame before, whose pose is returned then.
 
         Raises:
             ValueError: there is more than one frame, a camera is not in the rig, the skeleton differs, or time does
@@ -123,8 +125,15 @@ class Estimator:
                 calibration is in millimetres. The estimator is then as it was before.
         """
         check_frame(frame, self.skeleton, self._window[-1].at.time_s if self._window else -np.inf)
-        frame = frame.with_cameras(self.rig.names)
-        return self._begin(frame, np.broadcast_to(frame.time_s, (1, self.rig.n_cameras))[0])
+        seen = frame.with_cameras(self.rig.names)
+        taken_s = np.broadcast_to(seen.time_s, (1, self.rig.n_cameras))[0]
+        if frame.n_cameras < self.rig.n_cameras:
+            taken_s = np.where(np.isin(self.rig.names, frame.camera_names), taken_s, np.nan)
+        shows = seen.seen[0].any(axis=1)
+        taken_s = self._turns.taken_s(shows, taken_s)
+        estimate = (self._take_alone if np.isfinite(taken_s).sum() == 1 else self._begin)(seen, taken_s)
+        self._turns.add(shows)
+        return estimate
 
     def update_arrays(
         self,
@@ -172,14 +181,7 @@ class Estimator:
         """
         arrays = points2d_px, confidence, points3d_m, covariance3d_m2
         image = one_image(self.skeleton, time_s, camera, arrays).with_cameras(self.rig.names)
-        number = self.rig.names.index(camera)
-        frames_s = np.array([state.at.time_s for state in self._window])
-        images_s = np.array([state.image_time_s for state in self._window]).reshape(-1, self.rig.n_cameras)
-        at = self._arrivals.frame_of(number, time_s, frames_s, images_s)
-        is_own = np.arange(self.rig.n_cameras) == number
-        if at is not None:
-            return self._join(at, image, is_own)
-        return self._begin(image, np.where(is_own, time_s, np.nan))
+        return self._take_alone(image, np.where(np.array(self.rig.names) == camera, time_s, np.nan))
 
     def tidy(self) -> None:
         """Do what the next update would do first: learn from the newest frame, and revise the frames before. To be
@@ -193,6 +195,15 @@ class Estimator:
             self._graph.replace(changes, self._rig)
             self._window[-1] = self._graph.read(self._window[-1])
         self._is_tidy = True
+
+    def _take_alone(self, image: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
+        """The image of the one camera that has a time. Raises ValueError as update_camera."""
+        is_own = np.isfinite(image_time_s)
+        number = int(np.argmax(is_own))
+        frames_s = np.array([state.at.time_s for state in self._window])
+        images_s = np.array([state.image_time_s for state in self._window]).reshape(-1, self.rig.n_cameras)
+        at = self._arrivals.frame_of(number, float(image_time_s[number]), frames_s, images_s)
+        return self._begin(image, image_time_s) if at is None else self._join(at, image, is_own)
 
     def _begin(self, frame: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """A new frame, later than all others. Images of the one before that come later are too late to learn from."""

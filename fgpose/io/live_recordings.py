@@ -15,6 +15,7 @@ A file of records (record_files), each a MessagePack document (packing) with a k
 from __future__ import annotations
 
 import reprlib
+import sys
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -221,7 +222,8 @@ def _recorded_image(image: dict[str, Any]) -> RecordedImage:
 def _number(table: dict[str, Any], name: str) -> float:
     """A finite one."""
     value = table.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+    # Some integers are too large for a float.
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
         raise ValueError(f"{name} is {reprlib.repr(value)}, not a finite number")
     return float(value)
 

@@ -59,6 +59,8 @@ class Origin:
     rig: CameraRig | None = None
     """As it was used, its time offsets by the clocks of the inputs."""
     calibration: CalibrationOrigin = field(default_factory=CalibrationOrigin)
+    estimated: tuple[str, ...] = ()
+    """What of the cameras was estimated on this recording before the result was: poses, clocks."""
     findings: tuple[Finding, ...] = ()
     """What is probably wrong with the recording and the result."""
     events: tuple[TrackEvent, ...] = ()

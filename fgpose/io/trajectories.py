@@ -21,6 +21,7 @@ from fgpose.io.origin import Origin
 from fgpose.io.parquet import read_origin, read_parquet, write_parquet
 from fgpose.io.trc import read_trc, write_trc
 from fgpose.io.upright import resolved_up
+from fgpose.observations import is_infinite
 from fgpose.plain_files import naming
 from fgpose.sampling import TIME_ROUNDING_S, nearest
 from fgpose.skeleton import Skeleton
@@ -323,7 +324,7 @@ def _check(trajectory: Trajectory) -> None:
         at, before = earlier[0] + 1, earlier[0]
         own_s = trajectory.time_s
         raise ValueError(f"its times do not increase: frame {at} is at {own_s[at]:.13g} s after {own_s[before]:.13g} s")
-    infinite = np.argwhere(np.isinf(trajectory.positions_m).any(axis=-1))
+    infinite = np.argwhere(is_infinite(trajectory.positions_m).any(axis=-1))
     if len(infinite):
         frame, joint = infinite[0]
         raise ValueError(f"the position of joint {trajectory.skeleton.joints[joint]} is infinite in frame {frame}")

@@ -35,10 +35,12 @@ def diagnosed(result: Result, world_up: UpChoice | WorldUp = "auto") -> Result:
     if not any(np.isfinite(each.positions_m).any() for each in result.main.values()):
         raise ValueError(_nothing_determined(result))
     diagnosis = looked_at(result.seen, result.rig, result.main, result.config, world_up)
+    diagnosis = diagnosis.after(result.source.origin.estimated if result.source.origin is not None else ())
     chosen = result.source.chosen
     of_several = [_of_several(chosen)] if chosen is not None and chosen.n_people > 1 else []
     of_refined = _of_refined(result.source.origin, result.config)
-    return replace(result, diagnosis=replace(diagnosis, findings=(*diagnosis.findings, *of_several, *of_refined)))
+    findings = (*diagnosis.findings, *of_several, *of_refined, *_of_repairs(result.n_repairs))
+    return replace(result, diagnosis=replace(diagnosis, findings=findings))
 
 
 def looked_at(
@@ -59,6 +61,15 @@ def looked_at(
 def _of_several(chosen: Chosen) -> Finding:
     remedy = "With --people all everybody has a result; --person-region chooses somebody else."
     return Finding(Code.SEVERAL_PEOPLE, Severity.NOTE, f"This is {chosen}", remedy, 0.2)
+
+
+def _of_repairs(n_repairs: int) -> list[Finding]:
+    if not n_repairs:
+        return []
+    times = "once" if n_repairs == 1 else f"{n_repairs} times"
+    reason = f"GTSAM has failed {times}, and the graph of the last moments was begun anew from its estimates"
+    remedy = "Compare with fgpose smooth, which does not need it; detections that contradict each other are a cause."
+    return [Finding(Code.SOLVER_FAILURE, Severity.NOTE, reason, remedy, 0.2, numbers={"n_repairs": n_repairs})]
 
 
 def _of_refined(origin: Origin | None, config: Config) -> list[Finding]:

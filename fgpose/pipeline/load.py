@@ -103,7 +103,8 @@ def _rig(keypoints: Path, calibration: Path, unit: Unit, cameras: tuple[str, ...
     rig = load_rig(calibration, unit)
     if not cameras:
         return rig
-    rig.subset(cameras)
+    with naming(calibration):
+        rig.subset(cameras)
     theirs = keypoint_cameras(keypoints)
     if said := counted_otherwise(theirs, rig.names):
         raise ValueError(f"{keypoints}: {said}. If not, take the cameras that are not wanted out of both")

@@ -56,13 +56,15 @@ def recalibrated(origin: Origin, before: CameraRig, found: CameraCalibration[Any
         given = origin.rig.subset(name for name in origin.rig.names if name in rig.names)
         put_on_clock = is_changing(given) or bool((given.time_offsets_s != before.time_offsets_s).any())
         rig = after(given, rig) if put_on_clock else rig
-    known = origin.calibration.subset(rig.names)
+    known, estimated = origin.calibration.subset(rig.names), set(origin.estimated)
     if found.time_offsets is not None:
+        estimated.add("clocks")
         known = replace(known, offset_sigma_s=_known(found.rig, found.time_offsets.sigma_s))
     if found.refinement is not None:
+        estimated.add("poses")
         rows = zip(found.rig.names, found.refinement.rotation_deg, found.refinement.translation_m, strict=True)
         known = replace(known, moved=tuple(MovedCamera(name, float(deg), float(m)) for name, deg, m in rows))
-    return replace(origin, rig=rig, calibration=known)
+    return replace(origin, rig=rig, calibration=known, estimated=tuple(sorted(estimated)))
 
 
 def synchronised(known: CalibrationOrigin, found: Synchronised) -> CalibrationOrigin:

@@ -38,6 +38,8 @@ class Result:
     """Who is who, where the source is of everybody."""
     update_ms: Float[np.ndarray, " frame"] | None = None
     """How long each update of the online estimators took, milliseconds."""
+    n_repairs: int = 0
+    """How often GTSAM failed in the online estimators, and their windows were eliminated anew."""
     diagnosis: Diagnosis | None = None
     """What is probably wrong with it (fgpose.pipeline.diagnosed); None: nobody has looked."""
 

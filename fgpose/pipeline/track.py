@@ -67,7 +67,8 @@ def run_track(
     trajectories = {"online": _by_person(estimates, time_s, names, config)}
     if lagged := _by_person(estimates, time_s, names, config, lagged=True):
         trajectories = {"smoothed": replay.completed(lagged), **trajectories}
-    return Result(source, config, trajectories, ("smoothed", "online"), replay.association, update_ms)
+    saved = "smoothed", "online"
+    return Result(source, config, trajectories, saved, replay.association, update_ms, _n_repairs(estimates))
 
 
 Update = Callable[[], Mapping[int, Estimate]]
@@ -148,6 +149,16 @@ class _OfEverybody:
                 seen.setdefault(each.person, []).extend(of_frame)
         of_person = {person: Seen.of_images(own, len(names)) for person, own in seen.items() if own}
         return Association(self._people, self._rig, of_person, tuple(self._events))
+
+
+def _n_repairs(estimates: Sequence[Mapping[int, Estimate]]) -> int:
+    """Of all estimators. One that begins anew counts from 0 again."""
+    total, before = 0, dict[int, int]()
+    for people in estimates:
+        for person, estimate in people.items():
+            total += max(estimate.n_repairs - before.get(person, 0), 0)
+            before[person] = estimate.n_repairs
+    return total
 
 
 def _by_person(

@@ -153,6 +153,7 @@ def load_finished(
             offset_sigma_s=known.offset_sigma_s,
             findings=findings_of(origin),
             known_findings=origin.findings,
+            estimated=origin.estimated,
             events=origin.events,
             videos=videos or _videos(origin, cameras),
             images_hz=fps or origin.fps,

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.association.common_clock import is_far_off, on_common_clock
+from fgpose.association.common_clock import on_common_clock
 from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
@@ -56,9 +56,9 @@ def used_detections(
         return _of_best([images], people, path)
     own = rig.subset(wanted)
     clocks = [_Images(everybody.subset(wanted), own, own.time_offsets_s)]
-    if is_far_off(rig, min(usual_step_s(everybody.times_s(name)) for name in rig.names)):
+    together, _ = on_common_clock(everybody, rig)
+    if together is not everybody:
         # The images were put together by the offsets, or these were only found later: as it fits the result better.
-        together, _ = on_common_clock(everybody, rig)
         clocks.append(_Images(together.subset(wanted), own, np.zeros(own.n_cameras)))
     return _of_best(clocks, people, path)
 

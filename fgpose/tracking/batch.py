@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
-from fgpose.estimation.smoother import smooth
+from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import PeopleObservations
 from fgpose.trajectory import Trajectory
@@ -64,7 +65,9 @@ def smooth_people(
             if progress:
                 progress(before + done, n_frames)
 
-        trajectories[person] = smooth(own, association.rig, config, told)
+        # In the frames of the association, even where cameras see this person in turns.
+        evidence = gather(own, association.rig, config)
+        trajectories[person] = smooth_evidence(evidence, own.skeleton, association.rig, config, told)
         n_done += own.n_frames
         if progress:
             progress(n_done, n_frames)

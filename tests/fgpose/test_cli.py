@@ -632,3 +632,32 @@ def test_the_calibration_that_is_read_is_not_replaced(
     assert "walk_calibration.toml would replace an input" in line
     assert main(["smooth", *arguments]) == 0
     assert rig.read_bytes() == (folder / "Calib.toml").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        *((["--visibility.sigma-m", value], "visibility.sigma_m") for value in ("1e-99", "1e300", "nan", "0", "-1")),
+        (["--fusion.inlier-px", "1e300"], "fusion.inlier_px"),
+        (["--solver.max-iterations", "0"], "solver.max_iterations"),
+        (["--tracking.max-processes", "-1"], "tracking.max_processes"),
+        (["--frames", "-3"], "--frames"),
+        (["--min-confidence", "7"], "confidence"),
+        (["--name", "."], "'.' is no name"),
+        (["--config", "nowhere.toml"], "nowhere.toml"),
+        (["--cameras", "door"], "Calib"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name_and_writes_nothing(
+    options: list[str], named: str, source: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Kinds of command lines that ended in a traceback, wrote elsewhere or named nothing."""
+    before = sorted(Path.cwd().iterdir())
+    assert named in failure(["smooth", *source, "-o", str(tmp_path / "out"), *options], capsys)
+    assert list(tmp_path.glob("out/*")) == []
+    assert sorted(Path.cwd().iterdir()) == before
+
+
+def test_a_demo_that_is_refused_makes_no_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--frames must be at least 1" in failure(["demo", "--frames", "-3", "-o", str(tmp_path / "a" / "b")], capsys)
+    assert list(tmp_path.iterdir()) == []

@@ -58,6 +58,8 @@ def test_the_configuration_is_frozen() -> None:
         ("[motion", "Expected ']'"),
         ("solver.window_s = " + "9" * 400, "solver.window_s must be a positive number"),
         ("fusion.inlier_px = 1e300", "fusion.inlier_px must be a positive number"),
+        ("visibility.sigma_m = 1e-99", "visibility.sigma_m must be a positive number"),
+        ("visibility.sigma_m = 1e13", "visibility.sigma_m must be a positive number"),
         ("solver.window_s = " + "9" * 5000, "4300 digits"),
         ("solver.max_iterations = " + "9" * 400, "solver.max_iterations must be a positive number"),
         ("solver = " + "[" * 100_000, "it is nested too deeply"),

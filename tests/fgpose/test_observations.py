@@ -96,6 +96,8 @@ def test_nothing_seen_at_all_is_expected_trouble(parts: dict[str, Any]) -> None:
     ("name", "value", "message"),
     [
         ("points2d_px", np.inf, f"points2d_px is infinite at {WHERE}"),
+        ("points2d_px", -1e200, f"points2d_px is infinite at {WHERE}"),
+        ("points3d_m", 1e300, f"points3d_m is infinite at {WHERE}"),
         ("points3d_m", -np.inf, f"points3d_m is infinite at {WHERE}"),
         ("confidence", 1.5, rf"confidence 1.5 is outside \[0, 1\] at {WHERE}"),
         ("confidence", -0.1, rf"confidence -0.1 is outside \[0, 1\] at {WHERE}"),
@@ -211,7 +213,9 @@ def test_a_missing_3d_point_has_no_covariance(parts: dict[str, Any]) -> None:
     assert np.isnan(covariance_m2).all(axis=(-1, -2)).sum() == 1
 
 
-@pytest.mark.parametrize("wrong", [np.zeros((3, 3)), np.diag([0.1, 0.1, -0.1]), np.full((3, 3), np.nan)])
+@pytest.mark.parametrize(
+    "wrong", [np.zeros((3, 3)), np.diag([0.1, 0.1, -0.1]), np.full((3, 3), np.nan), 1e300 * np.eye(3)]
+)
 def test_a_covariance_that_is_none_is_refused(parts: dict[str, Any], wrong: np.ndarray) -> None:
     parts["covariance3d_m2"][SPOT] = wrong
     with pytest.raises(ValueError, match=f"covariance3d_m2 is not positive definite at {WHERE}"):

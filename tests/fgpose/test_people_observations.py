@@ -34,6 +34,7 @@ def test_nobody_is_an_image():
         (np.zeros((1, 3)), np.ones((1, 3)), "camera a, image at 1 s: points2d_px must be"),
         (np.zeros((1, 3, 2)), np.ones((2, 3)), "confidence must be"),
         (np.full((1, 3, 2), np.inf), np.ones((1, 3)), "person 0, joint number 0: a pixel that is infinite"),
+        (np.full((1, 3, 2), 1e200), np.ones((1, 3)), "person 0, joint number 0: a pixel that is infinite"),
         (np.zeros((1, 3, 2)), np.array([[0.5, 1.2, 0.5]]), r"person 0, joint number 1: a confidence outside \[0, 1\]"),
     ],
 )

@@ -12,6 +12,7 @@ import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config
+from fgpose.estimation.estimator import Estimator
 from fgpose.estimation.evidence import evidence as evidence_module
 from fgpose.estimation.evidence import fusion
 from fgpose.estimation.evidence.evidence import gather
@@ -30,7 +31,17 @@ from fgpose.io.origin import Origin
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_trajectory
 from fgpose.observations import Observations
-from fgpose.pipeline import Outputs, Result, Source, load_source, run_refine, run_smooth, run_track, write_outputs
+from fgpose.pipeline import (
+    Outputs,
+    Result,
+    Source,
+    load_source,
+    run_calibrate,
+    run_refine,
+    run_smooth,
+    run_track,
+    write_outputs,
+)
 from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import Recording, open_recording
@@ -390,3 +401,43 @@ def test_a_refinement_that_leaves_nothing_to_hold_the_world_is_said(
     assert result.diagnosis is not None
     found = [each.reason for each in result.diagnosis.findings if each.code is Code.CALIBRATION]
     assert ["3 of 4 cameras were moved by the refinement, by about 10 cm" in each for each in found] == [True] * said
+
+
+def test_failures_of_gtsam_are_said_where_there_were_some(
+    source: Source[Observations], tracked: Result, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def findings(result: Result) -> list[str]:
+        diagnosis = diagnosed(result).diagnosis
+        assert diagnosis is not None
+        return [each.reason for each in diagnosis.findings if each.code is Code.SOLVER_FAILURE]
+
+    assert findings(tracked) == []
+    counts = iter(np.minimum(np.arange(20), 3).tolist())
+    monkeypatch.setattr(Estimator, "repairs", property(lambda _: next(counts)))
+    (reason,) = findings(run_track(source, SHORT_LAG))
+    assert reason.startswith("GTSAM has failed 3 times")
+
+
+def test_advice_that_was_followed_is_not_given_again(source: Source[Observations], smoothed: Result) -> None:
+    def remedies(estimated: tuple[str, ...]) -> set[str]:
+        result = replace(smoothed, source=replace(source, origin=Origin(rig=source.rig, estimated=estimated)))
+        diagnosis = diagnosed(result).diagnosis
+        assert diagnosis is not None
+        return {each.remedy for each in diagnosis.findings if each.code is Code.MOVED_CAMERA}
+
+    (advice,) = remedies(())
+    assert advice == "Use --refine-calibration."
+    assert remedies(("clocks",)) == {advice}
+    (other,) = remedies(("poses",))
+    assert "estimated on this recording already" in other
+    assert "--refine-calibration" not in other
+
+
+@pytest.mark.parametrize(("poses", "clocks"), [(True, False), (False, True)])
+def test_a_result_knows_what_was_estimated_of_its_cameras(
+    source: Source[Observations], poses: bool, clocks: bool
+) -> None:
+    given = replace(source, origin=Origin(rig=source.rig))
+    calibrated, _ = run_calibrate(given, Config(calibration={"max_rounds": 1}), poses=poses, clocks=clocks)
+    assert calibrated.origin is not None
+    assert calibrated.origin.estimated == ("poses",) * poses + ("clocks",) * clocks

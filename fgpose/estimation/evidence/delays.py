@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.common_clock import are_single_images, on_common_clock
+from fgpose.association.common_clock import on_common_clock, single_images_together
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
@@ -31,7 +31,7 @@ _CARRIED_ON_S = 0.1
 
 
 def of_one_moment(observations: Observations, rig: CameraRig) -> tuple[Observations, CameraRig]:
-    """The same by the mean clock of the cameras; where one of them is far from it, or each frame is one image, the
+    """The same by the mean clock of the cameras; where one of them is far from it, or most frames are one image, the
     images that were taken together make other frames (on_common_clock).
 
     Raises:
@@ -40,8 +40,9 @@ def of_one_moment(observations: Observations, rig: CameraRig) -> tuple[Observati
     observations.check_cameras(rig.names)
     refuse_changing(rig)
     observations, rig = by_mean_clock(observations, rig)
-    is_near = np.abs(rig.time_offsets_s).max() <= _CARRIED_ON_S and not are_single_images(observations)
-    return (observations, rig) if is_near else on_common_clock(observations, rig)
+    if np.abs(rig.time_offsets_s).max() > _CARRIED_ON_S:
+        return on_common_clock(observations, rig)
+    return single_images_together(observations, rig) or (observations, rig)
 
 
 def by_mean_clock(observations: Observations, rig: CameraRig) -> tuple[Observations, CameraRig]:

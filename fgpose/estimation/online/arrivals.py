@@ -18,6 +18,9 @@ _REMEMBERED_STEPS = 50
 # Nearly a whole step: a frame then has an image of every camera, and the cameras confirm each other. With half a step,
 # four cameras at different times of their step had an error 4 to 8 % (occluded: 26 %) above that of synchronous ones.
 _NEW_FRAME_STEPS = 0.9
+_SLOWEST_STEP_S = 1.0
+# So many frames tell that cameras take turns.
+_TURNS = 12
 
 
 class TooLateError(ValueError):
@@ -39,8 +42,8 @@ class Arrivals:
 
     @property
     def usual_step_s(self) -> float:
-        """Usual time from one image of a camera to its next; inf until a camera has given two."""
-        return float(np.median(self._steps_s)) if self._steps_s else np.inf
+        """Usual time from one image of a camera to its next; a second until a camera has given two."""
+        return float(np.median(self._steps_s)) if self._steps_s else _SLOWEST_STEP_S
 
     def frame_of(
         self,
@@ -83,6 +86,34 @@ class Arrivals:
         """Learn the usual step from images that were used: the time of that of each camera; NaN: there was none."""
         self._steps_s.extend((time_s - self._last_s)[time_s > self._last_s].tolist())
         self._last_s = np.fmax(self._last_s, time_s)
+
+
+class Turns:
+    """Whether cameras take turns, in frames that claim an image of each: one alone shows somebody, and it is mostly
+    another one than in the frame before. The images of the others are then those of earlier moments, left empty."""
+
+    def __init__(self) -> None:
+        self._alone: deque[int] = deque(maxlen=_TURNS)
+
+    def taken_s(
+        self, shows: Bool[np.ndarray, " camera"], taken_s: Float[np.ndarray, " camera"]
+    ) -> Float[np.ndarray, " camera"]:
+        """When each camera took its image of a new frame; NaN: there is none.
+
+        Args:
+            shows: whether it shows somebody.
+            taken_s: as the frame says.
+        """
+        n_changes = np.count_nonzero(np.diff(self._alone))
+        is_turn = len(self._alone) == _TURNS and n_changes > _TURNS / 2 and shows.sum() == 1
+        return np.where(shows, taken_s, np.nan) if is_turn else taken_s
+
+    def add(self, shows: Bool[np.ndarray, " camera"]) -> None:
+        """Learn from a frame that was used."""
+        if shows.sum() > 1:
+            self._alone.clear()
+        elif shows.any():
+            self._alone.append(int(np.argmax(shows)))
 
 
 def with_image(frame: Observations, image: Observations, of_image: Bool[np.ndarray, " camera"]) -> Observations:

@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from fgpose.io.content import parse_json, read_content
 from fgpose.io.keypoints.joint_names import chosen_joints, no_such_joints
+from fgpose.observations import is_infinite
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
@@ -114,14 +115,16 @@ def checked_detections(
         _check_shape(source, skeleton, what, array, (n_people, n_joints, *size))
     used = [array if chosen is None else array[:, list(chosen)] for array, _ in given.values()]
     points2d_px, confidence, *rest = used
-    _refuse_joint(source, skeleton, np.asarray(np.isinf(points2d_px).any(axis=-1)), "a pixel that is infinite")
+    _refuse_joint(source, skeleton, np.asarray(is_infinite(points2d_px).any(axis=-1)), "a pixel that is infinite")
     known = np.isfinite(points2d_px).all(axis=-1) & ~np.isnan(confidence)
     bad = np.asarray(known & ~((confidence >= 0) & np.isfinite(confidence)))
     refuse_confidence(source, skeleton, confidence, bad)
     confidence = np.where(known, confidence, 0.0)
     points2d_px = np.where(confidence[..., None] > 0, points2d_px, np.nan)
     if rest:
-        _refuse_joint(source, skeleton, np.asarray(np.isinf(rest[0]).any(axis=-1)), "a 3D coordinate that is infinite")
+        _refuse_joint(
+            source, skeleton, np.asarray(is_infinite(rest[0]).any(axis=-1)), "a 3D coordinate that is infinite"
+        )
     return ImageDetections(source, points2d_px, confidence, rest[0] if rest else None, n_joints)
 
 

@@ -20,7 +20,7 @@ from fgpose.io.keypoints.detection_columns import (
 )
 from fgpose.io.keypoints.recording_files import is_parquet, is_recording
 from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
-from fgpose.observations import positive_definite
+from fgpose.observations import is_infinite, positive_definite
 from fgpose.people import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
@@ -83,7 +83,7 @@ def _check_3d(images: _Images, skeleton: Skeleton) -> None:
     if points3d_m is None:
         images.arrays.pop("covariance3d_m2", None)
         return
-    problems = {"a 3D coordinate that is infinite": np.isinf(points3d_m).any(axis=-1)}
+    problems = {"a 3D coordinate that is infinite": is_infinite(points3d_m).any(axis=-1)}
     known = np.asarray(np.isfinite(points3d_m).all(axis=-1))
     points3d_m[~known] = np.nan
     if covariance_m2 is not None:

@@ -83,6 +83,8 @@ class LiveTracking:
         self._share: tuple[frozenset[str], float] = frozenset(), 0.0
         """How much of the volume these cameras observe."""
         self._looked_s = -np.inf
+        self._n_repairs: dict[int, int] = {}
+        """Of the estimator of each person, so far."""
         self._n_used: Counter[str] = Counter()
         self._n_lost: Counter[str] = Counter()
         self._sequence = 0
@@ -178,6 +180,7 @@ class LiveTracking:
         try:
             people = self._tracker.update(given)
             self._say_restarts(n_restarts)
+            self._say_repairs(people)
             self._people = tuple(live_person(tracked) for tracked in people)
             events = self._tracker.events()
             self._agreement.add(given, people)
@@ -204,6 +207,12 @@ class LiveTracking:
     def _say_restarts(self, n_before: int) -> None:
         for _ in range(self._tracker.n_restarts - n_before):
             self._parts.restarted("a process of estimators", "it ended or did not answer")
+
+    def _say_repairs(self, people: Sequence[Tracked]) -> None:
+        before, self._n_repairs = self._n_repairs, {each.person: each.estimate.n_repairs for each in people}
+        for person, n_repairs in self._n_repairs.items():
+            for _ in range(n_repairs - before.get(person, 0)):
+                self._parts.restarted("the graph of an estimator", "GTSAM has failed")
 
     def _compare_cameras(self) -> None:
         """A part of the work, which is less than a millisecond."""

@@ -376,13 +376,27 @@ def test_the_end_confirms_nobody_against_whom_images_tell(
     assert people_of(follower) == []
 
 
+def test_nothing_is_kept_of_tracks_that_have_ended(skeleton: Skeleton) -> None:
+    """Four people, one after another, at four places."""
+    rig = ring_rig(2)
+    follower, known = Follower(rig, skeleton), dict[int, int]()
+    for visit in range(4):
+        people_m = always(body_m(skeleton, (0.5 * visit - 0.75, 0.0), 0.85 + 0.1 * visit))
+        run(follower, rig, people_m, 3.0 * visit, 3.0 * visit + 0.6, visit)
+        assert follower.person_of_track.keys() == {track.number for track in follower.tracks}
+        known |= follower.person_of_track
+        run(follower, rig, always(), 3.0 * visit + 0.6, 3.0 * visit + 2.0)
+        assert follower.person_of_track == {}
+    assert sorted(known.values()) == [0, 1, 2, 3]
+
+
 @pytest.mark.slow
 def test_the_state_does_not_grow(skeleton: Skeleton) -> None:
     """Each of 1,000 moments stands for a tenth of a second: people come and go, and are forgotten after 20 s."""
     rig = ring_rig(2)
     follower, rng = Follower(rig, skeleton, TrackingConfig(forget_s=20.0)), np.random.default_rng(0)
     places_m = rng.uniform(-0.8, 0.8, (200, 2))
-    sizes: list[tuple[int, int, int]] = []
+    sizes: list[tuple[int, ...]] = []
     for n in range(1000):
         time_s = 0.1 * n
         # Everybody stays for 2 s of 2.5 s.
@@ -390,9 +404,12 @@ def test_the_state_does_not_grow(skeleton: Skeleton) -> None:
         people_m = [body_m(skeleton, places_m[visit].tolist(), 0.9 + 0.001 * visit)] if since < 20 else []
         follower.see([image(rig, c, time_s, people_m, rng) for c in range(2)])
         if n % 20 == 19:
-            sizes.append((len(follower.tracks), len(follower._lost), len(follower._free)))
+            sizes.append(
+                (len(follower.tracks), len(follower._lost), len(follower._free), len(follower.person_of_track))
+            )
         follower.events.clear()
-    tracks, lost, free = np.array(sizes).T
+    tracks, lost, free, confirmed = np.array(sizes).T
+    assert confirmed.max() <= 2
     assert tracks.max() <= 2
     assert free.max() <= 2
     # One in 2.5 s, 8 in 20 s, and who has just gone.
@@ -414,7 +431,7 @@ def test_who_come_near_each_other_stay_two(
     assert people_of(follower) == [0, 1]
     first = dict(follower.person_of_track)
     run(follower, rig, scene, 1.0, 2.7, seed=1)
-    assert {number: follower.person_of_track[number] for number in first} == first
+    assert all(first.get(number, person) == person for number, person in follower.person_of_track.items())
     assert "merged" not in what_happened(follower)
     if are_both_detected:
         assert people_of(follower) == [0, 1]

@@ -151,6 +151,7 @@ def test_information_and_gradient_against_numerical_ones(
         problem.velocities_mps[None],
         walking_scene.observations.points2d_px[frame],
         walking_scene.observations.confidence[frame],
+        np.full((1, *problem.weights.shape), config.sigma_px),
         rig,
         config,
     )

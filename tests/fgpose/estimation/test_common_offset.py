@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 
 import fgpose
 from fgpose.config import Config
-from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate, walking
+from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 
 # Half a number in base 2: adding and subtracting it makes no rounding errors.
@@ -107,21 +107,3 @@ def test_a_frame_has_the_time_at_which_it_was_taken(
     # 12 mm if nobody is late, 20 mm where only two cameras see a moment; with all images later than their frame 500 to
     # 5,000 mm.
     assert np.nanmean(error_m) < 0.03
-
-
-def test_images_one_by_one_make_frames(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
-    """Four cameras of 50 Hz that take turns, as 200 frames a second with an image each: no frame locates a joint."""
-    truth_m = walking(80, 200.0, skeleton)
-    seen = simulate(truth_m, skeleton, rig, 200.0, DetectionNoise(), NO_OCCLUSION, seed=0).observations
-    is_own = np.arange(80)[:, None] % 4 == np.arange(4)
-    single = fgpose.Observations(
-        skeleton,
-        np.where(is_own, seen.frame_time_s[:, None], np.nan),
-        np.where(is_own[..., None, None], seen.points2d_px, np.nan),
-        camera_names=rig.names,
-    )
-    trajectory = fgpose.smooth(single, rig, WITHOUT_COVARIANCE)
-    at_m = CubicSpline(seen.frame_time_s, truth_m)(trajectory.time_s)
-    # As with all images at once: 12 mm.
-    assert trajectory.n_frames <= 22
-    assert np.linalg.norm(trajectory.positions_m - at_m, axis=-1).mean() < 0.025

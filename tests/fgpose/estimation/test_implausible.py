@@ -87,7 +87,7 @@ def test_a_batch_leaves_garbage_frames_out(solve, scene: Scene, rig: fgpose.Came
     assert np.nanmean(error_m) < 0.05
 
 
-@pytest.mark.parametrize("factor", [1e3, 1e9, 1e100])
+@pytest.mark.parametrize("factor", [1e3, 1e9, 1e25])
 def test_pixels_far_outside_the_images_are_left_out(factor: float, scene: Scene, rig: fgpose.CameraRig):
     points2d_px = scene.observations.points2d_px.copy()
     points2d_px[BAD] *= factor

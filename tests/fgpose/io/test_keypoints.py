@@ -148,6 +148,7 @@ def test_a_confidence_a_little_above_one_is_one(tmp_path: Path, rig: CameraRig):
         (lambda text: json.dumps(openpose_image([1.0] * 72 + [5.0, 6.0, 80.0])), ["joint right_heel", "[0, 1]: 80"]),
         (lambda text: json.dumps(openpose_image([1.0] * 72 + [5.0, 6.0, -0.1])), ["joint right_heel", "[0, 1]: -0.1"]),
         (lambda text: json.dumps(openpose_image([float("inf")] + [1.0] * 74)), ["joint nose", "infinite"]),
+        (lambda text: json.dumps(openpose_image([1e200] + [1.0] * 74)), ["joint nose", "infinite"]),
         (lambda text: '{"people": [{"pose_keypoints_2d": ["a"]}]}', ["not numbers"]),
         (lambda text: '[{"keypoints": [[1, 2]], "keypoint_scores": [1]}]', ["this is MMPose, not OpenPose"]),
     ],

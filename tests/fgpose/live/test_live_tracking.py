@@ -12,8 +12,10 @@ import pytest
 
 import fgpose
 from fgpose.association.track import TrackState
+from fgpose.association.tracked import Tracked
 from fgpose.io.live_recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
+from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion
 from fgpose.live.tracking.observed import volume_points_m
 from fgpose.people import Detections
@@ -244,3 +246,20 @@ def test_processes_are_looked_at_while_no_image_comes(monkeypatch: pytest.Monkey
     monkeypatch.setattr(live._tracker, "look", Mock(side_effect=OSError("no memory")))
     live.look(1.0, ())
     assert live.n_failures == 1
+
+
+def test_each_failure_of_gtsam_is_said_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    parts, images = Parts(), list(scene().observations.images)
+    live = LiveTracking(scene().rig, scene().motion.skeleton, CONFIG, volume_points_m(scene().rig), parts)
+    feed(live, images[:60])
+    assert parts.so_far() == ()
+    update = live._tracker.update
+
+    def failing(given: list[Detections]) -> list[Tracked]:
+        return [replace(each, estimate=replace(each.estimate, n_repairs=2)) for each in update(given)]
+
+    monkeypatch.setattr(live._tracker, "update", failing)
+    feed(live, images[60:80])
+    (restarts,) = parts.so_far()
+    assert (restarts.part, restarts.reason) == ("the graph of an estimator", "GTSAM has failed")
+    assert restarts.n == 2 * len(live.frame(0.0, statuses()).people) > 0

@@ -21,7 +21,7 @@ from test_live_tracking import CONFIG, DELAY_S, scene, statuses
 
 import fgpose
 from fgpose.cli import main
-from fgpose.io.live_recordings import RecordedImage, images_document, start_document
+from fgpose.io.live_recordings import RecordedImage, _number, images_document, start_document
 from fgpose.io.packing import packed, unpacked
 from fgpose.io.record_files import MAGIC, as_record
 from fgpose.live.clock import SimulatedClock
@@ -163,6 +163,13 @@ CRAFTED: list[tuple[str, str, object, str]] = [
     ("images", "confidence", "high", "damaged images"),
     ("lost", "n", [], "n is"),
 ]
+
+
+@pytest.mark.parametrize("value", [10**400, -(10**400), 2**1024, np.nan, np.inf, True, "3", None])
+def test_what_is_no_finite_number_is_refused(value: object) -> None:
+    """Whoever unpacked it: some know integers of any length."""
+    with pytest.raises(ValueError, match=r"n is .{1,60}, not a finite number"):
+        _number({"n": value}, "n")
 
 
 @pytest.mark.filterwarnings("ignore:.*records are missing")

@@ -95,6 +95,12 @@ def test_without_any_frame_the_first_image_begins_one() -> None:
     assert window.take(3, -0.98) == 1
 
 
+def test_images_seconds_apart_are_of_no_frame_whatever_the_rate() -> None:
+    window = Window()
+    assert window.take(0, 0.0) == 0
+    assert window.take(1, 5.0) == 1
+
+
 def test_a_time_of_day_is_told_to_the_millisecond(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     now_s, nothing = 1753000000.125, np.full((2, rig.n_cameras, skeleton.n_joints, 2), np.nan)
     with pytest.raises(ValueError, match=r"frame 1 is at 1753000000\.025 s, the one before at 1753000000\.125 s"):
