@@ -97,7 +97,7 @@ STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
 ALLOWED = {
     "gtsam": GTSAM,
-    "rerun": {"fgpose.viewer"},
+    "rerun": {"fgpose.viewer.rerun"},
     **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
     "av": {"fgpose.live.sources", "fgpose.monocular.sound"},
     "tyro": {"fgpose.cli", "fgpose_benchmarks.cli"},
@@ -263,6 +263,6 @@ def test_the_rules_see_what_they_are_about() -> None:
     assert "gtsam" in IMPORTS["fgpose.geometry.camera"]
     assert "fgpose.geometry.camera" in IMPORTS["fgpose.geometry.triangulation"]
     assert climbs("fgpose.geometry.camera", "fgpose.estimation.smoother", "fgpose", FLOORS)
-    assert climbs("fgpose.viewer.scene", "fgpose.monocular.crops", "fgpose", FLOORS)
+    assert climbs("fgpose.viewer.rerun.scene", "fgpose.monocular.crops", "fgpose", FLOORS)
     assert not climbs("fgpose.estimation.smoother", "fgpose.geometry.camera", "fgpose", FLOORS)
     assert climbs("fgpose.estimation.segment", "fgpose.estimation.smoother", "fgpose.estimation", ESTIMATION_FLOORS)

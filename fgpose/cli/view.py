@@ -19,7 +19,7 @@ from fgpose.cli.options import new_console
 from fgpose.cli.reachable import warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.plain_files import open_plain
-from fgpose.viewer.analytics import leave_out_analytics
+from fgpose.viewer.opening import leave_out_analytics
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig

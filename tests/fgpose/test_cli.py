@@ -579,7 +579,7 @@ def test_a_viewer_file_that_fails_does_not_take_the_others_along(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from fgpose.viewer.rerun_recording import RerunRecording
+    from fgpose.viewer.rerun.recording import RerunRecording
 
     def broken(*arguments: object) -> None:
         raise RuntimeError("the viewer's library is broken")

@@ -153,7 +153,7 @@ def test_the_recording_shows_every_image_in_its_frame(
     squares: SquaresScene, network: SquaresNetwork, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Also where a camera is slower: its images are in the frames of their time."""
-    from fgpose.viewer.rerun_recording import RerunRecording
+    from fgpose.viewer.rerun.recording import RerunRecording
 
     save_rig(squares.rig, tmp_path / "Calib.toml")
     squares.write_all(tmp_path / "walk", N_IMAGES, FPS)
@@ -186,7 +186,7 @@ def test_live_shows_the_images_too(
     source: list[str], network: SquaresNetwork, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
     from fgpose.cli import live
-    from fgpose.viewer.rerun_recording import RerunRecording
+    from fgpose.viewer.rerun.recording import RerunRecording
 
     def ctrl_c() -> None:
         raise KeyboardInterrupt

@@ -27,7 +27,8 @@ from fgpose.live.tracking.live_tracking import Update
 from fgpose.live.tracking.people import coasting, live_person
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
-from fgpose.viewer import open_system_recording, palette
+from fgpose.viewer import open_system_recording
+from fgpose.viewer.rerun import palette
 from tests.fgpose.full_disk import FullDisk
 from tests.fgpose.live.output_frames import wait_until
 

@@ -3,27 +3,117 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 import rerun as rr
 from jaxtyping import Float, Int, UInt16
 
 from fgpose.association.recording import Association
-from fgpose.association.track import TrackEvent
+from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
+from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people import NOBODY, Detections
 from fgpose.sampling import nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
-from fgpose.viewer import palette, paths
-from fgpose.viewer.body import body_rows, median_of_known
-from fgpose.viewer.owners import OwnedDetections
-from fgpose.viewer.palette import person_colour
-from fgpose.viewer.presence import Presence, presence, presence_of_tracked
-from fgpose.viewer.rows import Rows, change_rows, log_rows, scalar_rows
-from fgpose.viewer.scene import annotation_class, log_body_styles, log_cameras, log_line
-from fgpose.viewer.session import UpAxis
+from fgpose.viewer.recording import UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.palette import person_colour
+from fgpose.viewer.rerun.rows import Rows, change_rows, log_rows, scalar_rows
+from fgpose.viewer.rerun.scene import (
+    annotation_class,
+    body_rows,
+    log_body_styles,
+    log_cameras,
+    log_line,
+    median_of_known,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class OwnedDetections:
+    """Everybody whom one camera detected, image by image."""
+
+    frame: Int[np.ndarray, " detection"]
+    """In which frame of the recording the detection is; increasing."""
+    points2d_px: Float[np.ndarray, "detection joint 2"]
+    """Pixels of the original image; NaN: not detected."""
+    owner: Int[np.ndarray, "detection joint"]
+    """Whose joint it is, or NOBODY."""
+
+    @staticmethod
+    def of(association: Association, camera: int) -> OwnedDetections:
+        """Of one camera of the association, in all of its frames."""
+        image_of = association.frames.image[:, camera]
+        images = association.observations.by_camera[association.rig.names[camera]]
+        shown = [(t, images[image_of[t]]) for t in np.flatnonzero(image_of != NO_IMAGE).tolist()]
+        n_joints = association.observations.skeleton.n_joints
+        points2d_px = np.concatenate([np.zeros((0, n_joints, 2)), *(image.points2d_px for _, image in shown)])
+        frame = np.repeat([t for t, _ in shown], [image.n_people for _, image in shown]).astype(int)
+        owner = np.full(points2d_px.shape[:2], NOBODY)
+        for person, seen in association.people.items():
+            number = seen.detection[:, camera]
+            t, j = np.nonzero(number != NOBODY)
+            first = np.searchsorted(frame, seen.first_frame + t)
+            owner[first + number[t, j], seen.joint[t, camera, j]] = person
+        return OwnedDetections(frame, points2d_px, owner)
+
+    @staticmethod
+    def nothing(n_joints: int) -> OwnedDetections:
+        """Of a camera that detected nobody."""
+        return OwnedDetections(np.zeros(0, dtype=int), np.zeros((0, n_joints, 2)), np.zeros((0, n_joints), dtype=int))
+
+    @staticmethod
+    def of_image(image: Detections, people: Sequence[Tracked]) -> OwnedDetections:
+        """Of one image, the newest of its camera; it is in frame 0."""
+        owner = np.full(image.confidence.shape, NOBODY)
+        for each in people:
+            if image.camera in each.seen:
+                detection, joint = each.seen[image.camera]
+                known = detection != NOBODY
+                owner[detection[known], joint[known]] = each.person
+        return OwnedDetections(np.zeros(image.n_people, dtype=int), image.points2d_px, owner)
+
+    def n_unused(self, n_frames: int) -> Int[np.ndarray, " frame"]:
+        """How many detections of each frame belong to nobody."""
+        return np.bincount(self.frame[(self.owner == NOBODY).all(axis=1)], minlength=n_frames)
+
+
+class Presence(IntEnum):
+    """Where somebody is in a frame of the recording."""
+
+    OUTSIDE = 0
+    """Before the first or after the last frame in which a camera detects them."""
+    SEEN = 1
+    """At least one camera detects them."""
+    PREDICTED = 2
+    """No camera detects them, and they are still followed."""
+    AWAY = 3
+    """They were lost, and will be found again."""
+
+
+def presence(association: Association, person: int) -> Int[np.ndarray, " frame"]:
+    """Of one person in every frame of the recording, values of Presence. Raises KeyError if there is no such person."""
+    seen, time_s = association.people[person], association.frames.frame_time_s
+    state = np.full(len(time_s), Presence.OUTSIDE)
+    detected = (seen.detection != NOBODY).any(axis=(1, 2))
+    state[seen.frames] = np.where(detected, Presence.SEEN, Presence.PREDICTED)
+    lost_s = [event.time_s for event in association.events if event.person == person and event.what == "lost"]
+    for lost in nearest(np.array(lost_s), time_s).tolist():
+        begin = lost + int(state[lost] == Presence.SEEN)
+        again = np.flatnonzero(state[begin:] == Presence.SEEN)
+        if len(again):
+            state[begin : begin + again[0]] = Presence.AWAY
+    return state
+
+
+def presence_of_tracked(tracked: Tracked) -> Presence:
+    """Of somebody who is in the room, live: whether who is lost will be found again is not known."""
+    return Presence.PREDICTED if tracked.state is TrackState.COASTING else Presence.SEEN
+
 
 # Smaller than those of one person: people are smaller in the images, and may hide each other.
 _DETECTION_RADIUS = rr.Radius.ui_points(2.5)

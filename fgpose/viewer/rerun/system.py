@@ -11,15 +11,14 @@ from jaxtyping import UInt8
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.viewer import palette, paths
-from fgpose.viewer.blueprint import people_blueprint
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
-from fgpose.viewer.rerun_recording import RerunRecording
-from fgpose.viewer.rerun_session import Target
-from fgpose.viewer.rows import Rows, TimeKind, change_rows, log_rows, scalar_rows
-from fgpose.viewer.scene import log_line
-from fgpose.viewer.session import UpAxis
-from fgpose.viewer.system_recording import CameraSaid, Moment, SystemRecording
+from fgpose.viewer.recording import CameraSaid, Moment, SystemRecording, UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.blueprint import people_blueprint
+from fgpose.viewer.rerun.recording import RerunRecording
+from fgpose.viewer.rerun.rows import Rows, TimeKind, change_rows, log_rows, scalar_rows
+from fgpose.viewer.rerun.scene import log_line
+from fgpose.viewer.rerun.session import Target
 
 _UNKNOWN = CameraSaid("")
 

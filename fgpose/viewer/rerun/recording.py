@@ -17,33 +17,58 @@ from fgpose.observations import Observations
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Trajectory
-from fgpose.viewer import palette, paths
-from fgpose.viewer.blueprint import blueprint, people_blueprint
-from fgpose.viewer.clock import Clock
-from fgpose.viewer.people_content import (
+from fgpose.viewer.pictures import PictureOptions
+from fgpose.viewer.recording import Recording, UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.blueprint import blueprint, people_blueprint
+from fgpose.viewer.rerun.people import (
+    Presence,
     association_rows,
     log_people_scene,
     log_person_styles,
     nobody,
     person_rows,
+    presence_of_tracked,
     update_rows,
 )
-from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.presence import Presence, presence_of_tracked
-from fgpose.viewer.recording import Recording
-from fgpose.viewer.rerun_session import RerunSession, Target
-from fgpose.viewer.results_content import (
+from fgpose.viewer.rerun.results import (
     log_residual_styles,
     log_scene,
     observation_rows,
     residual_rows,
     trajectory_rows,
 )
-from fgpose.viewer.rows import scalar_rows
-from fgpose.viewer.scene import up_vector
-from fgpose.viewer.session import UpAxis
+from fgpose.viewer.rerun.rows import scalar_rows
+from fgpose.viewer.rerun.scene import up_vector
+from fgpose.viewer.rerun.session import RerunSession, Target
 
 _EARLIER_THICKNESS = 0.5  # of all results but the last, which shall stand out
+
+
+class _Clock:
+    """Learns the frames of a recording as they are logged, in any order."""
+
+    def __init__(self) -> None:
+        self._time_s: dict[int, float] = {}
+        self.last_frame = -1
+        """The last that has been logged; -1: none has."""
+
+    def learn(self, first_frame: int, time_s: Float[np.ndarray, " frame"]) -> None:
+        """Times of frames from first_frame on."""
+        frames = range(first_frame, first_frame + len(time_s))
+        self._time_s |= dict(zip(frames, time_s.tolist(), strict=True))
+        self.last_frame = max(self.last_frame, *frames, -1)
+
+    def forget(self, frame: int) -> None:
+        """Times of the frames before this one are not needed any more."""
+        self._time_s = {known: time_s for known, time_s in self._time_s.items() if known >= frame}
+
+    def time_s(self, frame: int) -> float:
+        """Of a frame between the first that is known and the last; interpolated if it has not been logged."""
+        if frame in self._time_s:
+            return self._time_s[frame]
+        known = sorted(self._time_s)
+        return float(np.interp(frame, known, [self._time_s[each] for each in known]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +106,7 @@ class RerunRecording(RerunSession, Recording):
         self._factors: tuple[str, ...] = ()
         self._last_status: dict[str, np.ndarray] = {}
         self._introduced: set[int] = set()
-        self._clock = Clock()
+        self._clock = _Clock()
         self._last: dict[int, _Last] = {}
         self._presence: dict[int, Presence] = {}
         self._update = -1

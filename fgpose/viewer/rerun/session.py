@@ -20,12 +20,12 @@ from jaxtyping import Float, UInt8
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import NotWrittenError, not_written, replacing
 from fgpose.skeleton import Skeleton
-from fgpose.viewer import paths
 from fgpose.viewer.pictures import CameraPictures, PictureOptions
-from fgpose.viewer.rows import Rows, TimeKind, set_times
-from fgpose.viewer.rrd_file import RrdFile
-from fgpose.viewer.scene import log_picture_style
-from fgpose.viewer.session import Session
+from fgpose.viewer.recording import Session
+from fgpose.viewer.rerun import paths
+from fgpose.viewer.rerun.rows import Rows, TimeKind, set_times
+from fgpose.viewer.rerun.rrd_file import RrdFile
+from fgpose.viewer.rerun.scene import log_picture_style
 
 _HOST = "127.0.0.1"
 _MAX_PORT = 65535  # of TCP

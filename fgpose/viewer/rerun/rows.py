@@ -10,7 +10,7 @@ import rerun as rr
 from jaxtyping import Float, Int, UInt8
 
 from fgpose.trajectory import Status
-from fgpose.viewer.palette import Colour
+from fgpose.viewer.rerun.palette import Colour
 
 # Radius of the ellipsoid that holds 90 % of a Gaussian in three dimensions, in sigmas: sqrt of chi2's quantile.
 _SIGMAS_90 = 2.5003

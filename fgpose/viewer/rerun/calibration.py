@@ -1,4 +1,4 @@
-"""From the arrays of a calibration to what a recording shows of it."""
+"""The recording of a calibration in Rerun."""
 
 from __future__ import annotations
 
@@ -9,11 +9,15 @@ import rerun as rr
 from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.viewer import palette, paths
-from fgpose.viewer.calibration_recording import CalibrationScene
-from fgpose.viewer.rows import Rows, scalar_rows
-from fgpose.viewer.scene import frustum_m, log_line, up_vector
-from fgpose.viewer.session import UpAxis
+from fgpose.skeleton import Skeleton
+from fgpose.viewer.pictures import PictureOptions
+from fgpose.viewer.recording import WALK, CalibrationRecording, CalibrationScene, UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.blueprint import calibration_blueprint
+from fgpose.viewer.rerun.recording import RerunRecording
+from fgpose.viewer.rerun.rows import Rows, scalar_rows
+from fgpose.viewer.rerun.scene import frustum_m, log_line, up_vector
+from fgpose.viewer.rerun.session import Target
 
 # Radius of the ball that holds 90 % of a Gaussian in three dimensions, in standard deviations of one axis.
 _SIGMAS_90 = 2.5003
@@ -118,3 +122,29 @@ def epipolar_rows(rig: CameraRig, epipolar_px: Float[np.ndarray, "frame camera o
         for o, other in enumerate(rig.names):
             if o != c:
                 yield scalar_rows(paths.join(paths.EPIPOLAR_PX, camera, other), epipolar_px[:, c, o])
+
+
+class RerunCalibrationRecording(RerunRecording, CalibrationRecording):
+    """See CalibrationRecording and open_calibration_recording."""
+
+    def __init__(
+        self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
+    ) -> None:
+        super().__init__(target, (rig, skeleton, (WALK,)), up, pictures, calibration_blueprint(rig, up))
+
+    def log_calibration(self, scene: CalibrationScene) -> None:
+        n_frames, n_cameras = len(scene.time_s), self._rig.n_cameras
+        shapes = {
+            "position_sigma_m": (n_cameras,),
+            "path_m": (n_frames, 3),
+            "epipolar_px": (n_frames, n_cameras, n_cameras),
+        }
+        for name, shape in shapes.items():
+            if getattr(scene, name).shape != shape:
+                raise ValueError(f"{name} must be {shape}, got {getattr(scene, name).shape}")
+        if scene.before is not None and scene.before.names != self._rig.names:
+            raise ValueError(
+                f"the cameras before are {', '.join(scene.before.names)}, not {', '.join(self._rig.names)}"
+            )
+        log_calibration_scene(self._open_stream, self._rig, scene, self._up)
+        self._send(epipolar_rows(self._rig, scene.epipolar_px), scene.time_s)

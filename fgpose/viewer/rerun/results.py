@@ -12,16 +12,22 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
-from fgpose.viewer import palette, paths
-from fgpose.viewer.body import body_rows, median_of_known
-from fgpose.viewer.palette import Colour, weight_colours
-from fgpose.viewer.rows import Rows, document_rows, point_rows, scalar_rows
-from fgpose.viewer.scene import annotation_class, log_body_styles, log_cameras, log_line
-from fgpose.viewer.session import UpAxis
+from fgpose.viewer.recording import UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.palette import Colour, weight_colours
+from fgpose.viewer.rerun.rows import Rows, document_rows, point_rows, scalar_rows
+from fgpose.viewer.rerun.scene import (
+    annotation_class,
+    body_rows,
+    log_body_styles,
+    log_cameras,
+    log_line,
+    median_of_known,
+)
 
 # Of Rerun's annotations; cameras and results follow, see _log_annotations.
 _DETECTION_CLASS = 0
-_VIEW_RADIUS_M = 0.008  # half of a joint of a result (body.py)
+_VIEW_RADIUS_M = 0.008  # half of a joint of a result
 # The largest residual of a joint is set in bold if it is more than this many sigmas.
 _NOTABLE_SIGMAS = 2.0
 
