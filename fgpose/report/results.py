@@ -22,7 +22,7 @@ from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
-from fgpose.report.origin_facts import facts_of, findings_of, without_home
+from fgpose.report.sections.origin import facts_of, findings_of, without_home
 from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory
 

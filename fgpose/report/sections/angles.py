@@ -9,8 +9,8 @@ import numpy as np
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
-from fgpose.report.curves import lines
-from fgpose.report.person_blocks import of_people
+from fgpose.report.plots import lines
+from fgpose.report.sections.people import of_people
 from fgpose.trajectory import Trajectory
 
 if TYPE_CHECKING:

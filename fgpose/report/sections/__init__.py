@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.report.angle_section import angle_section
 from fgpose.report.blocks import Section
-from fgpose.report.body_sections import bone_section, sigma_section
-from fgpose.report.camera_sections import camera_section, reprojection_section, seen_section
-from fgpose.report.mark_section import draw_marks, mark_section
-from fgpose.report.moment_section import moment_section
-from fgpose.report.origin_section import origin_section
-from fgpose.report.people_section import people_section
+from fgpose.report.sections.angles import angle_section
+from fgpose.report.sections.body import bone_section, sigma_section
+from fgpose.report.sections.cameras import camera_section, reprojection_section, seen_section
+from fgpose.report.sections.marks import draw_marks, mark_section
+from fgpose.report.sections.moments import moment_section
+from fgpose.report.sections.origin import origin_section
+from fgpose.report.sections.people import people_section
 
 
 def sections(recording: FinishedRecording) -> list[Section]:

@@ -9,9 +9,8 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames, sigma_m
 from fgpose.diagnosis.solution_checks import sigma_ratio
 from fgpose.report.blocks import Block, Cell, Note, Section, Table, number
-from fgpose.report.curves import lines
-from fgpose.report.person_blocks import of_everybody, of_people
-from fgpose.report.plots import heat_map
+from fgpose.report.plots import heat_map, lines
+from fgpose.report.sections.people import of_everybody, of_people
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 
