@@ -3,16 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
+from fgpose.monocular.network import Network
+from fgpose.monocular.networks import open_network
 from fgpose.pipeline import AnySource, load_source
 from fgpose.skeleton import Skeleton
-from fgpose.study.networks import network
 from fgpose.study.recording import Recording
-from fgpose.study.study import Study, skeleton_of
+from fgpose.study.study import Detect, Study, skeleton_of
+
+
+def network(study: Study) -> Network:
+    """The network of a study, opened once in a process. Raises ValueError and OSError as open_network."""
+    return _network(study.detect, study.base)
+
+
+@lru_cache(maxsize=1)
+def _network(settings: Detect, base: Path) -> Network:
+    file = base / settings.model
+    return open_network(
+        file if file.is_file() else settings.model,
+        kind=settings.network,
+        detector=base / settings.detector if settings.detector else None,
+        max_people=settings.max_people,
+    )
+
 
 DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""

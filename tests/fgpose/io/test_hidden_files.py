@@ -15,7 +15,7 @@ from fgpose.io.keypoints import save_observations
 from fgpose.io.origin import size_bytes
 from fgpose.io.trajectories import save_trajectory
 from fgpose.report.results import find_result
-from fgpose.study.inputs import contents_of, stamp_of
+from fgpose.study.chain import contents_of, stamp_of
 
 
 def hide_files(folder: Path) -> None:
