@@ -92,13 +92,14 @@ ESTIMATION_FLOORS = (
 GTSAM = {"fgpose_factors", "fgpose.geometry", "fgpose.estimation", "fgpose.calibration"}
 MESSAGES = {"fgpose.live.outputs"}
 FILES = {"fgpose.io", "fgpose.config", "fgpose_benchmarks"}
+WEIGHTS = {"fgpose.monocular.downloads"}
 CLUSTER = {"fgpose.study.cluster"}
-STAGE_1 = {"fgpose.monocular"}
 # Modules (and all below them) that may import a library.
 ALLOWED = {
     "gtsam": GTSAM,
     "rerun": {"fgpose.viewer.rerun"},
-    **dict.fromkeys(("onnxruntime", "onnx", "tflite"), STAGE_1),
+    "onnxruntime": {"fgpose.monocular.networks"},
+    **dict.fromkeys(("onnx", "tflite"), WEIGHTS),
     "av": {"fgpose.live.sources", "fgpose.monocular.sound"},
     "tyro": {"fgpose.cli", "fgpose_benchmarks.cli"},
     **dict.fromkeys(("distributed", "dask"), CLUSTER),
@@ -263,6 +264,6 @@ def test_the_rules_see_what_they_are_about() -> None:
     assert "gtsam" in IMPORTS["fgpose.geometry.camera"]
     assert "fgpose.geometry.camera" in IMPORTS["fgpose.geometry.triangulation"]
     assert climbs("fgpose.geometry.camera", "fgpose.estimation.smoother", "fgpose", FLOORS)
-    assert climbs("fgpose.viewer.rerun.scene", "fgpose.monocular.crops", "fgpose", FLOORS)
+    assert climbs("fgpose.viewer.rerun.scene", "fgpose.monocular.networks.crops", "fgpose", FLOORS)
     assert not climbs("fgpose.estimation.smoother", "fgpose.geometry.camera", "fgpose", FLOORS)
     assert climbs("fgpose.estimation.segment", "fgpose.estimation.smoother", "fgpose.estimation", ESTIMATION_FLOORS)

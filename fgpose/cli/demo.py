@@ -17,7 +17,7 @@ from fgpose.extensions import added
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from fgpose.monocular.demo_videos import DemoVideos
+    from fgpose.monocular.downloads.demo_videos import DemoVideos
     from fgpose.pipeline import Outputs, Result, Source
 
 _ONE, _TWO = "a man balancing on one leg", "two people"
@@ -122,7 +122,7 @@ class Demo:
 
     def _run_calibrate(self) -> int:
         from fgpose.cli.calibrate import Calibrate
-        from fgpose.monocular.demo_videos import fetch_demo_videos
+        from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
         console, rig = new_console(), self.output / "demo_calibrated.toml"
         with new_console(stderr=True).status("looking for the videos") as status:
@@ -149,7 +149,7 @@ class Demo:
 
     def _run_from_videos(self, name: str, recording: DemoVideos, what: str) -> None:
         from fgpose.cli.run import Run
-        from fgpose.monocular.demo_videos import fetch_demo_videos
+        from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
         from fgpose.pipeline import Outputs
 
         outputs = Outputs(self.output, name, ("parquet", "trc", "rrd"))

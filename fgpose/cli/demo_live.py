@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from fgpose.cli.options import new_console
 
 if TYPE_CHECKING:
-    from fgpose.monocular.demo_videos import DemoVideos
+    from fgpose.monocular.downloads.demo_videos import DemoVideos
 
 # 30 images a second of 540 x 960 pixels: two cores keep up.
 _EVERY = _SHRINK = 2
@@ -42,7 +42,7 @@ def run_live_demo(recording: DemoVideos, what: str, output: Path, max_people: in
     from fgpose.cli.live_command import Live
     from fgpose.io.atomic import check_writable
     from fgpose.live.recording.played_cameras import RTSP_PACKAGES, played_cameras
-    from fgpose.monocular.demo_videos import fetch_demo_videos
+    from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
     check_writable(output)
     results = LiveDemo(output / "demo_live.fgpose", output / "demo_live.rrd")

@@ -90,7 +90,7 @@ class NetworkOptions:
             )
 
     def _cache_folder(self) -> Path | None:
-        from fgpose.monocular.cache import cache_folder
+        from fgpose.monocular.downloads.cache import cache_folder
 
         return None if self.no_cache else self.cache or cache_folder() / "detections"
 

@@ -25,7 +25,7 @@ class Pull:
     name: Annotated[Positional[str], arg(metavar="NAME", help=_NAMES)]
 
     def run(self) -> None:
-        from fgpose.monocular.models import find_model
+        from fgpose.monocular.downloads.models import find_model
 
         model = find_model(self.name)
         with new_console(stderr=True).status(f"checking {model.name}") as status:
@@ -45,7 +45,7 @@ class ListModels:
 
     def run(self) -> None:
         from fgpose.extensions import added
-        from fgpose.monocular.models import MODELS
+        from fgpose.monocular.downloads.models import MODELS
 
         console = new_console()
         for model in MODELS:

@@ -30,9 +30,9 @@ from fgpose.io.kinematics import save_kinematics
 from fgpose.io.origin import Origin, input_file
 from fgpose.io.trajectories import load_origin, load_people_trajectories, save_people
 from fgpose.io.upright import resolved_up
-from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect as run_network
+from fgpose.monocular.downloads.cache import cache_folder
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import Sources, find_clips, open_sources
 from fgpose.observations import Observations

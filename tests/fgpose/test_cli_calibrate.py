@@ -327,7 +327,7 @@ def test_the_demonstration_throws_the_calibration_away(
     squares.write_all(tmp_path / "demo" / "videos", 4)
     save_rig(squares.rig, tmp_path / "demo" / "calibration" / "Calib.toml")
     (tmp_path / "demo" / "calibration" / "Calib.toml").rename(tmp_path / "demo" / "calibration" / "Calib.qca.txt")
-    monkeypatch.setattr("fgpose.monocular.demo_videos.fetch_demo_videos", lambda **options: tmp_path / "demo")
+    monkeypatch.setattr("fgpose.monocular.downloads.demo_videos.fetch_demo_videos", lambda **options: tmp_path / "demo")
     chain.result = squares_result(squares)
     assert main(["demo", "--calibrate", "--output", str(tmp_path / "out")]) == 0
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["demo_calibrated.rrd", "demo_calibrated.toml"]

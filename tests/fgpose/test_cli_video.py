@@ -431,13 +431,14 @@ def test_networks_that_cannot_be_opened(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: Any,
 ) -> None:
-    from fgpose.monocular.models import PulledModel, pull
+    from fgpose.monocular.downloads.models import PulledModel, pull
 
     # Of a file of one's own only the detector would be fetched.
     pulled = PulledModel(tmp_path / "landmarks.onnx", tmp_path / "detector.onnx")
     names = ("blazepose-lite", "blazepose-full", "blazepose-heavy")
     monkeypatch.setattr(
-        "fgpose.monocular.models.pull", lambda name, progress=None: pulled if name in names else pull(name, progress)
+        "fgpose.monocular.downloads.models.pull",
+        lambda name, progress=None: pulled if name in names else pull(name, progress),
     )
     assert culprit in failure(["run", *source, "-o", str(tmp_path / "out"), *options], capsys)
 
@@ -482,7 +483,7 @@ def test_run_on_the_demonstration_videos(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A man on one leg, four cameras, with the weights that are fetched; the first 20 frames."""
-    from fgpose.monocular.demo_videos import fetch_demo_videos
+    from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
     monkeypatch.delenv("FGPOSE_CACHE")
     try:
@@ -514,7 +515,7 @@ def test_run_on_the_demonstration_videos(
 @pytest.mark.filterwarnings("default")
 def test_two_real_people_stay_who_they_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A woman who stands still, hidden in one view by a man who walks past; the views prefer him for a while."""
-    from fgpose.monocular.demo_videos import fetch_demo_videos
+    from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
     monkeypatch.delenv("FGPOSE_CACHE")
     try:

@@ -347,7 +347,7 @@ def _read_detections(folder: Path) -> None:
 
 def _make_tflite(folder: Path) -> None:
     # A module of other tests, which pytest finds by itself.
-    sys.path.append(str(TESTS / "fgpose" / "monocular"))
+    sys.path.append(str(TESTS / "fgpose" / "monocular" / "downloads"))
     tiny = importlib.import_module("tiny_tflite").TinyTflite()
     image, hidden = tiny.tensor(1, 4, 4, 2, name="image"), tiny.tensor(1, 4, 4, 2)
     result = tiny.tensor(1, 4, 4, 2, name="result")
@@ -357,7 +357,7 @@ def _make_tflite(folder: Path) -> None:
 
 
 def _read_tflite(folder: Path) -> bytes:
-    from fgpose.monocular.tflite import convert
+    from fgpose.monocular.downloads.tflite import convert
 
     return convert((folder / "tiny.tflite").read_bytes(), name="tiny.tflite")
 
