@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fgpose.cli.command_line import command_line
-from fgpose.cli.options import new_console
+from fgpose.cli.console import new_console
+from fgpose.cli.process import command_line
 
 if TYPE_CHECKING:
     import numpy as np

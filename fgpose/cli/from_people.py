@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.console import new_console, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -211,7 +211,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 def print_calibrated(console: Console, result: CalibratedFromPeople, written: Sequence[Path]) -> None:
     """A table of the cameras, how well all is known, the verdict with its reasons, and the files."""
-    from fgpose.cli.tables import new_table
+    from fgpose.cli.console import new_table
     from fgpose.pipeline.calibration_report import camera_rows, summary, verdict
 
     table = new_table("", *result.rig.names)

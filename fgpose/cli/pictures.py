@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.cli.options import progress_bar
+from fgpose.cli.console import progress_bar
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.sampling import nearest
 

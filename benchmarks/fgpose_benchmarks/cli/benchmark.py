@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg, subcommand
 
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.console import counting_bar, new_console
 from fgpose_benchmarks.cli.calibrate import Calibrate
 from fgpose_benchmarks.cli.data import Human36M, OccludeImages, Workcell
 from fgpose_benchmarks.cli.faults import Faults

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.console import counting_bar, new_console
 from fgpose_benchmarks.cli.method_comparison import MethodComparison, OutputFolder
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.command_line import command_line
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.process import command_line
 
 # A tenth of it: what fits into the tests.
 _QUICK_DAMAGES = (

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.console import counting_bar, new_console
 from fgpose_benchmarks.cli.method_comparison import MethodComparison, OutputFolder
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, row
 
 from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
-from fgpose.cli import live_viewer
+from fgpose.cli import viewers
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import NotWrittenError
 from fgpose.io.live_recordings import RecordedImage
@@ -279,9 +279,9 @@ def test_a_viewer_connects_to_the_system(
     has_display: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     started: list[list[str]] = []
-    monkeypatch.setattr(live_viewer, "has_display", lambda: has_display)
-    monkeypatch.setattr(live_viewer, "_start", started.append)
-    output = live_viewer.open_viewer(None, RIG, SKELETON, True, lambda line: None)
+    monkeypatch.setattr(viewers, "has_display", lambda: has_display)
+    monkeypatch.setattr(viewers, "_start", started.append)
+    output = viewers.open_viewer(None, RIG, SKELETON, True, lambda line: None)
     try:
         assert output.viewer_url is not None
         # Wherever there is no window to be opened, it is said how to look.

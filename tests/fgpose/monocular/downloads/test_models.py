@@ -17,7 +17,7 @@ import tyro
 from registry_packages import Registry, member_of
 from tiny_tflite import TinyTflite
 
-from fgpose.cli.models import Models
+from fgpose.cli.commands.models import Models
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.downloads import models
 from fgpose.monocular.downloads.cache import CachedFile, cache_folder

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import Positional, UseAppendAction, arg
 
-from fgpose.cli.options import new_console
+from fgpose.cli.console import new_console
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.plain_files import naming
 
@@ -69,7 +69,7 @@ class Angles:
 def ranges_table(angles: JointAngles) -> Table:
     """One row per angle: least, median and greatest value, mean standard deviation, and in how many frames it is
     determined."""
-    from fgpose.cli.tables import new_table
+    from fgpose.cli.console import new_table
 
     table = new_table("angle [deg]", "min", "median", "max", "sigma", "known [%]")
     for index, name in enumerate(angles.names):

@@ -14,7 +14,7 @@ import pytest
 
 from fgpose.cli import app
 from fgpose.cli.app import main
-from fgpose.cli.streams_and_signals import TERMINATED
+from fgpose.cli.process import TERMINATED
 from fgpose.io.atomic import write_text
 from tests.fgpose.live.output_frames import wait_until
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.options import new_console
+from fgpose.cli.console import new_console
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -95,7 +95,7 @@ def run_and_print(study: StudyFile, options: Study) -> StudyResult:
 
 def print_plan(console: Console, plan: Plan) -> int:
     """A table of what would be done. Returns the exit code: 1 if a recording cannot be done."""
-    from fgpose.cli.tables import new_table
+    from fgpose.cli.console import new_table
 
     plan.counted()
     table = new_table("recording", "from", "steps")

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from fgpose.cli.calibrate import FAILED
 from fgpose.cli.calibration import calibrated
-from fgpose.cli.detect import VideoOptions
+from fgpose.cli.commands.calibrate import FAILED
+from fgpose.cli.commands.detect import VideoOptions
+from fgpose.cli.console import new_console, progress_bar
 from fgpose.cli.from_people import FromPeopleOptions, nothing_written, print_calibrated
-from fgpose.cli.options import ParameterOptions, new_console, progress_bar
+from fgpose.cli.options import ParameterOptions
 from fgpose.cli.pictures import show_images, show_walk_images
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
     def run(self) -> int:
         from fgpose.cli.delivery import deliver
-        from fgpose.cli.live import live_viewer
+        from fgpose.cli.viewers import live_viewer
         from fgpose.pipeline import run_smooth, show
 
         self.check_cameras()

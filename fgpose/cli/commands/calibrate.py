@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.detect import NetworkOptions, quieten_decoder
-from fgpose.cli.findings import look_at
+from fgpose.cli.commands.detect import NetworkOptions, quieten_decoder
+from fgpose.cli.console import new_console
+from fgpose.cli.delivery import look_at
 from fgpose.cli.from_people import FromPeopleOptions, nothing_written, parse_size, print_calibrated
-from fgpose.cli.options import new_console
 from fgpose.cli.pictures import show_walk_images
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
 
 def _print_bumped(console: Console, bumped: BumpedRig[Any], written: Sequence[Path]) -> None:
-    from fgpose.cli.tables import new_table
+    from fgpose.cli.console import new_table
     from fgpose.pipeline.calibration_report import bumped_rows, bumped_summary, verdict
 
     table = new_table("", *bumped.rig.names)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.console import new_console, progress_bar
 from fgpose.geometry.up_axis import UpChoice
 
 

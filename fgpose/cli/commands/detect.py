@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, checked_frames, new_console, progress_bar, wanted_region
+from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, checked_frames, wanted_region
 from fgpose.observations import check_confidence
 
 if TYPE_CHECKING:
@@ -238,7 +239,7 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
 def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np.ndarray, "frame camera"]) -> None:
     """For each camera: in how many frames it saw the person, in how many left and right were exchanged, and why 3D is
     missing or uncertain."""
-    from fgpose.cli.tables import new_table
+    from fgpose.cli.console import new_table
 
     observations = corrected.observations
     table = new_table("", *observations.camera_names)

@@ -12,9 +12,9 @@ import pytest
 # What a live system does with its streams: lines, a spinner, warnings, logs, and files of its own.
 _PROGRAM = """
 import logging, os, sys, warnings
-from fgpose.cli.live_status import ConsoleLog
-from fgpose.cli.options import new_console
-from fgpose.cli.streams_and_signals import forgiving_streams
+from fgpose.cli.commands.live import ConsoleLog
+from fgpose.cli.console import new_console
+from fgpose.cli.process import forgiving_streams
 
 with forgiving_streams():
     recording = open(sys.argv[1], "xb", buffering=0)

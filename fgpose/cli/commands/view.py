@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,11 +12,10 @@ from jaxtyping import Float
 from tyro.conf import Positional, arg
 
 from fgpose.child_process import run_program
-from fgpose.cli.options import new_console
-from fgpose.cli.reachable import warn_if_others_reach
+from fgpose.cli.console import new_console
+from fgpose.cli.viewers import has_display, rerun_program, warn_if_others_reach
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.plain_files import open_plain
-from fgpose.viewer.opening import leave_out_analytics
 
 if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
@@ -114,17 +110,3 @@ def onlooker(positions_m: Float[np.ndarray, "frame joint 3"]) -> CameraRig:
     world_T_camera[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
     world_T_camera[:3, 3] = target_m - [0.0, 4.0, 0.0]
     return CameraRig((Camera("no calibration", (1000, 1000), K, world_T_camera, np.zeros(0)),))
-
-
-def rerun_program() -> str:
-    """The viewer's program: that beside this Python, else the one on the path."""
-    beside = shutil.which("rerun", path=str(Path(sys.executable).parent))
-    program = beside or shutil.which("rerun")
-    if program is None:
-        raise ImportError("the viewer needs Rerun: pip install 'fgpose[viewer]'")
-    leave_out_analytics()
-    return program
-
-
-def has_display() -> bool:
-    return sys.platform != "linux" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))

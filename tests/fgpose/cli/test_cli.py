@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from fgpose.cli import app, commands, live, main, view
+from fgpose.cli import app, main, viewers
 from fgpose.cli.calibration import calibrated
-from fgpose.cli.live_consumers import Consumers
-from fgpose.cli.live_options import LiveOutputs
-from fgpose.cli.options import new_console
-from fgpose.cli.reachable import warn_if_others_reach
-from fgpose.cli.tables import new_table
+from fgpose.cli.commands import estimators, view
+from fgpose.cli.console import new_console, new_table
+from fgpose.cli.live_consumers import Consumers, LiveOutputs
+from fgpose.cli.viewers import warn_if_others_reach
 from fgpose.config import Config
 from fgpose.estimation.smoother import smooth
 from fgpose.geometry.camera import CameraRig
@@ -242,7 +241,7 @@ def test_live_serves_until_ctrl_c(
     def ctrl_c() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(live, "_sleep_forever", ctrl_c)
+    monkeypatch.setattr(viewers, "_sleep_forever", ctrl_c)
     options = ["--output", str(tmp_path), "--live", "--port", "0", "--formats", "npz", "rrd", "--online.lag-s", "0.05"]
     assert main([command, *source, *options]) == 0
     assert "rerun rerun+http://127.0.0.1:" in capsys.readouterr().err
@@ -458,7 +457,7 @@ def test_folder_that_cannot_be_written_is_found_before_the_work(
     def no_work(self: object) -> None:
         raise AssertionError("the recording was read before the output was checked")
 
-    monkeypatch.setattr(commands.Smooth, "load", no_work)
+    monkeypatch.setattr(estimators.Smooth, "load", no_work)
     (tmp_path / "file").touch()
     line = failure(["smooth", *source, "--output", str(tmp_path / "file" / "out")], capsys)
     assert str(tmp_path / "file" / "out") in line

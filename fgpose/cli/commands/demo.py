@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import shutil
 import sys
+import tempfile
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from fgpose.cli.options import checked_frames, new_console, progress_bar
+from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.options import checked_frames
 from fgpose.extensions import added
 
 if TYPE_CHECKING:
@@ -21,6 +24,8 @@ if TYPE_CHECKING:
     from fgpose.pipeline import Outputs, Result, Source
 
 _ONE, _TWO = "a man balancing on one leg", "two people"
+# 30 images a second of 540 x 960 pixels: two cores keep up.
+_EVERY = _SHRINK = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,11 +91,9 @@ class Demo:
             self._run_from_detections()
 
     def _run_live(self) -> None:
-        from fgpose.cli.demo_live import run_live_demo
-
         recording, what = ("Demo_MultiPerson", _TWO) if self.people else ("Demo_SinglePerson", _ONE)
-        run_live_demo(recording, what, self.output, 2 if self.people else 1, self.duration_s)
         rrd, session = self.output / "demo_live.rrd", self.output / "demo_live.fgpose"
+        run_live_demo(recording, what, session, rrd, 2 if self.people else 1, self.duration_s)
         fgpose = _program("fgpose")
         # With a name of its own: the .rrd of the demonstration stays.
         smooth = f"{session} --rig {session} --skeleton blazepose_33 -o {self.output} --name demo_live_smooth"
@@ -105,8 +108,8 @@ class Demo:
         )
 
     def _run_study(self) -> None:
-        from fgpose.cli.report import Report
-        from fgpose.cli.study import Study, run_and_print
+        from fgpose.cli.commands.report import Report
+        from fgpose.cli.commands.study import Study, run_and_print
         from fgpose.study import load_study
 
         write_demo_study = added("fgpose.demonstrations").get("study")
@@ -121,7 +124,7 @@ class Demo:
         _print_lines(console, _study_lines(file, output))
 
     def _run_calibrate(self) -> int:
-        from fgpose.cli.calibrate import Calibrate
+        from fgpose.cli.commands.calibrate import Calibrate
         from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 
         console, rig = new_console(), self.output / "demo_calibrated.toml"
@@ -148,7 +151,7 @@ class Demo:
         return code
 
     def _run_from_videos(self, name: str, recording: DemoVideos, what: str) -> None:
-        from fgpose.cli.run import Run
+        from fgpose.cli.commands.run import Run
         from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
         from fgpose.pipeline import Outputs
 
@@ -260,3 +263,50 @@ def _program(name: str) -> str:
     if not path.exists() or (found is not None and Path(found).resolve() == path.resolve()):
         return name
     return str(path.relative_to(Path.cwd())) if path.is_relative_to(Path.cwd()) else str(path)
+
+
+def run_live_demo(
+    recording: DemoVideos, what: str, record: Path, rrd: Path, max_people: int, duration_s: float
+) -> None:
+    """Play videos as cameras, and estimate, show and record what they see, for so long or until Ctrl-C.
+
+    Args:
+        recording: the videos.
+        what: is seen in them.
+        record: file of the detections and the estimates; an older one is replaced.
+        rrd: file for the viewer.
+        max_people: in an image.
+        duration_s: how long.
+
+    Raises:
+        ValueError: what was fetched is damaged.
+        OSError: the videos cannot be fetched, or the results cannot be written.
+    """
+    from fgpose.cli.commands.live import Live
+    from fgpose.io.atomic import check_writable
+    from fgpose.live.recording.played_cameras import RTSP_PACKAGES, played_cameras
+    from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
+
+    check_writable(record.parent)
+    # A recording is never written over; that of the last demonstration may go.
+    record.unlink(missing_ok=True)
+    console, status = new_console(), new_console(stderr=True).status("looking for the videos")
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fgpose-")))
+        with status:
+            fetched = fetch_demo_videos(recording=recording, progress=status.update)
+            videos = {path.stem: path for path in sorted((fetched / "videos").glob("*.mp4"))}
+            calibration = fetched / "calibration" / "Calib.qca.txt"
+            played = stack.enter_context(
+                played_cameras(videos, calibration, folder, every=_EVERY, shrink=_SHRINK, progress=status.update)
+            )
+        how = "over RTSP" if played.is_rtsp else f"as files (over RTSP with: apt-get install {RTSP_PACKAGES})"
+        console.print(f"videos of {what}, in real time {how}: {fetched}", soft_wrap=True)
+        Live(
+            rig=played.rig_file,
+            max_people=max_people,
+            page=0,
+            record=record,
+            rrd=rrd,
+            duration_s=duration_s,
+        ).run()

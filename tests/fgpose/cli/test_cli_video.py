@@ -185,14 +185,14 @@ def test_the_recording_shows_every_image_in_its_frame(
 def test_live_shows_the_images_too(
     source: list[str], network: SquaresNetwork, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
 ) -> None:
-    from fgpose.cli import live
+    from fgpose.cli import viewers
     from fgpose.viewer.rerun.recording import RerunRecording
 
     def ctrl_c() -> None:
         raise KeyboardInterrupt
 
     logged: list[str] = []
-    monkeypatch.setattr(live, "_sleep_forever", ctrl_c)
+    monkeypatch.setattr(viewers, "_sleep_forever", ctrl_c)
     monkeypatch.setattr(RerunRecording, "log_image", lambda self, camera, *rest: logged.append(camera))
     options = ["-o", str(tmp_path / "out"), "--live", "--port", "0", "--formats", "npz"]
     assert main(["run", *source, *options]) == 0

@@ -1,15 +1,30 @@
-"""What a command is given by the system: signals, and streams that may be closed, full or of a reader who has gone."""
+"""What a command is given by the system: its arguments, signals, and streams (closed, full, or without a reader)."""
 
 from __future__ import annotations
 
 import os
+import shlex
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from types import FrameType
 from typing import Any
+
+_ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("arguments", default=())
+
+
+def set_arguments(arguments: Sequence[str]) -> None:
+    """Remember what main was called with, for the results that are made."""
+    _ARGUMENTS.set(tuple(arguments))
+
+
+def command_line() -> str:
+    """As it can be typed into a shell."""
+    return shlex.join(["fgpose", *_ARGUMENTS.get()])
+
 
 TERMINATED = 128 + signal.SIGTERM
 """Exit code after SIGTERM."""

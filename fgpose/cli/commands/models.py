@@ -7,7 +7,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg, subcommand
 
-from fgpose.cli.options import new_console
+from fgpose.cli.console import new_console
 
 _NAMES = "blazepose-lite, blazepose-full or blazepose-heavy."
 

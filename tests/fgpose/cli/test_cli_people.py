@@ -13,7 +13,8 @@ from rrd_contents import entities, rows
 from fgpose.assessment.people import evaluate_people
 from fgpose.association.chosen_person import main_person
 from fgpose.calibration.rig_refinement import refine_rig
-from fgpose.cli import live, main, view
+from fgpose.cli import main, viewers
+from fgpose.cli.commands import view
 from fgpose.config import Config
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
@@ -153,7 +154,7 @@ def test_track_serves_what_it_has_shown_until_ctrl_c(
     def ctrl_c() -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(live, "_sleep_forever", ctrl_c)
+    monkeypatch.setattr(viewers, "_sleep_forever", ctrl_c)
     options = ["--formats", "rrd", "parquet", "--frames", "30", "-o", str(tmp_path)]
     paths = []
     for name, more in (("live", ["--live", "--port", "0"]), ("afterwards", [])):

@@ -3,32 +3,37 @@
 from __future__ import annotations
 
 import logging
+import math
 import signal
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from fgpose.cli.live_consumers import Consumers
-from fgpose.cli.live_options import LiveInputs, LiveOutputs
-from fgpose.cli.live_replay import run_replay
-from fgpose.cli.options import new_console
-from fgpose.cli.streams_and_signals import forgiving_streams
+from fgpose.cli.console import new_console
+from fgpose.cli.live_consumers import Consumers, LiveInputs, LiveOutputs
+from fgpose.cli.process import forgiving_streams
+from fgpose.live.frame import CameraState, LiveFrame
 
 if TYPE_CHECKING:
+    from rich.console import Console
     from rich.table import Table
 
     from fgpose.live.cameras.rig_file import LiveRig
     from fgpose.live.processes.camera_feed import CameraFeed
+    from fgpose.live.recording.replay import Agreement
     from fgpose.live.report import Report
     from fgpose.monocular.network import Network
     from fgpose.skeleton import Skeleton
 
 _OF_THE_PRESENT = {"distances", "distances_port", "poses_port", "input_keys", "duration_s"}
+_EVERY_S = 0.5  # the line of the terminal changes so often
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +62,6 @@ class Live(LiveOutputs, LiveInputs):
             return self._run()
 
     def _run(self) -> int:
-        from fgpose.cli.live_status import ConsoleLog, StatusLine
         from fgpose.config import Config, load_config
         from fgpose.io.made_by import refuse_others
         from fgpose.live.cameras.rig_file import load_live_rig
@@ -177,8 +181,6 @@ def _table(report: Report) -> Table:
     from rich import box
     from rich.table import Table
 
-    from fgpose.live.frame import CameraState
-
     median_ms, p95_ms, p99_ms = (report.latency_ms(percent) for percent in (50.0, 95.0, 99.0))
     table = Table(
         title=f"{report.n_frames} frames; from image to frame: median {median_ms:.0f} ms, 95 % {p95_ms:.0f} ms, "
@@ -196,3 +198,102 @@ def _table(report: Report) -> Table:
         counts = [str(number) for number in (camera.n_images, camera.n_used, camera.n_lost)]
         table.add_row(camera.name, *counts, f"{camera.rate_hz:.1f}", *seconds)
     return table
+
+
+class StatusLine:
+    """A consumer of frames, while it is open. There is no line where the console is no terminal."""
+
+    def __init__(self, console: Console) -> None:
+        self._status = console.status("", refresh_per_second=2 / _EVERY_S)
+        self._said_s = 0.0
+        self._n_frames = 0
+
+    def publish(self, frame: LiveFrame) -> None:
+        """Count the frame, and say from time to time what frames say."""
+        self._n_frames += 1
+        elapsed_s = frame.published_s - self._said_s
+        if elapsed_s >= _EVERY_S:
+            self._status.update(in_words(frame, self._n_frames / elapsed_s))
+            self._said_s, self._n_frames = frame.published_s, 0
+
+    def __enter__(self) -> StatusLine:
+        self._status.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._status.stop()
+
+
+class ConsoleLog(logging.Handler):
+    """Prints what is logged above the line."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._console.print(self.format(record), soft_wrap=True)
+
+
+def in_words(frame: LiveFrame, rate_hz: float) -> str:
+    """A line on people, cameras, frames and their age."""
+    n_people, n_cameras = len(frame.people), len(frame.cameras)
+    states = Counter(camera.state for camera in frame.cameras)
+    cameras = f"{states[CameraState.OK]} of {n_cameras} cameras ok"
+    others = [f"{camera.name} {camera.state.value}" for camera in frame.cameras if camera.state is not CameraState.OK]
+    age = f", {1e3 * frame.age_s:.0f} ms old" if any(camera.n_used for camera in frame.cameras) else ""
+    return " · ".join(
+        [
+            "1 person" if n_people == 1 else f"{n_people} people",
+            f"{cameras} ({', '.join(others)})" if others else cameras,
+            f"{rate_hz:.0f} frames/s{age}",
+            f"{frame.observed_share:.0%} of the volume observed",
+        ]
+    )
+
+
+def run_replay(path: Path, outputs: LiveOutputs, config_path: Path | None, *, is_fast: bool) -> int:
+    """Publish the frames of a recording again, and say how they agree with the recorded ones. Returns the exit code.
+
+    Raises:
+        ValueError: the recording is damaged.
+        OSError: a file cannot be read or written.
+    """
+    from fgpose.config import load_config
+    from fgpose.live.clock import Clock
+    from fgpose.live.recording.live_recording import load_live_recording
+    from fgpose.live.recording.replay import replay
+
+    recording = load_live_recording(path)
+    clock = Clock()
+    config = None if config_path is None else load_config(config_path)
+    with ExitStack() as stack:
+        consumers = Consumers(clock)
+        consumers.open(
+            stack, outputs, recording.rig, recording.skeleton, config or recording.config, recording.started_s
+        )
+
+        def publish(frame: LiveFrame) -> None:
+            for consumer in consumers.frames:
+                consumer.publish(frame)
+
+        with new_console(stderr=True).status("") as status:
+            agreement = replay(
+                recording,
+                publish,
+                consumers.observers,
+                config,
+                None if is_fast else clock,
+                lambda time_s: status.update(f"{path}: {time_s:.1f} s"),
+            )
+    new_console().print(_said(agreement), soft_wrap=True)
+    return consumers.say_states()
+
+
+def _said(agreement: Agreement) -> str:
+    text = f"{agreement.n_frames} frames again"
+    if agreement.n_people and not math.isnan(agreement.largest_mm):
+        text += f"; people within {agreement.largest_mm:.4f} mm of those recorded"
+    return text + (f"; {agreement.n_others} times somebody was in one of them only" if agreement.n_others else "")

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.findings import look_at
-from fgpose.cli.options import KeypointOptions, new_console
+from fgpose.cli.console import new_console
+from fgpose.cli.delivery import look_at
+from fgpose.cli.options import KeypointOptions
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -70,7 +71,7 @@ class Synchronise(KeypointOptions):
 
 
 def _table(found: Synchronised) -> Table:
-    from fgpose.cli.tables import new_table
+    from fgpose.cli.console import new_table
 
     table = new_table("synchronisation", *found.rig.names)
     begun_s = found.rig.time_offsets_s - found.rig.time_offsets_s[0]
