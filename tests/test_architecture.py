@@ -107,7 +107,7 @@ ALLOWED = {
     "jinja2": {"fgpose.report"},
     **dict.fromkeys(("pylsl", "mcap", "rosbags"), MESSAGES),
     "zmq": {"fgpose.live", "fgpose.robot.distance_server"},
-    "msgpack": {"fgpose.io.packing"},
+    "msgpack": {"fgpose.io.live.packing"},
     "msgspec": {"fgpose.live", "fgpose.robot.distance_messages"},
     "waitress": {"fgpose.live.page.page_server"},
     "json": {*FILES, "fgpose.live", "fgpose.report"},

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 PROBABLY_WRONG = 3
 """Exit code with --strict where a finding says that numbers are wrong."""
 _MARKS = {Severity.WRONG: "!!", Severity.DOUBTFUL: "!", Severity.NOTE: "-"}
+Summary = Callable[[Result, tuple[Path, ...]], None]
+"""Prints a summary of a result and the files that it is in."""
 
 
 def print_findings(console: Console, diagnosis: Diagnosis) -> None:
@@ -71,10 +73,6 @@ def conclude(console: Console, diagnosis: Diagnosis | None, *, strict: bool) -> 
     line = f"THIS RESULT IS PROBABLY WRONG: {', '.join(codes)}. Read the lines with !! above before you use it."
     console.print(f"[bold red]{line}[/]" if console.is_terminal else line, markup=console.is_terminal, soft_wrap=True)
     return PROBABLY_WRONG if strict else 0
-
-
-Summary = Callable[[Result, tuple[Path, ...]], None]
-"""Prints a summary of a result and the files that it is in."""
 
 
 def deliver(

@@ -14,6 +14,8 @@ from types import FrameType
 from typing import Any
 
 _ARGUMENTS: ContextVar[tuple[str, ...]] = ContextVar("arguments", default=())
+TERMINATED = 128 + signal.SIGTERM
+"""Exit code after SIGTERM."""
 
 
 def set_arguments(arguments: Sequence[str]) -> None:
@@ -24,10 +26,6 @@ def set_arguments(arguments: Sequence[str]) -> None:
 def command_line() -> str:
     """As it can be typed into a shell."""
     return shlex.join(["fgpose", *_ARGUMENTS.get()])
-
-
-TERMINATED = 128 + signal.SIGTERM
-"""Exit code after SIGTERM."""
 
 
 class Interruption:

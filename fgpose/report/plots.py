@@ -22,6 +22,17 @@ _FRAME_PX = 64  # axis, labels and toolbar
 
 Figure = Any
 """A figure of Bokeh. Its stubs reject much of what its documentation does."""
+_BAR = {
+    "width": 10,
+    "padding": 4,
+    "title_text_font_size": "11px",
+    "title_text_font_style": "normal",
+    "background_fill_color": None,
+    "bar_line_color": None,
+}
+_PADDING = 0.05  # of the axis, beyond the values
+_BORDER_PX = 64  # left of the axis: times of figures below each other are below each other
+_BAND = {"fill_alpha": 0.22, "line_color": None}
 
 
 def models() -> Any:
@@ -155,16 +166,6 @@ def colour_bar(mapper: Any, title: str) -> Any:
     return models().ColorBar(color_mapper=mapper, title=title, ticker=ticker, **_BAR)
 
 
-_BAR = {
-    "width": 10,
-    "padding": 4,
-    "title_text_font_size": "11px",
-    "title_text_font_style": "normal",
-    "background_fill_color": None,
-    "bar_line_color": None,
-}
-
-
 def extent_s(time_s: Float[np.ndarray, " frame"]) -> tuple[float, float]:
     step_s = float(np.median(np.diff(time_s))) if len(time_s) > 1 else 1.0
     return float(time_s[0]), float(time_s[-1] - time_s[0]) + step_s
@@ -177,11 +178,6 @@ def share_time(plots: Sequence[Plot]) -> None:
         begin_s, end_s = min(each.start for each in ranges), max(each.end for each in ranges)
         for each in ranges:
             each.update(start=begin_s, end=end_s)
-
-
-_PADDING = 0.05  # of the axis, beyond the values
-_BORDER_PX = 64  # left of the axis: times of figures below each other are below each other
-_BAND = {"fill_alpha": 0.22, "line_color": None}
 
 
 def lines(

@@ -37,6 +37,31 @@ OUTLIER_Z = 3.5
 _LEAST = 5
 # Of the median: recordings that are nearly all alike have no outlier that differs by less than 3.5 %.
 _LEAST_SPREAD = 0.01
+# Column: name in Quality, heading, factor, digits.
+_COLUMNS = (
+    ("duration_s", "duration / s", 1.0, 1),
+    ("seen_share", "seen by two / %", 100.0, 1),
+    ("reprojection_px", "reprojection / px", 1.0, 1),
+    ("sigma_mm", "sigma / mm", 1.0, 1),
+    ("longest_gap_s", "longest gap / s", 1.0, 2),
+    ("hallucinated_share", "hallucinated / %", 100.0, 1),
+    ("bone_spread_share", "bone spread / %", 100.0, 2),
+    ("n_suspicions", "suspicions", 1.0, 0),
+)
+_WORDS = {name: heading.rpartition(" / ")[0] or heading for name, heading, *_ in _COLUMNS} | {
+    "views": "cameras per joint",
+    "unobservable_share": "unobservable joints",
+    "worst_camera_px": "worst camera",
+    "bone_asymmetry_share": "left and right bones",
+    "max_speed_mps": "speed",
+}
+_INTRO = (
+    "What failed first, then what is unlike the others: z is the distance from the median of the study in robust "
+    f"standard deviations, in the measure in which a recording is furthest on the bad side; from {OUTLIER_Z} on it is "
+    "an outlier. Click on a heading to sort. Small pictures: the way of the hips from above, turned so that it fills "
+    "the picture, with a dot at its end, and how far it reaches; the share of joints that two cameras see over time, "
+    "from orange to blue, which is all."
+)
 
 
 @dataclass(frozen=True)
@@ -76,26 +101,6 @@ def outliers(columns: dict[str, Float[np.ndarray, " recording"]]) -> list[Outlie
     return [
         Outlier(float(z), names[index] if z > 0 else "") for z, index in zip(best.tolist(), worst.tolist(), strict=True)
     ]
-
-
-# Column: name in Quality, heading, factor, digits.
-_COLUMNS = (
-    ("duration_s", "duration / s", 1.0, 1),
-    ("seen_share", "seen by two / %", 100.0, 1),
-    ("reprojection_px", "reprojection / px", 1.0, 1),
-    ("sigma_mm", "sigma / mm", 1.0, 1),
-    ("longest_gap_s", "longest gap / s", 1.0, 2),
-    ("hallucinated_share", "hallucinated / %", 100.0, 1),
-    ("bone_spread_share", "bone spread / %", 100.0, 2),
-    ("n_suspicions", "suspicions", 1.0, 0),
-)
-_WORDS = {name: heading.rpartition(" / ")[0] or heading for name, heading, *_ in _COLUMNS} | {
-    "views": "cameras per joint",
-    "unobservable_share": "unobservable joints",
-    "worst_camera_px": "worst camera",
-    "bone_asymmetry_share": "left and right bones",
-    "max_speed_mps": "speed",
-}
 
 
 @dataclass(frozen=True)
@@ -148,15 +153,6 @@ def write_study_report(recordings: Sequence[StudyRecording], path: str | Path, t
         figures=_figures(done, others, columns, scores),
     )
     write_text(Path(path), html(page))
-
-
-_INTRO = (
-    "What failed first, then what is unlike the others: z is the distance from the median of the study in robust "
-    f"standard deviations, in the measure in which a recording is furthest on the bad side; from {OUTLIER_Z} on it is "
-    "an outlier. Click on a heading to sort. Small pictures: the way of the hips from above, turned so that it fills "
-    "the picture, with a dot at its end, and how far it reaches; the share of joints that two cameras see over time, "
-    "from orange to blue, which is all."
-)
 
 
 def _column(done: Sequence[StudyRecording], name: str) -> Float[np.ndarray, " recording"]:

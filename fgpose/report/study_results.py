@@ -13,8 +13,7 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.diagnosis.series import root_m
-from fgpose.io.studies.rows import STUDY_NAME
-from fgpose.io.studies.unlinked import check_unlinked
+from fgpose.io.studies.results import STUDY_NAME, check_unlinked
 from fgpose.io.tables import column_names, file_metadata, read_table
 from fgpose.plain_files import naming
 from fgpose.report.plots import gathered, ramp
@@ -26,6 +25,10 @@ from fgpose.report.study_report import StudyRecording
 TABLE, RECORDINGS, MOTION, REPORT = "quality.parquet", "recordings", "motion.parquet", "report.html"
 EVENTS = "events.parquet"
 Progress = Callable[[int, int], None]
+_WIDTH, _EXTENT, _STRIP, _HEIGHT = 72, 40, 110, 40  # pixels: of the way, of its length in words, of the strip
+_EDGE = 3  # pixels around the way
+_WAY_POINTS, _BINS = 60, 60
+_LEVELS = ramp(SEEN_PALETTE, 9)
 
 
 def is_study(folder: Path) -> bool:
@@ -112,12 +115,6 @@ def _shown(motion: Path, report: Path, name: str, marks: Mapping[str, list[Mark]
         own = sorted(marks.get(name, ()), key=lambda mark: mark.time_s)
         write_report(replace(recording, marks=tuple(own)), report)
     return thumbnail(recording)
-
-
-_WIDTH, _EXTENT, _STRIP, _HEIGHT = 72, 40, 110, 40  # pixels: of the way, of its length in words, of the strip
-_EDGE = 3  # pixels around the way
-_WAY_POINTS, _BINS = 60, 60
-_LEVELS = ramp(SEEN_PALETTE, 9)
 
 
 def thumbnail(recording: FinishedRecording) -> str:

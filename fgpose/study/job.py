@@ -16,6 +16,14 @@ from fgpose.skeleton import Skeleton
 from fgpose.study.recording import Recording
 from fgpose.study.study import Detect, Study, skeleton_of
 
+DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
+"""What a network found in videos, and the cameras with the intrinsics of these videos."""
+SYNCHRONISED = "synchronised.toml"
+"""The cameras whose start is known, with their starts."""
+SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
+"""The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
+MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
+
 
 def network(study: Study) -> Network:
     """The network of a study, opened once in a process. Raises ValueError and OSError as open_network."""
@@ -31,15 +39,6 @@ def _network(settings: Detect, base: Path) -> Network:
         detector=base / settings.detector if settings.detector else None,
         max_people=settings.max_people,
     )
-
-
-DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
-"""What a network found in videos, and the cameras with the intrinsics of these videos."""
-SYNCHRONISED = "synchronised.toml"
-"""The cameras whose start is known, with their starts."""
-SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
-"""The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
-MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,9 @@ from typing import Any
 
 from fgpose.io.atomic import check_writable
 from fgpose.io.content import first_bytes
-from fgpose.io.studies.data_set import part_path, parts_of
 from fgpose.io.studies.events import Event, read_events
-from fgpose.io.studies.rows import STUDY_NAME, write_rows
+from fgpose.io.studies.results import STUDY_NAME, check_unlinked, part_path, parts_of, write_rows
 from fgpose.io.studies.state import RecordingState, load_state
-from fgpose.io.studies.unlinked import check_unlinked
 from fgpose.study.chain import fingerprints
 from fgpose.study.cluster import run, workers
 from fgpose.study.events import events_of
@@ -28,6 +26,10 @@ from fgpose.study.study import Study
 
 QUALITY, EVENTS = "quality", "events.parquet"
 _MAX_REASON_BYTES = 10_000
+OnBegin = Callable[[int], None]
+"""Called with the number of recordings once the workers are there."""
+OnOutcome = Callable[[Outcome], None]
+"""Called with each outcome as it comes."""
 
 
 @dataclass
@@ -94,12 +96,6 @@ class Tables:
         """The recording before it that has the same content; a copy that was forgotten counts twice in a study."""
         first = self._first.setdefault(state.contents.get("source", key), key)
         return first if first != key else ""
-
-
-OnBegin = Callable[[int], None]
-"""Called with the number of recordings once the workers are there."""
-OnOutcome = Callable[[Outcome], None]
-"""Called with each outcome as it comes."""
 
 
 @dataclass

@@ -26,10 +26,10 @@ from fgpose.io.keypoints import (
     save_observations,
     save_people_observations,
 )
-from fgpose.io.kinematics import save_kinematics
 from fgpose.io.origin import Origin, input_file
 from fgpose.io.trajectories import load_origin, load_people_trajectories, save_people
-from fgpose.io.upright import resolved_up
+from fgpose.io.trajectories.kinematics import save_kinematics
+from fgpose.io.trajectories.upright import resolved_up
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect as run_network
 from fgpose.monocular.downloads.cache import cache_folder

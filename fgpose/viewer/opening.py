@@ -13,6 +13,9 @@ from fgpose.skeleton import Skeleton
 from fgpose.viewer.pictures import PictureOptions
 from fgpose.viewer.recording import CalibrationRecording, Recording, SystemRecording, UpAxis
 
+# Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
+_RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
+
 
 def leave_out_analytics() -> None:
     """Rerun, in this process and in those that it starts, sends nothing unless FORCE_RERUN_ANALYTICS=1 is set.
@@ -21,10 +24,6 @@ def leave_out_analytics() -> None:
     nothing either where CI is set, as machines that run tests do.
     """
     os.environ.setdefault("CI", "1")
-
-
-# Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
-_RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
 
 
 def open_recording(

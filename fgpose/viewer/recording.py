@@ -21,6 +21,8 @@ from fgpose.trajectory import Estimate, Trajectory
 UpAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 # typing.Self is refused by the checks of the tests.
 _Opened = TypeVar("_Opened", bound="Session")
+WALK = "walk"
+"""The name of the walker's trajectory in the recording."""
 
 
 class Session:
@@ -204,10 +206,6 @@ class Recording(Session):
             ValueError: the frame is not later, a camera is unknown or has two images, an image has another number of
                 joints, or the skeleton or the cameras of an estimate differ.
         """
-
-
-WALK = "walk"
-"""The name of the walker's trajectory in the recording."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,9 +45,9 @@ class Angles:
     cameras, which a parquet of fgpose knows) stand otherwise."""
 
     def run(self) -> None:
-        from fgpose.io.kinematics import check_kinematics_output, save_kinematics
         from fgpose.io.made_by import made_by
         from fgpose.io.trajectories import load_upright
+        from fgpose.io.trajectories.kinematics import check_kinematics_output, save_kinematics
         from fgpose.kinematics.angles import joint_angles
 
         for path in self.output:

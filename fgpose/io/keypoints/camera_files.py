@@ -21,8 +21,7 @@ from fgpose.io.keypoints.detections import (
     numbers,
     read_json,
 )
-from fgpose.io.keypoints.frame_names import MAX_FRAME, frame_numbers
-from fgpose.io.keypoints.image_files import image_format, mmpose_instances
+from fgpose.io.keypoints.image_files import MAX_FRAME, frame_numbers, image_format, mmpose_instances
 from fgpose.io.keypoints.joint_names import check_joints
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton

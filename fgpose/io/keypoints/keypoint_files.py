@@ -17,9 +17,8 @@ from fgpose.io.camera_names import match_cameras
 from fgpose.io.formats import KeypointFormat, recognised
 from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
-from fgpose.io.keypoints.scores import as_confidences
+from fgpose.io.keypoints.scores import as_confidences, without_zeros
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
-from fgpose.io.keypoints.zeros import without_zeros
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations

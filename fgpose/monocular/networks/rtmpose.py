@@ -23,6 +23,7 @@ _BINS_PER_PIXEL = 2
 _PADDING = 1.25
 _MEAN = np.array([123.675, 116.28, 103.53], dtype=np.float32)
 _STANDARD_DEVIATION = np.array([58.395, 57.12, 57.375], dtype=np.float32)
+_SKELETONS = {17: "coco_17", 26: "halpe_26"}  # by the number of keypoints
 
 
 @dataclass(frozen=True)
@@ -135,9 +136,6 @@ def _peak(
 ) -> tuple[Float[np.ndarray, " keypoint"], Float[np.ndarray, " keypoint"]]:
     """Place of the highest bin as a share of the axis, and its height."""
     return histogram.argmax(axis=1) / histogram.shape[1], histogram.max(axis=1)
-
-
-_SKELETONS = {17: "coco_17", 26: "halpe_26"}  # by the number of keypoints
 
 
 class RTMPose:

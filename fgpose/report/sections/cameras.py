@@ -22,6 +22,10 @@ _CELLS = 44  # of the map of the covered volume, along each side
 _WAY_POINTS = 500
 _POSES = 5
 _NAME_COLOUR = "#7a808a"  # seen on white and on the ground of the dark page alike
+NO_RESIDUALS = "The result has no reprojection errors: it is from a TRC or C3D file, or of a version that wrote none."
+# From nothing seen to everything: the two ends are told apart by the colour-blind, too.
+SEEN_PALETTE = ("#d55e00", "#e8975a", "#f2cfa9", "#bcd9dd", "#7fb8c2", "#3f93a5", "#0b6e86")
+_MAX_JOINTS = 34
 
 
 def plan_and_side(recording: FinishedRecording) -> tuple[Plot, Plot]:
@@ -109,12 +113,6 @@ def _poses(plot: Figure, recording: FinishedRecording, axes: tuple[int, int]) ->
     bones = [*skeleton.bones, *skeleton.lines]
     ends = [[positions_m[frame, list(bone), axis].tolist() for frame in frames for bone in bones] for axis in axes]
     plot.multi_line(*ends, color="#0b6e86", line_width=1.5, line_alpha=0.8)
-
-
-NO_RESIDUALS = "The result has no reprojection errors: it is from a TRC or C3D file, or of a version that wrote none."
-# From nothing seen to everything: the two ends are told apart by the colour-blind, too.
-SEEN_PALETTE = ("#d55e00", "#e8975a", "#f2cfa9", "#bcd9dd", "#7fb8c2", "#3f93a5", "#0b6e86")
-_MAX_JOINTS = 34
 
 
 def seen_section(recording: FinishedRecording) -> Section:

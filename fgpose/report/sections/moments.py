@@ -21,6 +21,11 @@ from fgpose.trajectory import Trajectory
 _AT_MOST = 5
 # Two moments are further apart than this, or than a twentieth of the recording: else all five are one.
 _APART_S = 1.0
+_WIDTH_PX = 260
+_ASPECT = 4 / 3  # height to width: people stand
+_QUALITY = 72  # of JPEG: the smallest at which lines of two pixels stay clean
+_MARGIN = 0.35  # of the size of the person, around them
+_RESULT, _DETECTED, _WORST = (255, 255, 255), (86, 180, 233), (230, 120, 0)  # red, green, blue
 
 
 @dataclass(frozen=True)
@@ -145,13 +150,6 @@ def _why_no_pictures(recording: FinishedRecording) -> str:
     if recording.rig is None:
         return "No pictures: they need the calibration (--rig FILE)."
     return ""
-
-
-_WIDTH_PX = 260
-_ASPECT = 4 / 3  # height to width: people stand
-_QUALITY = 72  # of JPEG: the smallest at which lines of two pixels stay clean
-_MARGIN = 0.35  # of the size of the person, around them
-_RESULT, _DETECTED, _WORST = (255, 255, 255), (86, 180, 233), (230, 120, 0)  # red, green, blue
 
 
 def pictures(recording: FinishedRecording, moments: Sequence[WorstMoment]) -> dict[WorstMoment, tuple[Picture, ...]]:

@@ -15,6 +15,7 @@ from fgpose.trajectory import Trajectory
 _AT_MOST_PEOPLE = 6
 # Of all people's figures over time: with them the page of a minute stays below 5 MB.
 _COLUMNS = 3 * MAX_COLUMNS
+_MAX_EVENTS = 200
 
 
 def people_shown(recording: FinishedRecording) -> list[int]:
@@ -45,9 +46,6 @@ def of_people(recording: FinishedRecording, blocks_of: Callable[[Trajectory, int
 def of_everybody(recording: FinishedRecording) -> str:
     """What the caption of a figure of all people ends with."""
     return ", all people" if len(recording.people) > 1 else ""
-
-
-_MAX_EVENTS = 200
 
 
 def people_section(recording: FinishedRecording) -> Section | None:

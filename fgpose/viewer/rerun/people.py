@@ -32,6 +32,12 @@ from fgpose.viewer.rerun.scene import (
     median_of_known,
 )
 
+# Smaller than those of one person: people are smaller in the images, and may hide each other.
+_DETECTION_RADIUS = rr.Radius.ui_points(2.5)
+_LABEL_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
+_UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
+_LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
+
 
 @dataclass(frozen=True, eq=False)
 class OwnedDetections:
@@ -113,13 +119,6 @@ def presence(association: Association, person: int) -> Int[np.ndarray, " frame"]
 def presence_of_tracked(tracked: Tracked) -> Presence:
     """Of somebody who is in the room, live: whether who is lost will be found again is not known."""
     return Presence.PREDICTED if tracked.state is TrackState.COASTING else Presence.SEEN
-
-
-# Smaller than those of one person: people are smaller in the images, and may hide each other.
-_DETECTION_RADIUS = rr.Radius.ui_points(2.5)
-_LABEL_RADIUS = rr.Radius.ui_points(0.5)  # the text is to be seen, not its point
-_UNDISTORTED_AT_ONCE = 5000  # OpenCV takes 600 bytes for each joint
-_LABEL_ABOVE_M = 0.2  # over the highest joint, so that it hides none
 
 
 def detection_class(person: Int[np.ndarray, " point"]) -> UInt16[np.ndarray, " point"]:

@@ -26,6 +26,11 @@ _PICTURE_DRAW_ORDER = -10.0  # below all points
 _DEFAULT_DISTANCE_M = 3.0
 # A frustum that reaches this share of the way to the person shows its picture and hides nobody.
 _FRUSTUM_SHARE = 0.14
+# Thick enough to be seen from the distance of the cameras, thinner than a wrist.
+_JOINT_RADIUS_M = 0.017
+_BONE_RADIUS_M = 0.007
+# A predicted joint is half as thick as an observed one, and paler.
+_PREDICTED_SCALE = 0.5
 
 
 def log_cameras(stream: rr.RecordingStream, rig: CameraRig, up: UpAxis, colours: Sequence[Colour]) -> None:
@@ -134,13 +139,6 @@ def log_body_styles(
 def log_line(stream: rr.RecordingStream, path: str, name: str, colour: Colour, width: float = 1.5) -> None:
     """Name and appearance of a line in a plot."""
     stream.log(path, rr.SeriesLines(names=name, colors=[colour], widths=[width]), static=True)
-
-
-# Thick enough to be seen from the distance of the cameras, thinner than a wrist.
-_JOINT_RADIUS_M = 0.017
-_BONE_RADIUS_M = 0.007
-# A predicted joint is half as thick as an observed one, and paler.
-_PREDICTED_SCALE = 0.5
 
 
 def body_rows(

@@ -560,7 +560,7 @@ def test_a_format_that_fails_does_not_take_the_others_along(
     def full(*arguments: object, **options: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("fgpose.io.trajectories.write_c3d", full)
+    monkeypatch.setattr("fgpose.io.trajectories.saving.write_c3d", full)
     options = ["--output", str(tmp_path), "--formats", *formats, *(["--live", "--port", "0"] if live else [])]
     assert main(["smooth", *source, *options]) == 1
     printed = capsys.readouterr()

@@ -14,14 +14,14 @@ from fgpose.cli.app import _one_line
 from fgpose.config import load_config
 from fgpose.io import content
 from fgpose.io.calibration import load_intrinsics, load_rig
-from fgpose.io.cells import as_cell, name_in_cell
 from fgpose.io.content import parse_json, read_content, text_lines
 from fgpose.io.keypoints import load_people
-from fgpose.io.markers import markers_to_trajectory
-from fgpose.io.mot import read_mot
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.studies.events import read_events
+from fgpose.io.tables import as_cell, name_in_cell
 from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.io.trajectories.markers import markers_to_trajectory
+from fgpose.io.trajectories.mot import read_mot
 from fgpose.skeleton import Skeleton
 
 TRC = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tNumMarkers\tUnits\n50\t{n}\t{n}\tm\n"

@@ -10,11 +10,11 @@ from built_body import built, random_angles, trajectory
 from bvh_reader import places, read_bvh
 
 from fgpose.cli import main
-from fgpose.io.c3d import read_c3d, write_c3d
-from fgpose.io.kinematics import load_angles, save_kinematics
-from fgpose.io.mot import read_mot
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_people, save_trajectory
+from fgpose.io.trajectories.c3d import read_c3d, write_c3d
+from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
+from fgpose.io.trajectories.mot import read_mot
 from fgpose.kinematics.angles import joint_angles
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses

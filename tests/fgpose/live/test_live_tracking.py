@@ -12,7 +12,7 @@ import pytest
 
 import fgpose
 from fgpose.association.track import TrackState
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion
 from fgpose.live.tracking.observed import volume_points_m

@@ -17,7 +17,7 @@ from fgpose.association.tracked import Tracked
 from fgpose.cli import viewers
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import NotWrittenError
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.outputs import ViewerOutput

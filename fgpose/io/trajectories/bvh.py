@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.up_axis import y_up
 from fgpose.io.atomic import write_text
-from fgpose.io.markers import median_rate_hz
+from fgpose.io.trajectories.markers import median_rate_hz
 from fgpose.kinematics.poses import SegmentPoses
 
 _NAMES = {"pelvis": "Hips", "thorax": "Spine", "head": "Neck"}

@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from fgpose.geometry.up_axis import WorldUp, y_up
 from fgpose.io.atomic import write_text
-from fgpose.io.cells import as_cell, name_in_cell, one_line
 from fgpose.io.content import read_content, text_lines
-from fgpose.io.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.io.tables import as_cell, name_in_cell, one_line
+from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
 from fgpose.kinematics.body_size import leg_length
 from fgpose.plain_files import check_expansion
 from fgpose.skeleton import MAX_JOINTS

@@ -10,10 +10,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
-from fgpose.io.description import describe, described, status_named
 from fgpose.io.origin import Origin, origin_from_json, origin_to_json
-from fgpose.io.tables import file_metadata, metadata, names, nullable, numbers, read_table, write_table
+from fgpose.io.tables import (
+    COVARIANCE_COLUMNS,
+    file_metadata,
+    metadata,
+    names,
+    nullable,
+    numbers,
+    read_table,
+    symmetric,
+    write_table,
+)
+from fgpose.io.trajectories.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 if TYPE_CHECKING:

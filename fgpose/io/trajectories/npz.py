@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from fgpose.io.arrays import checked, read_arrays, text, texts, write_arrays
-from fgpose.io.description import describe, described, status_named
+from fgpose.io.trajectories.description import describe, described, status_named
 from fgpose.trajectory import Status, Trajectory
 
 _ARRAYS = ("covariance_m2", "residual_px", "visibility")

@@ -12,8 +12,8 @@ from jaxtyping import Float
 from fgpose.geometry.up_axis import SIGNED_AXES, UpAxis, WorldUp, nearest_axis, z_up, z_up_R_world
 from fgpose.io.arrays import checked, texts
 from fgpose.io.atomic import Check, replacing
-from fgpose.io.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
-from fgpose.io.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
+from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
 from fgpose.kinematics.poses import SegmentPoses
 from fgpose.trajectory import Trajectory
 

@@ -26,8 +26,8 @@ import numpy as np
 from fgpose.config import Config, config_from_dict, config_to_toml, parse_toml
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import live_format
-from fgpose.io.packing import unpacked
-from fgpose.io.record_files import RecordFile
+from fgpose.io.live.packing import unpacked
+from fgpose.io.live.record_files import RecordFile
 from fgpose.people import Detections
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton

@@ -7,7 +7,7 @@ import re
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.cells import one_line
+from fgpose.io.tables import one_line
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 

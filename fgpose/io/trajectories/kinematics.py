@@ -12,12 +12,12 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable
-from fgpose.io.bvh import write_bvh
-from fgpose.io.c3d import require_ezc3d, write_c3d
 from fgpose.io.folders import own_paths
-from fgpose.io.mot import write_mot
 from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
-from fgpose.io.upright import resolved_up
+from fgpose.io.trajectories.bvh import write_bvh
+from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
+from fgpose.io.trajectories.mot import write_mot
+from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
 from fgpose.kinematics.opensim import opensim_coordinates
