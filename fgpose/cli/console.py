@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -101,3 +102,9 @@ def number(value: float, form: str = "") -> str:
     if np.isnan(value):
         return "-"
     return format(value, form or (".0f" if abs(value) >= 1000 else ".1f"))
+
+
+def print_written(console: Console, *paths: Path) -> None:
+    """Say which files there are now."""
+    for path in paths:
+        console.print(f"wrote {path}", soft_wrap=True)

@@ -11,7 +11,7 @@ from fgpose.cli.tables import print_result
 from fgpose.cli.viewers import wait_for_viewers
 from fgpose.finding import Code, Severity
 from fgpose.pipeline import Display, OutputError, Outputs, Result, show, write_outputs
-from fgpose.pipeline.diagnosed import diagnosed
+from fgpose.pipeline.diagnosed import diagnosed, looked_at
 from fgpose.viewer import Recording
 
 if TYPE_CHECKING:
@@ -49,8 +49,6 @@ def print_findings(console: Console, diagnosis: Diagnosis) -> None:
 def look_at(console: Console, people: PeopleObservations, rig: CameraRig) -> None:
     """Print what is probably wrong with a recording from which this rig was calibrated or synchronised."""
     from fgpose.association.common_clock import on_common_clock
-    from fgpose.cli.console import new_console
-    from fgpose.pipeline.diagnosed import looked_at
 
     with new_console(stderr=True).status("looking for what may be wrong"):
         diagnosis = looked_at(*on_common_clock(people.subset(rig.names), rig))

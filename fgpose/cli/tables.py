@@ -13,7 +13,7 @@ from fgpose.assessment.metrics import jitter_mps3
 from fgpose.association.recording import Association
 from fgpose.association.successive import Succession
 from fgpose.calibration.self_calibration import CameraCalibration
-from fgpose.cli.console import new_table, number
+from fgpose.cli.console import new_table, number, print_written
 from fgpose.finding import Code
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
@@ -44,8 +44,7 @@ def print_result(console: Console, result: Result, written: tuple[Path, ...]) ->
         console.print(latency_table(result.update_ms))
     for line in _notes_of_one(result) if result.association is None else _notes_of_people(result.main):
         console.print(line, soft_wrap=True)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True)
+    print_written(console, *written)
 
 
 def _notes_of_one(result: Result) -> list[str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from tyro.conf import Positional, UseAppendAction, arg
 
-from fgpose.cli.console import new_console
+from fgpose.cli.console import new_console, new_table, print_written
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.plain_files import naming
 
@@ -62,14 +62,12 @@ class Angles:
             console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
             console.print(ranges_table(angles))
         for path in self.output:
-            for written in save_kinematics(people, path, "z"):
-                console.print(f"wrote {written}", soft_wrap=True)
+            print_written(console, *save_kinematics(people, path, "z"))
 
 
 def ranges_table(angles: JointAngles) -> Table:
     """One row per angle: least, median and greatest value, mean standard deviation, and in how many frames it is
     determined."""
-    from fgpose.cli.console import new_table
 
     table = new_table("angle [deg]", "min", "median", "max", "sigma", "known [%]")
     for index, name in enumerate(angles.names):

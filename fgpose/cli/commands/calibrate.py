@@ -14,13 +14,14 @@ from tyro.conf import Positional, arg
 from fgpose.cli.commands.detect import NetworkOptions, quieten_decoder
 from fgpose.cli.console import new_console
 from fgpose.cli.delivery import look_at
-from fgpose.cli.from_people import FromPeopleOptions, nothing_written, parse_size, print_calibrated
+from fgpose.cli.from_people import FromPeopleOptions, parse_size, print_calibrated
 from fgpose.cli.pictures import show_walk_images
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from fgpose.calibration.bumped import BumpedRig
+    from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected
     from fgpose.people import PeopleObservations
@@ -129,7 +130,6 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             check_replaceable(path)
 
     def _from_nothing(self) -> int:
-        from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.pipeline import write_calibration
 
         console = new_console()
@@ -145,12 +145,7 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             people, intrinsics = self._keypoints()
         result = self.calibrated(people, intrinsics, self.output, console, starts)
         written = write_calibration(result, self.output, self.format, self._scene, display)
-        print_calibrated(console, result, written)
-        if result.grade is not Grade.FAILED:
-            look_at(console, people, result.rig)
-            return 0
-        nothing_written(self.output)
-        return FAILED
+        return self._ended(console, people, result, written)
 
     def _detected(self, console: Console) -> Detected:
         """What cameras without poses saw of people."""
@@ -216,7 +211,6 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
 
     def _bumped(self) -> int:
         from fgpose.calibration.bumped import refine_bumped
-        from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.io.calibration import load_calibration_origin, load_rig
         from fgpose.pipeline import write_bumped
 
@@ -234,12 +228,20 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
         # The clocks are those of the file again, which were put into the times of the images.
         given = load_rig(self.from_rig).subset(rig.names)
         written = write_bumped(bumped, given, self.output, self.format, self._scene, display, known)
-        _print_bumped(console, bumped, written)
-        if bumped.grade is not Grade.FAILED:
-            look_at(console, people, bumped.rig)
-            return 0
-        nothing_written(self.output)
-        return FAILED
+        return self._ended(console, people, bumped, written)
+
+    def _ended(
+        self,
+        console: Console,
+        people: PeopleObservations,
+        result: CalibratedFromPeople | BumpedRig[Any],
+        written: Sequence[Path],
+    ) -> int:
+        """Says what came of it. Returns the exit code."""
+        if not print_calibrated(console, result, written, self.output):
+            return FAILED
+        look_at(console, people, result.rig)
+        return 0
 
     @property
     def _scene(self) -> Path | None:
@@ -268,17 +270,3 @@ class Calibrate(NetworkOptions, RecordingToCalibrate):
             people="all",
         )
         return source.observations, source.rig
-
-
-def _print_bumped(console: Console, bumped: BumpedRig[Any], written: Sequence[Path]) -> None:
-    from fgpose.cli.console import new_table
-    from fgpose.pipeline.calibration_report import bumped_rows, bumped_summary, verdict
-
-    table = new_table("", *bumped.rig.names)
-    for quantity, values in bumped_rows(bumped).items():
-        table.add_row(quantity, *values)
-    console.print(table)
-    for line in (bumped_summary(bumped), *verdict(bumped.findings, bumped.grade)):
-        console.print(line)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True)

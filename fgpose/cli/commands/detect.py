@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Shaped
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.console import new_console, new_table, print_written, progress_bar
 from fgpose.cli.options import MIN_CONFIDENCE, PEOPLE, REGION, checked_frames, wanted_region
 from fgpose.observations import check_confidence
 
@@ -218,8 +218,7 @@ class Detect(VideoOptions, RigOption):
         calibrated = load_rig(self.rig, self.unit).subset(detected.rig.names)
         if any(a.size_px != b.size_px for a, b in zip(calibrated.cameras, detected.rig.cameras, strict=True)):
             writers[outputs.calibration] = partial(self._save_calibration, detected.rig, outputs)
-        for path in write_all(writers):
-            console.print(f"wrote {path}", soft_wrap=True)
+        print_written(console, *write_all(writers))
 
     def _save_calibration(self, rig: CameraRig, outputs: Outputs) -> None:
         from fgpose.io.calibration import load_calibration_origin, save_rig
@@ -239,7 +238,6 @@ def print_detected(console: Console, detected: Detected, cache: Path | None) -> 
 def print_views(console: Console, corrected: FlipCorrection, problems: Shaped[np.ndarray, "frame camera"]) -> None:
     """For each camera: in how many frames it saw the person, in how many left and right were exchanged, and why 3D is
     missing or uncertain."""
-    from fgpose.cli.console import new_table
 
     observations = corrected.observations
     table = new_table("", *observations.camera_names)

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.console import new_console, progress_bar
+from fgpose.cli.console import new_console, print_written, progress_bar
 from fgpose.geometry.up_axis import UpChoice
 
 
@@ -74,7 +74,7 @@ class Report:
         with progress_bar("reporting", "recordings") as progress:
             recordings = load_study(self.results, reports=self.recordings, page=path, progress=progress)
         write_study_report(recordings, path, study_name(self.results))
-        new_console().print(f"wrote {path}", soft_wrap=True)
+        print_written(new_console(), path)
 
     def _recording(self) -> None:
         from fgpose.io.atomic import check_replaceable
@@ -101,7 +101,7 @@ class Report:
             console.print(f"{number}. {finding.text}", soft_wrap=True)
         if not judged.suspicions:
             console.print("nothing is suspicious")
-        console.print(f"wrote {path}", soft_wrap=True)
+        print_written(console, path)
 
     def _path(self, folder: Path, name: str | None = None) -> Path:
         """Results of one folder that are told apart by names have reports of their own.

@@ -13,7 +13,7 @@ from fgpose.cli.calibration import calibrated
 from fgpose.cli.commands.calibrate import FAILED
 from fgpose.cli.commands.detect import VideoOptions
 from fgpose.cli.console import new_console, progress_bar
-from fgpose.cli.from_people import FromPeopleOptions, nothing_written, print_calibrated
+from fgpose.cli.from_people import FromPeopleOptions, print_calibrated
 from fgpose.cli.options import ParameterOptions
 from fgpose.cli.pictures import show_images, show_walk_images
 
@@ -110,7 +110,6 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
 
     def _calibrated(self, detected: Detected, outputs: Outputs, console: Console) -> CalibratedFromPeople | None:
         """The cameras; None if the calibration has failed."""
-        from fgpose.calibration.from_people.calibrated import Grade
         from fgpose.pipeline import write_calibration
 
         starts = self.heard(detected.sources.clips, console)
@@ -118,11 +117,7 @@ class Run(ParameterOptions, VideoOptions, CameraOptions):
         scene = outputs.calibration.with_suffix(".rrd") if "rrd" in outputs.formats else None
         display = partial(show_walk_images, detected) if self.images else None
         written = write_calibration(result, outputs.calibration, rrd=scene, display=display, step=self.step)
-        print_calibrated(console, result, written)
-        if result.grade is Grade.FAILED:
-            nothing_written(outputs.calibration)
-            return None
-        return result
+        return result if print_calibrated(console, result, written, outputs.calibration) else None
 
     def _origin(self, detected: Detected, found: CalibratedFromPeople | None) -> Origin:
         """Cameras that were given have the clocks of their file: the images were put together by them."""

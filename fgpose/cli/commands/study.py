@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
-from fgpose.cli.console import new_console
+from fgpose.cli.console import new_console, new_table, print_written
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -95,7 +95,6 @@ def run_and_print(study: StudyFile, options: Study) -> StudyResult:
 
 def print_plan(console: Console, plan: Plan) -> int:
     """A table of what would be done. Returns the exit code: 1 if a recording cannot be done."""
-    from fgpose.cli.console import new_table
 
     plan.counted()
     table = new_table("recording", "from", "steps")
@@ -172,5 +171,4 @@ def _print_result(console: Console, result: StudyResult) -> None:
         console.print(f"  and {len(result.failures) - _MOST_FAILURES} more, see quality.csv")
     for note in result.notes:
         console.print(f"note: {note}", soft_wrap=True)
-    for path in result.written:
-        console.print(f"wrote {path}", soft_wrap=True)
+    print_written(console, *result.written)

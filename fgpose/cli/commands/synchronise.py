@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.console import new_console
+from fgpose.cli.console import new_console, new_table, print_written
 from fgpose.cli.delivery import look_at
 from fgpose.cli.options import KeypointOptions
 
@@ -66,12 +66,11 @@ class Synchronise(KeypointOptions):
                 f"Left out, as their starts are not known: {left_out}. Use the others: --cameras {kept}",
                 soft_wrap=True,
             )
-        console.print(f"wrote {self.output}", soft_wrap=True)
+        print_written(console, self.output)
         look_at(console, people, found.rig)
 
 
 def _table(found: Synchronised) -> Table:
-    from fgpose.cli.console import new_table
 
     table = new_table("synchronisation", *found.rig.names)
     begun_s = found.rig.time_offsets_s - found.rig.time_offsets_s[0]

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fgpose.io.typed_table import converted
+from fgpose.io.content import converted
 
 _VERSION = 1
 """Raised when a field changes its meaning. One of another version is not read, the rig is."""

@@ -14,9 +14,6 @@ from fgpose.io.keypoints.joint_names import chosen_joints, no_such_joints
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
-# Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.
-MAX_FRAME = 10**15
-
 
 @dataclass(frozen=True)
 class Source:

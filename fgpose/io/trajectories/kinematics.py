@@ -11,12 +11,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
-from fgpose.io.atomic import check_replaceable
+from fgpose.io.atomic import check_replaceable, write_text
 from fgpose.io.folders import own_paths
 from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
 from fgpose.io.trajectories.bvh import write_bvh
 from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
-from fgpose.io.trajectories.mot import write_mot
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
@@ -26,14 +25,12 @@ from fgpose.plain_files import naming
 from fgpose.sampling import nearest
 from fgpose.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    import pyarrow as pa
-
 EXTENSIONS = (".parquet", ".mot", ".bvh", ".c3d")
 """What save_kinematics writes."""
 UNITS = {"angle": "deg", "speed": "m/s", "height": "m"}
 """Unit of value and sigma by kind of quantity."""
 _UNITS_KEY = "fgpose.units"
+_COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
 
 
 def check_kinematics_output(path: str | Path) -> None:
@@ -139,9 +136,6 @@ def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"]
     return pa.table({name: columns[name] for name in _COLUMNS})
 
 
-_COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
-
-
 def _quantities(
     trajectory: Trajectory, world_up: WorldUp
 ) -> tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]:
@@ -193,3 +187,40 @@ def _angles_of(table: pa.Table) -> JointAngles:
         return numbers(table, name).reshape(n_frames, len(labels)).copy()
 
     return JointAngles(labels, column("time_s")[:, 0], column("value"), column("sigma"))
+
+
+def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
+    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres.
+
+    OpenSim's Storage, with which its GUI opens motions, stops reading at the first value that is no number. So values
+    are interpolated in time where they are NaN, at the ends the nearest one is held, and coordinates that are never
+    known are left out: a model keeps its own value of those.
+
+    Raises:
+        ValueError: no coordinate is known in any frame.
+        OSError: the file cannot be written.
+    """
+    known = {name: values for name, values in coordinates.items() if np.isfinite(values).any()}
+    if not known:
+        raise ValueError(f"{path}: no coordinate is known in any frame: there is no motion to be written")
+    time_s = np.asarray(time_s, dtype=float)
+    table = np.column_stack([time_s, *(_without_gaps(values, time_s) for values in known.values())])
+    header = ["Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", ""]
+    header += ["Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader"]
+    # Tabs, and numbers as short as they read back the same.
+    rows = ["\t".join(map(repr, row)) for row in table.tolist()]
+    write_text(path, "\n".join([*header, "\t".join(["time", *known]), *rows]) + "\n")
+
+
+def _without_gaps(values: Float[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]) -> np.ndarray:
+    """Interpolated the shorter way round a circle of 360; lengths in metres are far from one."""
+    known = np.isfinite(values)
+    found = values[known]
+    unwrapped = np.unwrap(found, period=360.0)
+    last_found = np.maximum(np.cumsum(known) - 1, 0)
+    between = np.interp(time_s, time_s[known], unwrapped) - (unwrapped - found)[last_found]
+    return np.where(known, values, between)
+
+
+if TYPE_CHECKING:
+    import pyarrow as pa

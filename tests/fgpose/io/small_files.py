@@ -29,7 +29,6 @@ from fgpose.io.skeletons import load_skeleton
 from fgpose.io.studies.events import read_events
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people, save_trajectory
 from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
-from fgpose.io.trajectories.mot import read_mot
 from fgpose.kinematics.angles import joint_angles
 from fgpose.kinematics.poses import segment_poses
 from fgpose.live.cameras.rig_file import load_live_rig
@@ -530,7 +529,6 @@ FORMATS = {
         Format("people trajectories parquet", "parquet", _make_people_trajectories, _one(load_people_trajectories)),
         Format("origin parquet", "parquet", _make_people_trajectories, _one(load_origin)),
         Format("angles parquet", "parquet", _kinematics(".parquet"), _one(load_angles)),
-        Format("angles mot", "text", _kinematics(".mot"), _one(read_mot)),
         Format("rig toml", "toml", lambda folder: save_rig(rig(), folder / "rig.toml"), _one(load_rig)),
         Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
         Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),
