@@ -6,6 +6,7 @@ import ast
 import os
 import subprocess
 import sys
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -205,6 +206,16 @@ def test_arrows_only_point_down(house: str, floors: tuple[set[str], ...]) -> Non
 def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) -> None:
     inside = {name for name in TREES if name.startswith(f"{house}.") and name != "fgpose.__main__"}
     assert not [name for name in sorted(inside) if floor(name, house, floors) is None]
+
+
+# Folders that wait to be divided.
+LARGE = {"fgpose/estimation", "fgpose/association", "fgpose/diagnosis"}
+
+
+def test_a_folder_is_seen_at_a_glance() -> None:
+    """At most 15 files."""
+    count = Counter(path.parent.relative_to(ROOT).as_posix() for path in SOURCES["fgpose"].rglob("*.py"))
+    assert {folder: n for folder, n in count.items() if n > 15 and folder not in LARGE} == {}
 
 
 def test_only_the_top_knows_the_pipeline_and_the_command_line() -> None:

@@ -17,7 +17,7 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class Reason:
-    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.Finding."""
+    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.calibrated."""
 
     camera: str
     """Whose it is; empty: of the whole rig."""
