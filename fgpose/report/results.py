@@ -16,8 +16,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import in_pieces, is_changing
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.calibration import load_calibration_origin, load_rig
-from fgpose.io.folders import shown
 from fgpose.io.made_by import made_by
+from fgpose.io.names import shown
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
 from fgpose.observations import Observations

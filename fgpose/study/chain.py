@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from fgpose.io.folders import files_below
+from fgpose.io.names import files_below
 from fgpose.plain_files import open_plain
 from fgpose.study.events import own_events
 from fgpose.study.job import Job

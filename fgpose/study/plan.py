@@ -10,8 +10,7 @@ from fnmatch import fnmatchcase
 from functools import lru_cache
 from pathlib import Path
 
-from fgpose.io.camera_names import natural_key
-from fgpose.io.folders import visible
+from fgpose.io.names import natural_key, visible
 from fgpose.study.job import CALIBRATION, CAMERAS
 from fgpose.study.pattern import PLACEHOLDERS, Pattern
 from fgpose.study.recording import Kind, Recording

@@ -24,9 +24,8 @@ from fgpose.io.calibration import (
     xml_formats,
 )
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
-from fgpose.io.camera_names import named_cameras
 from fgpose.io.content import read_content
-from fgpose.io.folders import visible
+from fgpose.io.names import named_cameras, visible
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
 
 Size = tuple[int, int]

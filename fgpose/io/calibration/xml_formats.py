@@ -24,7 +24,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from fgpose.io.calibration.calibrated_view import CalibratedView
-from fgpose.io.camera_names import natural_key
+from fgpose.io.names import natural_key
 
 # Qualisys states intrinsics in 1/64 px; its camera looks along -z with y up, OpenCV's along z with y down.
 _SUBPIXELS = 64.0

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fgpose.io.arrays import read_arrays
-from fgpose.io.camera_names import camera_name
 from fgpose.io.keypoints import deeplabcut
 from fgpose.io.keypoints.detections import (
     CameraDetections,
@@ -23,6 +22,7 @@ from fgpose.io.keypoints.detections import (
 )
 from fgpose.io.keypoints.image_files import MAX_FRAME, frame_numbers, image_format, mmpose_instances
 from fgpose.io.keypoints.joint_names import check_joints
+from fgpose.io.names import camera_name
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

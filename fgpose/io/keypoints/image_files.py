@@ -7,8 +7,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from fgpose.io.camera_names import camera_name
-from fgpose.io.folders import shown
 from fgpose.io.keypoints.detections import (
     CameraDetections,
     ImageDetections,
@@ -18,6 +16,7 @@ from fgpose.io.keypoints.detections import (
     nobody,
     read_json,
 )
+from fgpose.io.names import camera_name, shown
 from fgpose.skeleton import Skeleton
 
 # Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.

@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import quote
 
 from fgpose.io.atomic import write_text
-from fgpose.io.folders import shown
+from fgpose.io.names import shown
 from fgpose.io.tables import as_cell, read_table, write_table
 from fgpose.plain_files import naming
 

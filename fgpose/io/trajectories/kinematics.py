@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
 from fgpose.io.atomic import check_replaceable, write_text
-from fgpose.io.folders import own_paths
+from fgpose.io.names import own_paths
 from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
 from fgpose.io.trajectories.bvh import write_bvh
 from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d

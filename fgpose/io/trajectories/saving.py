@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.atomic import check_replaceable, replacing
-from fgpose.io.folders import own_paths
 from fgpose.io.formats import trajectory_formats
+from fgpose.io.names import own_paths
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
 from fgpose.io.trajectories.npz import write_npz

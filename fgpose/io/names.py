@@ -1,10 +1,12 @@
-"""Names of cameras in files: their natural order, and which name of the keypoints is which of the calibration."""
+"""What names of files and folders say: their natural order, what is hidden, whose they are, which camera is meant."""
 
 from __future__ import annotations
 
 import itertools
+import os
 import re
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
 
 
 def natural_key(name: str) -> list[tuple[int, str]]:
@@ -172,3 +174,27 @@ def _by_plain_name(names: Iterable[str], where: str) -> dict[str, str]:
             raise ValueError(f"cameras {plain_names[plain]} and {name} of the {where} cannot be told apart")
         plain_names[plain] = name
     return plain_names
+
+
+def visible(folder: Path) -> list[Path]:
+    """The entries of a folder in natural order, without those whose names begin with a dot: macOS puts ``._name``
+    beside each file on a disk that is not its own. Raises OSError if it cannot be listed."""
+    return shown(folder.iterdir())
+
+
+def shown(paths: Iterable[Path]) -> list[Path]:
+    """Those that are not hidden, in natural order."""
+    return sorted((path for path in paths if not path.name.startswith(".")), key=lambda path: natural_key(path.name))
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """All files in a folder and its folders, none hidden or in what is hidden, in an order that does not depend on the
+    machine."""
+    for inside, folders, files in os.walk(folder):
+        folders[:] = sorted(name for name in folders if not name.startswith("."))
+        yield from (Path(inside, name) for name in sorted(files) if not name.startswith("."))
+
+
+def own_paths(path: Path, people: Collection[int]) -> tuple[Path, ...]:
+    """A file for each person, named after the number; whoever is alone has the file itself."""
+    return (path,) if len(people) == 1 else tuple(path.with_stem(f"{path.stem}_person{person}") for person in people)
