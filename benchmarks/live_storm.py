@@ -26,7 +26,7 @@ from rich.progress import track
 import fgpose
 from distance_truth import CELL, RESET_EVERY_S, Judge, Result, world_T_arm
 from fgpose.io.atomic import write_text
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraStatus, LiveFrame
 from fgpose.live.processes.arrivals import Arrivals

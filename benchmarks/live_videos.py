@@ -32,7 +32,7 @@ from fgpose.cores import n_cores
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import decode_frame
 from fgpose.live.recording.live_recording import LiveRecording, load_live_recording
-from fgpose.monocular.demo_videos import fetch_demo_videos
+from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 from fgpose.monocular.networks import open_network
 from fgpose.skeleton import Skeleton
 

@@ -30,8 +30,8 @@ from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.calibration.self_calibration import self_calibrate
 from fgpose.io.arrays import write_arrays
 from fgpose.io.recordings import load_recording
-from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detection import detect
+from fgpose.monocular.downloads.cache import cache_folder
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose.trajectory import Status

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose import Config, load_rig, load_skeleton
-from fgpose.monocular.demo_videos import fetch_demo_videos
+from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 from fgpose.monocular.sources import Sources, open_sources
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import CameraEvent, LiveCamera
 from fgpose.live.cameras.clock_model import Stamp
 from fgpose.live.cameras.image import ArrayPicture, SourceImage

@@ -9,10 +9,10 @@ import cv2
 import numpy as np
 
 from fgpose.geometry.camera import Camera
-from fgpose.monocular.blazepose import BlazePose
 from fgpose.monocular.detection import detect
-from fgpose.monocular.models import pull
+from fgpose.monocular.downloads.models import pull
 from fgpose.monocular.network import Image
+from fgpose.monocular.networks.blazepose import BlazePose
 from metric import Metric
 from scenario import demo_sources
 from timing import Timing, timed

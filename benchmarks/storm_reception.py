@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import LiveCamera
 from fgpose.live.cameras.clock_model import Stamp
 from fgpose.live.cameras.image import SourceImage

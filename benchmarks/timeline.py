@@ -6,7 +6,7 @@ import heapq
 import itertools
 from collections.abc import Callable
 
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.processes.arrivals import Arrivals
 

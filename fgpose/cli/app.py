@@ -19,21 +19,22 @@ from typing import Annotated, Any, Protocol, TextIO, Union, runtime_checkable
 
 import numpy as np
 
-from fgpose.cli.angles import Angles
-from fgpose.cli.calibrate import Calibrate
-from fgpose.cli.command_line import set_arguments
-from fgpose.cli.commands import Evaluate, Info, Refine, Smooth, Track
-from fgpose.cli.demo import Demo
-from fgpose.cli.detect import Detect
-from fgpose.cli.live_command import Live
-from fgpose.cli.models import Models
-from fgpose.cli.printable import printable
-from fgpose.cli.report import Report
-from fgpose.cli.run import Run
-from fgpose.cli.streams_and_signals import open_streams, say, signals_as_exceptions, silence_stdout
-from fgpose.cli.study import Study
-from fgpose.cli.synchronise import Synchronise
-from fgpose.cli.view import View
+from fgpose.cli.commands.angles import Angles
+from fgpose.cli.commands.calibrate import Calibrate
+from fgpose.cli.commands.demo import Demo
+from fgpose.cli.commands.detect import Detect
+from fgpose.cli.commands.estimators import Refine, Smooth, Track
+from fgpose.cli.commands.evaluate import Evaluate
+from fgpose.cli.commands.info import Info
+from fgpose.cli.commands.live import Live
+from fgpose.cli.commands.models import Models
+from fgpose.cli.commands.report import Report
+from fgpose.cli.commands.run import Run
+from fgpose.cli.commands.study import Study
+from fgpose.cli.commands.synchronise import Synchronise
+from fgpose.cli.commands.view import View
+from fgpose.cli.console import printable
+from fgpose.cli.process import open_streams, say, set_arguments, signals_as_exceptions, silence_stdout
 from fgpose.config import Config, load_config
 from fgpose.extensions import added
 from fgpose.io.atomic import NotWrittenError, not_written

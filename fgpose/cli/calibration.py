@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from fgpose.cli.command_line import command_line
-from fgpose.cli.options import new_console
+from fgpose.cli.console import new_console, print_written
+from fgpose.cli.process import command_line
 
 if TYPE_CHECKING:
     import numpy as np
@@ -58,4 +58,4 @@ def _save_and_print(
         console.print(f"With it, {shares} of the joints in a camera, at most, belong to somebody else.")
     if not calibration.converged:
         console.print("The calibration has not converged: raise --calibration.max-rounds or --solver.max-iterations.")
-    console.print(f"wrote {path}", soft_wrap=True)
+    print_written(console, path)

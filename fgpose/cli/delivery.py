@@ -1,20 +1,76 @@
-"""The end of every command that estimates: its result is written, shown and summed up."""
+"""The end of a command: a result is written, shown and summed up, and what is probably wrong is said."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from fgpose.cli.findings import conclude
-from fgpose.cli.live import wait_for_viewers
-from fgpose.cli.options import new_console
+from fgpose.cli.console import new_console
 from fgpose.cli.tables import print_result
+from fgpose.cli.viewers import wait_for_viewers
+from fgpose.finding import Code, Severity
 from fgpose.pipeline import Display, OutputError, Outputs, Result, show, write_outputs
-from fgpose.pipeline.diagnosed import diagnosed
+from fgpose.pipeline.diagnosed import diagnosed, looked_at
 from fgpose.viewer import Recording
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from fgpose.diagnosis.diagnose import Diagnosis
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.people import PeopleObservations
+
+PROBABLY_WRONG = 3
+"""Exit code with --strict where a finding says that numbers are wrong."""
+_MARKS = {Severity.WRONG: "!!", Severity.DOUBTFUL: "!", Severity.NOTE: "-"}
 Summary = Callable[[Result, tuple[Path, ...]], None]
 """Prints a summary of a result and the files that it is in."""
+
+
+def print_findings(console: Console, diagnosis: Diagnosis) -> None:
+    """One paragraph for each finding, the severest first; then what was judged, and what was not."""
+    for finding in diagnosis.findings:
+        if finding.code is Code.READ_WITH_REPAIRS:
+            continue  # said when the files were read
+        console.print(f"{_MARKS[finding.severity]} {finding.text}", soft_wrap=True)
+    if diagnosis.judged:
+        only_notes = diagnosis.worst in (None, Severity.NOTE)
+        said = "Nothing suspicious" if only_notes else "Looked at"
+        console.print(f"{said}: {', '.join(diagnosis.judged)}.", soft_wrap=True)
+    if diagnosis.not_judged:
+        by_reason: dict[str, list[str]] = {}
+        for what, why in diagnosis.not_judged.items():
+            by_reason.setdefault(why, []).append(what)
+        reasons = "; ".join(f"{', '.join(of_it)} ({why})" for why, of_it in by_reason.items())
+        console.print(f"Not judged: {reasons}.", soft_wrap=True)
+
+
+def look_at(console: Console, people: PeopleObservations, rig: CameraRig) -> None:
+    """Print what is probably wrong with a recording from which this rig was calibrated or synchronised."""
+    from fgpose.association.common_clock import on_common_clock
+
+    with new_console(stderr=True).status("looking for what may be wrong"):
+        diagnosis = looked_at(*on_common_clock(people.subset(rig.names), rig))
+    console.print("The recording with this calibration:")
+    print_findings(console, diagnosis)
+
+
+def conclude(console: Console, diagnosis: Diagnosis | None, *, strict: bool) -> int:
+    """Print what was found of a result, and a last line that nobody overlooks if it is probably wrong.
+
+    Returns:
+        The exit code: 3 in that case if it is strict, else 0.
+    """
+    if diagnosis is None:
+        return 0
+    print_findings(console, diagnosis)
+    if diagnosis.worst is not Severity.WRONG:
+        return 0
+    codes = dict.fromkeys(finding.code for finding in diagnosis.findings if finding.severity is Severity.WRONG)
+    line = f"THIS RESULT IS PROBABLY WRONG: {', '.join(codes)}. Read the lines with !! above before you use it."
+    console.print(f"[bold red]{line}[/]" if console.is_terminal else line, markup=console.is_terminal, soft_wrap=True)
+    return PROBABLY_WRONG if strict else 0
 
 
 def deliver(

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from tyro.conf import FlagCreatePairsOff, UseAppendAction, arg
 
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.console import new_console, new_table, print_written, progress_bar
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from fgpose.calibration.bumped import BumpedRig
     from fgpose.calibration.from_people.calibrate import Focal
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.calibration.from_people.starts.starts import GivenStart
@@ -179,7 +179,7 @@ class FromPeopleOptions:
                     progress=progress,
                 )
         except ValueError:
-            nothing_written(path)
+            _say_not_written(path)
             raise
 
     def _focal_of(self, intrinsics: CameraRig) -> Focal:
@@ -209,21 +209,32 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def print_calibrated(console: Console, result: CalibratedFromPeople, written: Sequence[Path]) -> None:
-    """A table of the cameras, how well all is known, the verdict with its reasons, and the files."""
-    from fgpose.cli.tables import new_table
-    from fgpose.pipeline.calibration_report import camera_rows, summary, verdict
+def print_calibrated(
+    console: Console, result: CalibratedFromPeople | BumpedRig[Any], written: Sequence[Path], output: Path
+) -> bool:
+    """A table of the cameras, how well all is known, the verdict with its reasons, and the files.
 
+    Returns:
+        Whether the calibration was written to the output; if not, that is said on stderr.
+    """
+    from fgpose.calibration.bumped import BumpedRig
+    from fgpose.calibration.from_people.calibrated import Grade
+    from fgpose.pipeline.calibration_report import bumped_rows, bumped_summary, camera_rows, summary, verdict
+
+    is_bumped = isinstance(result, BumpedRig)
     table = new_table("", *result.rig.names)
-    for quantity, values in camera_rows(result).items():
+    for quantity, values in (bumped_rows(result) if is_bumped else camera_rows(result)).items():
         table.add_row(quantity, *values)
     console.print(table)
-    for line in itertools.chain(summary(result), verdict(result.findings, result.grade)):
+    lines = [bumped_summary(result)] if is_bumped else summary(result)
+    for line in (*lines, *verdict(result.findings, result.grade)):
         console.print(line)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True)
+    print_written(console, *written)
+    if result.grade is not Grade.FAILED:
+        return True
+    _say_not_written(output)
+    return False
 
 
-def nothing_written(path: Path) -> None:
-    """Say on stderr that there is no calibration."""
+def _say_not_written(path: Path) -> None:
     new_console(stderr=True).print(f"fgpose: the calibration has failed; {path} was not written", soft_wrap=True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
@@ -15,11 +13,9 @@ from fgpose.config import Config
 from fgpose.geometry.up_axis import UpChoice
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from fgpose.association.chosen_person import PersonRegion
     from fgpose.calibration.moved_views import Recording
-    from fgpose.pipeline import AnySource, Outputs, Progress, Source
+    from fgpose.pipeline import AnySource, Outputs, Source
 
 Format = Literal["parquet", "npz", "trc", "c3d", "rrd"]
 
@@ -162,42 +158,3 @@ def wanted_region(people: str, region: str | None) -> PersonRegion | None:
     if people == "all":
         raise ValueError("--person-region asks for one person, --people all for everybody: leave one of them out")
     return PersonRegion.parse(region)
-
-
-def new_console(*, stderr: bool = False) -> Console:
-    """A console that prints text as it is: file names in brackets are no markup."""
-    from fgpose.cli.plain_console import PlainConsole
-
-    return PlainConsole(stderr=stderr)
-
-
-@contextmanager
-def progress_bar(task: str, unit: str = "frames") -> Iterator[Progress]:
-    """A progress bar on stderr, so that what is printed can be piped."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (
-        TextColumn("{task.description:<18}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn(unit),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    with Progress(*columns, console=new_console(stderr=True)) as bar:
-        number = bar.add_task(task, total=None)
-        yield lambda done, total: bar.update(number, completed=done, total=total)
-
-
-@contextmanager
-def counting_bar(task: str, unit: str, total: int) -> Iterator[Callable[[object], None]]:
-    """A progress bar that is one further at each call, whatever it is called with."""
-    done = 0
-    with progress_bar(task, unit) as progress:
-
-        def advance(_: object) -> None:
-            nonlocal done
-            done += 1
-            progress(done, total)
-
-        progress(0, total)
-        yield advance

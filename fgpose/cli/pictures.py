@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.cli.options import progress_bar
+from fgpose.cli.console import progress_bar
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.sampling import nearest
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fgpose.monocular.sources import Sources
     from fgpose.pipeline import SeenWalk
     from fgpose.viewer import CalibrationRecording
-    from fgpose.viewer.session import Session
+    from fgpose.viewer.recording import Session
 
 # An image belongs to a frame of the walk if it is the nearest and no further away than this share of the usual step.
 _REACH = 0.6

@@ -6,16 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from fgpose.assessment.evaluation import Evaluation
 from fgpose.assessment.metrics import jitter_mps3
-from fgpose.assessment.people import PeopleEvaluation
 from fgpose.association.recording import Association
 from fgpose.association.successive import Succession
 from fgpose.calibration.self_calibration import CameraCalibration
+from fgpose.cli.console import new_table, number, print_written
 from fgpose.finding import Code
 from fgpose.observations import Observations
 from fgpose.people import PeopleObservations
@@ -46,8 +44,7 @@ def print_result(console: Console, result: Result, written: tuple[Path, ...]) ->
         console.print(latency_table(result.update_ms))
     for line in _notes_of_one(result) if result.association is None else _notes_of_people(result.main):
         console.print(line, soft_wrap=True)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True)
+    print_written(console, *written)
 
 
 def _notes_of_one(result: Result) -> list[str]:
@@ -207,102 +204,8 @@ def latency_table(update_ms: np.ndarray) -> Table:
     return table
 
 
-def print_evaluation(console: Console, evaluation: Evaluation) -> None:
-    """The errors over all joints, then one line per joint."""
-    console.print(
-        f"{evaluation.n_frames} frames and {evaluation.n_joints} joints in common, "
-        f"{100 * evaluation.share_missing:.1f} % of them missing on either side and left out"
-    )
-    console.print(_evaluation_table(evaluation))
-    joints = new_table("joint", "absolute [mm]", "relative [mm]", "PCK [%]", "missing [%]")
-    for joint in evaluation.joints:
-        values = joint.mpjpe_absolute_mm, joint.mpjpe_relative_mm, 100 * joint.pck, 100 * joint.share_missing
-        joints.add_row(joint.joint, *map(_number, values))
-    console.print(joints)
-
-
-def _evaluation_table(evaluation: Evaluation) -> Table:
-    rows: list[tuple[str, float]] = [
-        ("MPJPE, absolute [mm]", evaluation.mpjpe_absolute_mm),
-        ("MPJPE, relative to the root [mm]", evaluation.mpjpe_relative_mm),
-        ("PA-MPJPE, after Procrustes alignment [mm]", evaluation.pa_mpjpe_mm),
-        ("PCK, absolute errors up to 150 mm [%]", 100 * evaluation.pck),
-        ("acceleration error [m/s^2]", evaluation.acceleration_error_mps2),
-        ("jitter of the estimate [m/s^3]", evaluation.jitter_estimate_mps3),
-        ("jitter of the reference [m/s^3]", evaluation.jitter_reference_mps3),
-    ]
-    if evaluation.nees is not None:
-        rows.append(("NEES (3 where the covariance is right)", evaluation.nees))
-    if evaluation.coverage_95 is not None:
-        rows.append(("inside the 95 % ellipsoids [%]", 100 * evaluation.coverage_95))
-    table = new_table("", "value")
-    for label, value in rows:
-        table.add_row(label, _number(value))
-    return table
-
-
-def print_people_evaluation(console: Console, evaluation: PeopleEvaluation) -> None:
-    """How well people were found, told apart and posed, then one line per true person."""
-    console.print(
-        f"{evaluation.n_frames} frames, {evaluation.n_frames_empty} of them without an estimate; "
-        f"{evaluation.n_people} people, {evaluation.n_identities} estimated"
-    )
-    console.print(_people_evaluation_table(evaluation))
-    people = new_table("person", "frames", "recall [%]", "switches", "fragmented", "MPJPE [mm]", "PCP [%]")
-    for person in evaluation.people:
-        people.add_row(
-            *map(str, (person.identity, person.n_frames)),
-            _number(100 * person.recall),
-            *map(str, (person.switches, person.fragmentations)),
-            *map(_number, (person.mpjpe_mm, 100 * person.pcp)),
-        )
-    console.print(people)
-
-
-def _people_evaluation_table(evaluation: PeopleEvaluation) -> Table:
-    table = new_table("", "value")
-    rows: dict[str, float] = {
-        "recall [%]": 100 * evaluation.recall,
-        "precision [%]": 100 * evaluation.precision,
-        "F1 [%]": 100 * evaluation.f1,
-        "MOTA [%]": 100 * evaluation.mota,
-        "ID switches": evaluation.switches,
-        "fragmentations": evaluation.fragmentations,
-        "IDF1 [%]": 100 * evaluation.idf1,
-        "HOTA [%]": 100 * evaluation.hota,
-        "MPJPE, absolute [mm]": evaluation.mpjpe_mm,
-        "joints missing [%]": 100 * evaluation.share_missing,
-        "PCP [%]": 100 * evaluation.pcp,
-        "joints on the wrong person [%]": 100 * evaluation.wrong_person,
-        "people who returned": len(evaluation.returns),
-        "recognised of them": sum(stay.is_recognised for stay in evaluation.returns),
-        "arrivals taken for somebody else": sum(stay.is_mistaken for stay in evaluation.arrivals),
-        "ID switches of people within 1 m": sum(each.n_switches for each in evaluation.encounters),
-        "false tracks": len(evaluation.false_tracks_s),
-        "longest false track [s]": max(evaluation.false_tracks_s, default=np.nan),
-    }
-    for label, value in rows.items():
-        table.add_row(label, str(value) if isinstance(value, int) else _number(value))
-    return table
-
-
-def new_table(*headings: str) -> Table:
-    """An empty table: text in the first column, numbers in the others."""
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column(headings[0])
-    for heading in headings[1:]:
-        table.add_column(heading, justify="right")
-    return table
-
-
 def _row(table: Table, label: str, trajectories: list[Trajectory], value: Callable[[Trajectory], float]) -> None:
-    table.add_row(label, *(_number(value(trajectory)) for trajectory in trajectories))
-
-
-def _number(value: float) -> str:
-    if np.isnan(value):
-        return "-"
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.1f}"
+    table.add_row(label, *(number(value(trajectory)) for trajectory in trajectories))
 
 
 def _median_px(trajectory: Trajectory, camera: int | None = None) -> float:

@@ -17,9 +17,8 @@ from fgpose.io.calibration.calibration_origin import CalibrationOrigin as Calibr
 from fgpose.io.calibration.calibration_origin import MovedCamera as MovedCamera
 from fgpose.io.calibration.calibration_origin import Reason as Reason
 from fgpose.io.calibration.toml_formats import pose2sim_text, read
-from fgpose.io.content import parse_json
-from fgpose.io.folders import files_below
-from fgpose.io.typed_table import converted
+from fgpose.io.content import converted, parse_json
+from fgpose.io.names import files_below
 
 _VERSION = 1
 """Raised when a field changes its meaning. One of another version is not read, the result is."""

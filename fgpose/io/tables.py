@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,10 +13,19 @@ from jaxtyping import Float, Int
 
 from fgpose.io.atomic import write_bytes
 from fgpose.plain_files import check_expansion, open_plain
+from fgpose.skeleton import CONTROL
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
+# A table program runs a cell that begins so, which could send the table elsewhere.
+_FORMULA = re.compile(r"'*[=+\-@\t\r\n]")
+_CONTROLS = re.compile(f"{CONTROL.pattern}+")
+COVARIANCE_COLUMNS = {
+    f"cov_{'xyz'[row]}{'xyz'[column]}_m2": (row, column)
+    for row, column in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+}
+"""Row and column of the entry by the name of its column."""
 
 
 def read_table(path: Path, columns: list[str] | None = None) -> pa.Table:
@@ -159,3 +169,24 @@ def write_table(path: Path, table: pa.Table) -> None:
     content = pa.BufferOutputStream()
     pq.write_table(table, content, compression="zstd", write_page_checksum=True)
     write_bytes(path, content.getvalue().to_pybytes())
+
+
+def as_cell(name: str) -> str:
+    """A name as a cell: an apostrophe precedes what would be a formula, or looks like a name that has one."""
+    return f"'{name}" if _FORMULA.match(name) else name
+
+
+def name_in_cell(cell: str) -> str:
+    """The name that as_cell wrote."""
+    return cell[1:] if cell.startswith("'") and _FORMULA.match(cell) else cell
+
+
+def one_line(text: str) -> str:
+    """A text with blanks for tabs, line breaks and other control characters, and none at its ends."""
+    return _CONTROLS.sub(" ", text).strip()
+
+
+def symmetric(column: Callable[[str], np.ndarray]) -> Float[np.ndarray, "*points 3 3"]:
+    """The covariances from their columns, each of the shape of the points."""
+    entries = {entry: column(name) for name, entry in COVARIANCE_COLUMNS.items()}
+    return np.stack([np.stack([entries[min(i, j), max(i, j)] for j in range(3)], axis=-1) for i in range(3)], axis=-2)

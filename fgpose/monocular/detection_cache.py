@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
@@ -80,9 +79,8 @@ def cache_path(folder: Path, clip: Clip, network: Network, camera: Camera) -> Pa
 @cache
 def _code_digest() -> str:
     """Digest of the modules of this package: another release may give other detections."""
-    modules = (file for file in resources.files("fgpose.monocular").iterdir() if file.name.endswith(".py"))
     digest = hashlib.sha256()
-    for module in sorted(modules, key=lambda file: file.name):
+    for module in sorted(Path(__file__).parent.rglob("*.py")):
         digest.update(module.read_bytes())
     return digest.hexdigest()
 

@@ -11,8 +11,7 @@ import numpy as np
 from fgpose.association.common_clock import is_far_off
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import fitted_camera
-from fgpose.io.camera_names import match_cameras, named_cameras
-from fgpose.io.folders import visible
+from fgpose.io.names import match_cameras, named_cameras, visible
 from fgpose.monocular.clips import VIDEO_SUFFIXES, Clip, image_files, open_clip
 from fgpose.plain_files import naming
 

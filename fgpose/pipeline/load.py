@@ -10,8 +10,8 @@ from fgpose.association.chosen_person import PersonRegion
 from fgpose.association.common_clock import on_common_clock
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import Unit, load_rig
-from fgpose.io.camera_names import counted_otherwise, seen_cameras
 from fgpose.io.keypoints import keypoint_cameras, load_people
+from fgpose.io.names import counted_otherwise, seen_cameras
 from fgpose.observations import check_confidence
 from fgpose.people import PeopleObservations
 from fgpose.pipeline.detected_orientation import as_detected

@@ -19,7 +19,7 @@ from fgpose.io.atomic import NotWrittenError, check_replaceable, check_writable,
 from fgpose.io.made_by import refuse_others
 from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, people_paths, save_people
-from fgpose.io.upright import resolved_up
+from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.vertical import find_up
 from fgpose.people import PeopleObservations
 from fgpose.pipeline.result import Result, show

@@ -24,7 +24,7 @@ from fgpose.pipeline.calibration_report import bumped_markdown, markdown
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory, joint_status
 from fgpose.viewer import CalibrationRecording, CalibrationScene
-from fgpose.viewer.calibration_recording import WALK
+from fgpose.viewer.recording import WALK
 
 
 @dataclass(frozen=True, eq=False)

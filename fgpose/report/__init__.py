@@ -8,4 +8,4 @@ from fgpose.report.results import find_result as find_result
 from fgpose.report.results import load_finished as load_finished
 from fgpose.report.study_report import StudyRecording as StudyRecording
 from fgpose.report.study_report import write_study_report as write_study_report
-from fgpose.report.thumbnail import thumbnail as thumbnail
+from fgpose.report.study_results import thumbnail as thumbnail

@@ -16,13 +16,13 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import in_pieces, is_changing
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.calibration import load_calibration_origin, load_rig
-from fgpose.io.folders import shown
 from fgpose.io.made_by import made_by
+from fgpose.io.names import shown
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
 from fgpose.observations import Observations
 from fgpose.plain_files import naming
-from fgpose.report.origin_facts import facts_of, findings_of, without_home
+from fgpose.report.sections.origin import facts_of, findings_of, without_home
 from fgpose.report.used_detections import used_detections
 from fgpose.trajectory import Trajectory
 

@@ -14,10 +14,29 @@ from jaxtyping import Float
 from fgpose.diagnosis.series import known_quantile
 from fgpose.io.atomic import write_text
 from fgpose.report.blocks import Block, Cell, Plot, Section, Table, number
-from fgpose.report.outliers import MEASURES, OUTLIER_Z, Outlier, outliers
 from fgpose.report.page import Figure, Page, html
 from fgpose.report.plots import COLOURS, models, plain_figure
 
+MEASURES = {
+    "seen_share": -1,
+    "views": -1,
+    "unobservable_share": 1,
+    "longest_gap_s": 1,
+    "reprojection_px": 1,
+    "worst_camera_px": 1,
+    "hallucinated_share": 1,
+    "sigma_mm": 1,
+    "bone_spread_share": 1,
+    "bone_asymmetry_share": 1,
+    "max_speed_mps": 1,
+}
+"""Numbers of Quality by which recordings are compared: 1 where larger is worse, -1 where smaller is."""
+OUTLIER_Z = 3.5
+"""Iglewicz and Hoaglin (1993): how to detect and handle outliers."""
+# With fewer, every recording is an outlier or none.
+_LEAST = 5
+# Of the median: recordings that are nearly all alike have no outlier that differs by less than 3.5 %.
+_LEAST_SPREAD = 0.01
 # Column: name in Quality, heading, factor, digits.
 _COLUMNS = (
     ("duration_s", "duration / s", 1.0, 1),
@@ -36,6 +55,52 @@ _WORDS = {name: heading.rpartition(" / ")[0] or heading for name, heading, *_ in
     "bone_asymmetry_share": "left and right bones",
     "max_speed_mps": "speed",
 }
+_INTRO = (
+    "What failed first, then what is unlike the others: z is the distance from the median of the study in robust "
+    f"standard deviations, in the measure in which a recording is furthest on the bad side; from {OUTLIER_Z} on it is "
+    "an outlier. Click on a heading to sort. Small pictures: the way of the hips from above, turned so that it fills "
+    "the picture, with a dot at its end, and how far it reaches; the share of joints that two cameras see over time, "
+    "from orange to blue, which is all."
+)
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """How far a recording is from the others, in the measure in which it is furthest on the bad side."""
+
+    z: float
+    measure: str
+    """Empty if it is no worse than the median in any."""
+
+
+def robust_z(values: Float[np.ndarray, " recording"]) -> Float[np.ndarray, " recording"]:
+    """Distance from the median in standard deviations by the median absolute deviation; where more than half are equal,
+    by the mean absolute deviation (the same reference). NaN where not known, or too few are."""
+    known = np.isfinite(values)
+    if known.sum() < _LEAST:
+        return np.full(values.shape, np.nan)
+    difference = values - np.median(values[known])
+    spread = 1.4826 * float(np.median(np.abs(difference[known]))) or 1.2533 * float(np.mean(np.abs(difference[known])))
+    spread = max(spread, _LEAST_SPREAD * abs(float(np.median(values[known]))))
+    return difference / spread if spread > 0 else np.where(known, 0.0, np.nan)
+
+
+def outliers(columns: dict[str, Float[np.ndarray, " recording"]]) -> list[Outlier]:
+    """One for each recording.
+
+    Args:
+        columns: of MEASURES, those that are known.
+    """
+    names: Sequence[str] = [name for name in MEASURES if name in columns]
+    if not names:
+        return []
+    scores = np.stack([MEASURES[name] * robust_z(columns[name]) for name in names])
+    scores = np.where(np.isfinite(scores), scores, 0.0)
+    worst = scores.argmax(axis=0)
+    best = scores.max(axis=0)
+    return [
+        Outlier(float(z), names[index] if z > 0 else "") for z, index in zip(best.tolist(), worst.tolist(), strict=True)
+    ]
 
 
 @dataclass(frozen=True)
@@ -88,15 +153,6 @@ def write_study_report(recordings: Sequence[StudyRecording], path: str | Path, t
         figures=_figures(done, others, columns, scores),
     )
     write_text(Path(path), html(page))
-
-
-_INTRO = (
-    "What failed first, then what is unlike the others: z is the distance from the median of the study in robust "
-    f"standard deviations, in the measure in which a recording is furthest on the bad side; from {OUTLIER_Z} on it is "
-    "an outlier. Click on a heading to sort. Small pictures: the way of the hips from above, turned so that it fills "
-    "the picture, with a dot at its end, and how far it reaches; the share of joints that two cameras see over time, "
-    "from orange to blue, which is all."
-)
 
 
 def _column(done: Sequence[StudyRecording], name: str) -> Float[np.ndarray, " recording"]:

@@ -19,8 +19,8 @@ from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.changing_rig import is_changing
-from fgpose.io.camera_names import seen_cameras
 from fgpose.io.keypoints import keypoint_cameras, load_people
+from fgpose.io.names import seen_cameras
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations
 from fgpose.plain_files import naming

@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from fgpose.io.packing import packed, unpacked
+from fgpose.io.live.packing import packed, unpacked
 from fgpose.live.link_distance import Fault, LinkDistance
 from fgpose.live.reception.message_schema import PackedArray, Schema, shown
 from fgpose.live.reception.rejections import MessageError

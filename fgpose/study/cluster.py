@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 # A scheduler in the same network answers within a fraction of a second.
 _ANSWERS_WITHIN_S = 10.0
 _WORKERS_WITHIN_S = 60.0
+_LOST = "the scheduler has gone; what is finished is on disk, and the same command goes on from there"
+_KILLED = "its worker died at it each time it was tried, perhaps because it took more than resources.memory_gb"
 
 
 class SchedulerLostError(OSError):
@@ -230,10 +232,6 @@ def _has_died(future: Future) -> bool:
     from distributed.scheduler import KilledWorker
 
     return future.status == "error" and isinstance(future.exception(), KilledWorker)
-
-
-_LOST = "the scheduler has gone; what is finished is on disk, and the same command goes on from there"
-_KILLED = "its worker died at it each time it was tried, perhaps because it took more than resources.memory_gb"
 
 
 def run(client: Client, study: Study, recordings: Iterable[Recording]) -> Iterator[Outcome]:

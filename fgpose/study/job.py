@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
+from fgpose.monocular.network import Network
+from fgpose.monocular.networks import open_network
 from fgpose.pipeline import AnySource, load_source
 from fgpose.skeleton import Skeleton
-from fgpose.study.networks import network
 from fgpose.study.recording import Recording
-from fgpose.study.study import Study, skeleton_of
+from fgpose.study.study import Detect, Study, skeleton_of
 
 DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""
@@ -21,6 +23,22 @@ SYNCHRONISED = "synchronised.toml"
 SEEN, CALIBRATION = "seen.parquet", "calibration.toml"
 """The keypoints with the 3D of each view moved with its camera, and the cameras, after a calibration."""
 MOTION, ANGLES, REPORT = "motion.parquet", "angles.parquet", "report.html"
+
+
+def network(study: Study) -> Network:
+    """The network of a study, opened once in a process. Raises ValueError and OSError as open_network."""
+    return _network(study.detect, study.base)
+
+
+@lru_cache(maxsize=1)
+def _network(settings: Detect, base: Path) -> Network:
+    file = base / settings.model
+    return open_network(
+        file if file.is_file() else settings.model,
+        kind=settings.network,
+        detector=base / settings.detector if settings.detector else None,
+        max_people=settings.max_people,
+    )
 
 
 @dataclass(frozen=True)

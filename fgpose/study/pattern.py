@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fgpose.io.camera_names import natural_key
+from fgpose.io.names import natural_key
 
 OnError = Callable[[OSError], None]
 """Called with what is wrong with a folder, which is then passed over."""

@@ -17,10 +17,9 @@ from typing import Literal
 from threadpoolctl import threadpool_limits
 
 from fgpose.io.atomic import write_text
-from fgpose.io.studies.data_set import part_fingerprint, part_path, write_part
+from fgpose.io.studies.results import part_fingerprint, part_path, write_part
 from fgpose.io.studies.state import DoneStep, RecordingState, load_state, save_state
-from fgpose.study.chain import fingerprints, steps_of
-from fgpose.study.inputs import contents_of, inputs_of, stamp_of
+from fgpose.study.chain import contents_of, fingerprints, inputs_of, stamp_of, steps_of
 from fgpose.study.job import ANGLES, MOTION, Job
 from fgpose.study.recording import Recording
 from fgpose.study.study import Study

@@ -3,10 +3,10 @@
 Rerun is an optional dependency; it is imported only when a recording is opened.
 """
 
-from fgpose.viewer.calibration_recording import CalibrationRecording as CalibrationRecording
-from fgpose.viewer.calibration_recording import CalibrationScene as CalibrationScene
 from fgpose.viewer.opening import open_calibration_recording as open_calibration_recording
 from fgpose.viewer.opening import open_people_recording as open_people_recording
 from fgpose.viewer.opening import open_recording as open_recording
 from fgpose.viewer.opening import open_system_recording as open_system_recording
+from fgpose.viewer.recording import CalibrationRecording as CalibrationRecording
+from fgpose.viewer.recording import CalibrationScene as CalibrationScene
 from fgpose.viewer.recording import Recording as Recording

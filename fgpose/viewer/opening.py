@@ -10,15 +10,20 @@ from typing import Any
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.analytics import leave_out_analytics
-from fgpose.viewer.calibration_recording import CalibrationRecording
 from fgpose.viewer.pictures import PictureOptions
-from fgpose.viewer.recording import Recording
-from fgpose.viewer.session import UpAxis
-from fgpose.viewer.system_recording import SystemRecording
+from fgpose.viewer.recording import CalibrationRecording, Recording, SystemRecording, UpAxis
 
 # Kept for viewers who connect late. 20,000 frames of 8 people in 8 cameras take half of it; of a system some minutes.
 _RESULTS_MB, _PEOPLE_MB, _SYSTEM_MB = 256.0, 1024.0, 128.0
+
+
+def leave_out_analytics() -> None:
+    """Rerun, in this process and in those that it starts, sends nothing unless FORCE_RERUN_ANALYTICS=1 is set.
+
+    Its own switch is a file in the user's home, which is not ours to write, and is on where nobody was asked. It sends
+    nothing either where CI is set, as machines that run tests do.
+    """
+    os.environ.setdefault("CI", "1")
 
 
 def open_recording(
@@ -72,8 +77,8 @@ def open_recording(
     if path is None and not live:
         return Recording()
     with _rerun_needed():
-        from fgpose.viewer.rerun_recording import RerunRecording
-        from fgpose.viewer.rerun_session import Target
+        from fgpose.viewer.rerun.recording import RerunRecording
+        from fgpose.viewer.rerun.session import Target
     server_mb = _PEOPLE_MB if trajectories is None else _RESULTS_MB
     target = Target(None if path is None else Path(path), port if live else None, endless, made_by, server_mb)
     return RerunRecording(target, (rig, skeleton, tuple(trajectories or ())), up, pictures)
@@ -120,8 +125,8 @@ def open_calibration_recording(
     if path is None:
         return CalibrationRecording()
     with _rerun_needed():
-        from fgpose.viewer.rerun_calibration_recording import RerunCalibrationRecording
-        from fgpose.viewer.rerun_session import Target
+        from fgpose.viewer.rerun.calibration import RerunCalibrationRecording
+        from fgpose.viewer.rerun.session import Target
     return RerunCalibrationRecording(Target(Path(path), None, endless=False), rig, skeleton, up, pictures)
 
 
@@ -151,8 +156,8 @@ def open_system_recording(
     # Rerun logs a warning that there is no footer; it would grow in memory.
     os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=error")
     with _rerun_needed():
-        from fgpose.viewer.rerun_session import Target
-        from fgpose.viewer.rerun_system_recording import RerunSystemRecording
+        from fgpose.viewer.rerun.session import Target
+        from fgpose.viewer.rerun.system import RerunSystemRecording
     target = Target(
         None if path is None else Path(path), port if live else None, endless=True, made_by="live", server_mb=_SYSTEM_MB
     )

@@ -1,19 +1,85 @@
-"""The interface through which the rest of fgpose shows people. Does not import Rerun."""
+"""The interface through which the rest of fgpose shows recordings, calibrations, live systems; without Rerun."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Literal, TypeVar
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from fgpose.association.recording import Association
 from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
+from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Trajectory
-from fgpose.viewer.session import Session
+
+UpAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+# typing.Self is refused by the checks of the tests.
+_Opened = TypeVar("_Opened", bound="Session")
+WALK = "walk"
+"""The name of the walker's trajectory in the recording."""
+
+
+class Session:
+    """An open recording; this one shows nothing."""
+
+    viewer_url: str | None = None
+    """Where a viewer connects (``rerun URL``) while a live recording is open."""
+
+    def wants_image(self, camera: str, frame: int) -> bool:
+        """Whether log_image would show the picture of a frame: ask before reading or converting one.
+
+        Raises:
+            ValueError: the camera is unknown.
+        """
+        return False
+
+    def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
+        """Show one camera's picture, undistorted as its points are, shrunk and compressed; see open_recording.
+
+        A picture beyond the limit of the recording is left out. The limit is divided among the cameras.
+
+        Args:
+            camera: its name in the rig.
+            frame: number of the frame, counted from 0.
+            time_s: its time.
+            image: RGB, as the camera took it.
+
+        Raises:
+            ValueError: the camera is unknown, or the size of the picture differs from that of the calibration.
+            OSError: the disk is full, or so slow that pictures would pile up in memory.
+        """
+
+    def flush(self) -> None:
+        """Bring what was logged into the file. Raises OSError if that is not possible."""
+
+    def close(self) -> None:
+        """Write the rest and give the file its name. Closing again does nothing.
+
+        Raises:
+            OSError: the file could not be written to its end. None is left; of an endless recording, what could be
+                written, as NAME_incomplete.rrd.
+        """
+
+    def discard(self) -> None:
+        """Close without leaving a file; an older one of the same name stays as it was."""
+
+    def __enter__(self: _Opened) -> _Opened:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        # Ctrl-C is how a live session ends: its file is kept.
+        if kind is None or issubclass(kind, KeyboardInterrupt):
+            self.close()
+        else:
+            self.discard()
 
 
 class Recording(Session):
@@ -139,4 +205,83 @@ class Recording(Session):
         Raises:
             ValueError: the frame is not later, a camera is unknown or has two images, an image has another number of
                 joints, or the skeleton or the cameras of an estimate differ.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationScene:
+    """What is shown of a calibration besides the cameras, the detections and the walker."""
+
+    time_s: Float[np.ndarray, " frame"]
+    position_sigma_m: Float[np.ndarray, " camera"]
+    """Of the place of each camera, root of the sum over the axes; NaN: not known."""
+    path_m: Float[np.ndarray, "frame 3"]
+    """Where the walker's hips were, world frame; NaN: not known."""
+    epipolar_px: Float[np.ndarray, "frame camera other"]
+    """How far the joints in each camera are from the epipolar lines of each other one; NaN: not seen by both."""
+    report: str
+    """Markdown: the verdict, and a table of the cameras."""
+    before: CameraRig | None = None
+    """The same cameras as they were before; those that have moved since are shown there too."""
+
+
+class CalibrationRecording(Recording):
+    """A recording of one person who walked through the scene, and of how well the cameras are calibrated by it."""
+
+    def log_calibration(self, scene: CalibrationScene) -> None:
+        """Show the covariances of the cameras, the way of the hips, what of the floor was covered, how well every pair
+        of cameras agrees in each frame, and the verdict.
+
+        Raises:
+            ValueError: a shape differs from the number of frames or of cameras, or the cameras before are others.
+        """
+
+
+@dataclass(frozen=True)
+class CameraSaid:
+    """What is said of a camera."""
+
+    state: str
+    """A key of palette.CAMERA_STATES, or another word."""
+    reason: str = ""
+    is_silent: bool = False
+    """No images come from it: what it showed last is taken away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """What a live system says at one time."""
+
+    time_s: float
+    """Unix time at which the people are there."""
+    people: Sequence[Tracked]
+    images: Sequence[Detections] = ()
+    """That are new; at most one of each camera. Cameras without one stay as they were."""
+    pictures: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """(H, W, 3) RGB uint8 by the camera; perhaps scaled down."""
+    events: Sequence[TrackEvent] = ()
+    """Since the moment before."""
+    cameras: Mapping[str, CameraSaid] = field(default_factory=dict)
+    """By name; of those that are not here nothing is known."""
+    delay_s: float | None = None
+    """From the newest image to its frame; None: there was no new image."""
+    observed_share: float | None = None
+    """Of the volume."""
+    note: str = ""
+    """Of the recording itself; empty: there is none."""
+
+
+class SystemRecording(Recording):
+    """Takes what a live system says, moment by moment; this one shows nothing.
+
+    ``fgpose.viewer.open_system_recording`` gives one that does. Its memory does not grow with time.
+    """
+
+    def log_moment(self, moment: Moment) -> None:
+        """Show people, detections, pictures, the states of the cameras and the delay.
+
+        Raises:
+            ValueError: a camera is unknown or has two images, an image has another number of joints, or the skeleton or
+                the cameras of an estimate differ.
+            OSError: the disk is full, or so slow that memory would fill.
         """

@@ -153,7 +153,7 @@ def test_calibrations_of_others_stay(
 def test_what_the_live_demonstration_advises_replaces_nothing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("fgpose.cli.demo_live.run_live_demo", lambda *arguments: None)
+    monkeypatch.setattr("fgpose.cli.commands.demo.run_live_demo", lambda *arguments: None)
     assert main(["demo", "--live", "--output", str(tmp_path)]) == 0
     advised = next(line for line in capsys.readouterr().out.splitlines() if "smooth it: " in line)
     assert advised.endswith(f"-o {tmp_path} --name demo_live_smooth")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg, subcommand
 
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.console import counting_bar, new_console, print_written
 from fgpose_benchmarks.cli.calibrate import Calibrate
 from fgpose_benchmarks.cli.data import Human36M, OccludeImages, Workcell
 from fgpose_benchmarks.cli.faults import Faults
@@ -88,7 +88,7 @@ class Open(MethodComparison):
 
         if self.store is not None:
             store_intervals(scores, self.store, _MARGIN)
-            new_console().print(f"wrote {self.store}", soft_wrap=True)
+            print_written(new_console(), self.store)
         if self.check is None:
             return
         violations = check_against(self.check, scores)
@@ -156,9 +156,7 @@ def _report(folder: Path, command: str) -> None:
     from fgpose_benchmarks.accuracy.report import write_report
     from fgpose_benchmarks.comparison.scores import Score, load_scores
 
-    console = new_console()
-    for path in write_report(load_scores(folder / _SCORES, Score), folder, command):
-        console.print(f"wrote {path}", soft_wrap=True)
+    print_written(new_console(), *write_report(load_scores(folder / _SCORES, Score), folder, command))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.console import counting_bar, new_console, print_written
 from fgpose_benchmarks.cli.method_comparison import MethodComparison, OutputFolder
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class Calibrate(MethodComparison):
         save_scores(scores, self.output / "scores.json")
         draws = [f"--draws {self.draws}"] if self.draws != 3 else []
         path = write_report(scores, self.output, self.command("fgpose benchmark calibrate", *draws))
-        new_console().print(f"wrote {path}", soft_wrap=True)
+        print_written(new_console(), path)
 
     def _variants(self) -> list[CalibrationVariant]:
         from fgpose_benchmarks.calibration.real import available

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import Positional, arg
 
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.console import new_console, progress_bar
 
 if TYPE_CHECKING:
     from fgpose_benchmarks.human36m.labels import PoseSequence
@@ -175,7 +175,7 @@ class Workcell:
     """Name of the joint that is aligned."""
 
     def run(self) -> None:
-        from fgpose.cli.tables import print_evaluation
+        from fgpose.cli.commands.evaluate import print_evaluation
         from fgpose.io.trajectories import load_trajectory
         from fgpose_benchmarks.human36m.workcell import evaluate_workcell
 

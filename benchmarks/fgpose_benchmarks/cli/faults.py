@@ -8,8 +8,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from fgpose.cli.command_line import command_line
-from fgpose.cli.options import new_console, progress_bar
+from fgpose.cli.console import new_console, print_written, progress_bar
+from fgpose.cli.process import command_line
 
 # A tenth of it: what fits into the tests.
 _QUICK_DAMAGES = (
@@ -77,4 +77,4 @@ class Faults:
             progress(len(found), n_all)
             outcomes = run(every, damages, tuple(found), keep, self.workers)
         path = write_report(outcomes, self.output, command_line())
-        new_console().print(f"wrote {path}", soft_wrap=True)
+        print_written(new_console(), path)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from fgpose.cli.options import counting_bar, new_console
+from fgpose.cli.console import counting_bar, new_console, print_written
 from fgpose_benchmarks.cli.method_comparison import MethodComparison, OutputFolder
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ class People(MethodComparison):
         scores = self._scores(variants, methods)
         save_scores(scores, self.output / "scores.json")
         path = write_report(scores, self.output, self.command("fgpose benchmark people"))
-        new_console().print(f"wrote {path}", soft_wrap=True)
+        print_written(new_console(), path)
 
     def _variants(self) -> list[PeopleVariant]:
         from fgpose_benchmarks.people.variants import VARIANTS, find_variant

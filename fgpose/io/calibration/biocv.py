@@ -12,7 +12,7 @@ import numpy as np
 
 from fgpose.io.calibration.calibrated_view import CalibratedView, numbers
 from fgpose.io.content import read_content
-from fgpose.io.folders import shown
+from fgpose.io.names import shown
 
 EXTENSION = ".calib"
 _MAX_BYTES = 100_000

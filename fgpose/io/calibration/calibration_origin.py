@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from fgpose.io.typed_table import converted
+from fgpose.io.content import converted
 
 _VERSION = 1
 """Raised when a field changes its meaning. One of another version is not read, the rig is."""
@@ -17,7 +17,7 @@ _VERSION = 1
 
 @dataclass(frozen=True)
 class Reason:
-    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.Finding."""
+    """A reason for the verdict on a calibration from people, see fgpose.calibration.from_people.calibrated."""
 
     camera: str
     """Whose it is; empty: of the whole rig."""

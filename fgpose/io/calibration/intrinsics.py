@@ -15,8 +15,7 @@ from fgpose.geometry.intrinsics import is_of_another_size
 from fgpose.io.arrays import array_names, read_arrays
 from fgpose.io.calibration import (
     biocv,
-    json_format,
-    lens_documents,
+    documents,
     live_format,
     npz_format,
     opencap,
@@ -25,9 +24,8 @@ from fgpose.io.calibration import (
     xml_formats,
 )
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens
-from fgpose.io.camera_names import named_cameras
 from fgpose.io.content import read_content
-from fgpose.io.folders import visible
+from fgpose.io.names import named_cameras, visible
 from fgpose.plain_files import MAX_CALIBRATION_BYTES, naming
 
 Size = tuple[int, int]
@@ -129,7 +127,7 @@ def _of_file(path: Path) -> list[Lens]:
         raise ValueError("the file is empty")
     if content.startswith(b"PK"):
         is_rig = "world_T_camera" in array_names(path)
-        return _without_poses(npz_format.read(path)) if is_rig else lens_documents.lenses(read_arrays(path), path.stem)
+        return _without_poses(npz_format.read(path)) if is_rig else documents.lenses(read_arrays(path), path.stem)
     if xml_formats.is_xml(content):
         return _without_poses(xml_formats.read(content))
     if opencap.is_pickle(content):
@@ -137,10 +135,10 @@ def _of_file(path: Path) -> list[Lens]:
     if path.suffix.lower() == biocv.EXTENSION:
         return _without_poses(biocv.read(path))
     if start.startswith(b"{"):
-        return lens_documents.lenses(json_format.document_of(start), path.stem)
+        return documents.lenses(documents.json_document(start), path.stem)
     if start.startswith(b"%YAML") or path.suffix.lower() in (".yml", ".yaml"):
         document = opencv_yaml.yaml_document(path)
-        return opencv_yaml.intrinsics(document) or lens_documents.lenses(document, path.stem)
+        return opencv_yaml.intrinsics(document) or documents.lenses(document, path.stem)
     return _of_toml(start, path.stem)
 
 
@@ -152,7 +150,7 @@ def _of_toml(content: bytes, name: str) -> list[Lens]:
         raise ValueError(f"no intrinsics, or a damaged file: {error}") from None
     if toml_formats.has_cameras(document):
         return _without_poses(toml_formats.read(text, poses=False)[0])
-    return lens_documents.lenses(document, name)
+    return documents.lenses(document, name)
 
 
 def _without_poses(views: list[CalibratedView]) -> list[Lens]:

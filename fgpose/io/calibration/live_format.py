@@ -11,8 +11,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import npz_format
 from fgpose.io.calibration.calibrated_view import CalibratedView
 from fgpose.io.content import first_bytes
-from fgpose.io.packing import unpacked
-from fgpose.io.record_files import MAGIC, RecordFile
+from fgpose.io.live.packing import unpacked
+from fgpose.io.live.record_files import MAGIC, RecordFile
 
 
 def is_live(path: Path) -> bool:

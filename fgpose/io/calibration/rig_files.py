@@ -10,7 +10,7 @@ from typing import Literal
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import (
     biocv,
-    json_format,
+    documents,
     live_format,
     npz_format,
     opencap,
@@ -91,7 +91,7 @@ def _read(path: Path) -> tuple[list[CalibratedView], UnitOfFormat]:
     if path.suffix.lower() == biocv.EXTENSION:
         return biocv.read(path), "mm"
     if start.startswith(_JSON):
-        return json_format.read(start), "auto"
+        return documents.read(start), "auto"
     if start.startswith(b"%YAML"):
         return opencv_yaml.read(path.parent), "m"
     try:

@@ -30,7 +30,7 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.atomic import write_text
 from fgpose.io.calibration.calibrated_view import CalibratedView, UnitOfFormat, numbers, rotation_matrix
 from fgpose.io.calibration.calibration_origin import CalibrationOrigin, origin_of_table, table_of
-from fgpose.io.camera_names import natural_key
+from fgpose.io.names import natural_key
 
 _NO_CAMERAS = ("metadata", "capture_volume", "charuco", "checkerboard")
 _AT_THE_ORIGIN = {"rotation": [0.0] * 3, "translation": [0.0] * 3}

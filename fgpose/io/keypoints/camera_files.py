@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from fgpose.io.arrays import read_arrays
-from fgpose.io.camera_names import camera_name
 from fgpose.io.keypoints import deeplabcut
 from fgpose.io.keypoints.detections import (
     CameraDetections,
@@ -21,9 +20,9 @@ from fgpose.io.keypoints.detections import (
     numbers,
     read_json,
 )
-from fgpose.io.keypoints.frame_names import MAX_FRAME, frame_numbers
-from fgpose.io.keypoints.image_files import image_format, mmpose_instances
+from fgpose.io.keypoints.image_files import MAX_FRAME, frame_numbers, image_format, mmpose_instances
 from fgpose.io.keypoints.joint_names import check_joints
+from fgpose.io.names import camera_name
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.io.camera_names import camera_name
 from fgpose.io.content import first_bytes, read_content, text_lines
 from fgpose.io.keypoints.detections import CameraDetections, Source, checked_detections
-from fgpose.io.keypoints.frame_names import frame_numbers
+from fgpose.io.keypoints.image_files import frame_numbers
 from fgpose.io.keypoints.joint_names import plain_joint
+from fgpose.io.names import camera_name
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

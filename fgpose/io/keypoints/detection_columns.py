@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.io.covariance_columns import COVARIANCE_COLUMNS, symmetric
-from fgpose.io.tables import names, numbers
+from fgpose.io.tables import COVARIANCE_COLUMNS, names, numbers, symmetric
 from fgpose.skeleton import Skeleton
 
 if TYPE_CHECKING:

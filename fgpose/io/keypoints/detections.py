@@ -15,9 +15,6 @@ from fgpose.observations import is_infinite
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 
-# Frame numbers are counters; longer ones overflow the arithmetic on them, and are identifiers.
-MAX_FRAME = 10**15
-
 
 @dataclass(frozen=True)
 class Source:

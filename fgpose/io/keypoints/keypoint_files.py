@@ -13,13 +13,12 @@ import numpy as np
 from fgpose.association.chosen_person import PersonRegion, chosen_person, main_person
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.camera_names import match_cameras
 from fgpose.io.formats import KeypointFormat, recognised
 from fgpose.io.keypoints import camera_files, freemocap, image_files, live_files, people_files, recording_files
 from fgpose.io.keypoints.detections import CameraDetections
-from fgpose.io.keypoints.scores import as_confidences
+from fgpose.io.keypoints.scores import as_confidences, without_zeros
 from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
-from fgpose.io.keypoints.zeros import without_zeros
+from fgpose.io.names import match_cameras
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose.people import Detections, PeopleObservations

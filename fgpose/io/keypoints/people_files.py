@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
-from fgpose.io.camera_names import match_cameras
 from fgpose.io.keypoints.detection_columns import (
     detection_columns,
     detections_of,
@@ -19,6 +18,7 @@ from fgpose.io.keypoints.detection_columns import (
     require_columns,
 )
 from fgpose.io.keypoints.recording_files import is_parquet, is_recording
+from fgpose.io.names import match_cameras
 from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
 from fgpose.observations import is_infinite, positive_definite
 from fgpose.people import Detections, PeopleObservations

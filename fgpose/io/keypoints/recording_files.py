@@ -11,7 +11,6 @@ import numpy as np
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.arrays import array_names, checked, read_arrays, texts, write_arrays
-from fgpose.io.camera_names import match_cameras
 from fgpose.io.content import first_bytes
 from fgpose.io.keypoints.detection_columns import (
     detection_columns,
@@ -20,6 +19,7 @@ from fgpose.io.keypoints.detection_columns import (
     repeated_row,
     require_columns,
 )
+from fgpose.io.names import match_cameras
 from fgpose.io.tables import names, nullable, numbers, read_table, write_table
 from fgpose.observations import Observations
 from fgpose.plain_files import naming

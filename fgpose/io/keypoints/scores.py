@@ -1,4 +1,4 @@
-"""Confidences above 1: scores of networks whose scale is another."""
+"""What programs write instead of a confidence in [0, 1], and of joints that they did not find."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fgpose.io.keypoints.detections import CameraDetections, ImageDetections, refuse_confidence
 from fgpose.skeleton import Skeleton
@@ -73,3 +73,26 @@ def _remark(scores: np.ndarray, scale: float) -> str:
 def _refuse_above(most: float, images: Iterable[ImageDetections], skeleton: Skeleton, remedy: str = "") -> None:
     for image in images:
         refuse_confidence(image.source, skeleton, image.confidence, image.confidence > most, remedy)
+
+
+def without_zeros(cameras: Mapping[str, CameraDetections]) -> tuple[dict[str, CameraDetections], tuple[str, ...]]:
+    """Without the detections in the corner of the image, and in words how many they were: to the last digit no network
+    finds a joint there, but their confidence says that it has."""
+    images = [image for own in cameras.values() for image in own.values()]
+    n_given = sum(int((image.confidence > 0).sum()) for image in images)
+    n_zero = sum(int(_zero(image).sum()) for image in images)
+    if not n_zero:
+        return dict(cameras), ()
+    share = f"{n_zero} of {n_given} keypoints stand at exactly (0, 0)"
+    remark = f"{share}, with a confidence above 0: they are taken for missing"
+    return {name: {frame: _blanked(image) for frame, image in own.items()} for name, own in cameras.items()}, (remark,)
+
+
+def _zero(image: ImageDetections) -> Bool[np.ndarray, "person joint"]:
+    return np.asarray((image.points2d_px == 0).all(axis=-1))
+
+
+def _blanked(image: ImageDetections) -> ImageDetections:
+    zero = _zero(image)
+    points2d_px = np.where(zero[..., None], np.nan, image.points2d_px)
+    return replace(image, points2d_px=points2d_px, confidence=np.where(zero, 0.0, image.confidence))

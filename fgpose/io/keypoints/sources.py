@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from fgpose.io.camera_names import camera_name
 from fgpose.io.content import first_bytes
-from fgpose.io.folders import shown, visible
 from fgpose.io.keypoints.deeplabcut import is_deeplabcut
 from fgpose.io.keypoints.freemocap import is_freemocap
+from fgpose.io.names import camera_name, shown, visible
 
 # How far below a folder without keypoints they are looked for.
 _LEVELS = 2

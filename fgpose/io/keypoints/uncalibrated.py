@@ -13,9 +13,9 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
-from fgpose.io.camera_names import match_cameras, named_cameras
 from fgpose.io.keypoints import live_files, people_files, recording_files
 from fgpose.io.keypoints.keypoint_files import Points3dUnit, keypoint_cameras, load_people
+from fgpose.io.names import match_cameras, named_cameras
 from fgpose.people import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 

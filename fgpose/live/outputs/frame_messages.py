@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.io.packing import packed, unpacked
+from fgpose.io.live.packing import packed, unpacked
 from fgpose.live.frame import CameraStatus, LiveFrame, LivePerson, Restarts
 from fgpose.live.reception.message_schema import converted
 from fgpose.skeleton import Skeleton

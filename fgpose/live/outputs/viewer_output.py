@@ -21,7 +21,7 @@ from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import Update
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.session import UpAxis
+from fgpose.viewer.recording import UpAxis
 
 # More changes than a viewer that hangs may miss.
 _MAX_EVENTS = 200

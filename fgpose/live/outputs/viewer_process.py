@@ -26,8 +26,7 @@ from fgpose.people import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 from fgpose.viewer import open_system_recording
-from fgpose.viewer.session import UpAxis
-from fgpose.viewer.system_recording import CameraSaid, Moment, SystemRecording
+from fgpose.viewer.recording import CameraSaid, Moment, SystemRecording, UpAxis
 
 _SILENT = (CameraState.LOST, CameraState.RECONNECTING)
 # Of people who may be anywhere, ellipsoids would only hide the room.

@@ -16,7 +16,7 @@ from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson
 from fgpose.live.link_distance import LinkDistance
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.session import UpAxis
+from fgpose.viewer.recording import UpAxis
 
 LATENCY_EDGES_MS = (0, 5, 10, 15, 20, 25, 30, 40, 50, 75, 100, 150, 200, 250, 300, 400, 500, 1000)
 """Lower edges of the bins of the histogram; the last one has no upper edge."""

@@ -34,7 +34,7 @@ from fgpose.live.page.page_state import PageState
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import PartEndedError, Worker
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.session import UpAxis
+from fgpose.viewer.recording import UpAxis
 
 _STATE = "/state.json"
 _THUMBNAIL_PX = 320  # the longer side

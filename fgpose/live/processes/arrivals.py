@@ -6,7 +6,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Iterable
 
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 
 # Of each camera. So much comes at 30 Hz while somebody new is found, or while the computer does something else.
 _MAX_WAITING = 4

@@ -13,7 +13,7 @@ import numpy as np
 from fgpose.config import OnlineConfig
 from fgpose.cores import n_cores
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import CameraEvent, LiveCamera
 from fgpose.live.cameras.rig_file import LiveRig
 from fgpose.live.clock import Clock

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.image import Image
 from fgpose.live.cameras.running import LiveCameras
 from fgpose.live.processes.parts import Parts

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.packing import packed
+from fgpose.io.live.packing import packed
 from fgpose.live.reception.message_schema import PackedArray, Schema, shown
 from fgpose.live.reception.rejections import MessageError
 from fgpose.observations import positive_definite, refuse_millimetres

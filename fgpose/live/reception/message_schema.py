@@ -22,7 +22,7 @@ _MAX_REASON = 200
 
 
 class PackedArray(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An array, as a map of its shape, its type and its bytes (fgpose.io.packing)."""
+    """An array, as a map of its shape, its type and its bytes (fgpose.io.live.packing)."""
 
     # The product of more lengths than these would take time; no array here has more than four.
     shape: Annotated[tuple[Annotated[int, msgspec.Meta(ge=0)], ...], msgspec.Meta(max_length=8)]

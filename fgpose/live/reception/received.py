@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import LiveCamera
 from fgpose.live.cameras.clock_model import Stamp
 from fgpose.live.cameras.image import SourceImage

@@ -10,7 +10,7 @@ from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.keypoints import load_people
-from fgpose.io.live_recordings import LiveRecordingFile, RecordedImage
+from fgpose.io.live.recordings import LiveRecordingFile, RecordedImage
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import frame_of_document
 from fgpose.people import PeopleObservations

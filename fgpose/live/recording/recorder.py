@@ -15,9 +15,9 @@ from typing import Any
 
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.live_recordings import RecordedImage, images_document, start_document
-from fgpose.io.packing import packed
-from fgpose.io.record_files import MAGIC, as_record
+from fgpose.io.live.packing import packed
+from fgpose.io.live.record_files import MAGIC, as_record
+from fgpose.io.live.recordings import RecordedImage, images_document, start_document
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import frame_document
 from fgpose.live.outputs.output import OutputState

@@ -13,7 +13,7 @@ from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.frozen_keypoints import are_same
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson, Restarts
 from fgpose.live.processes.parts import Parts

@@ -8,7 +8,7 @@ from made_up_people import FPS, People, make, people, standing
 
 from fgpose.assessment.people import MATCH_M
 from fgpose.cli import main
-from fgpose.cli.commands import Evaluate
+from fgpose.cli.commands.evaluate import Evaluate
 from fgpose.io.trajectories import save_people, save_trajectory
 
 OFF_M = 0.01

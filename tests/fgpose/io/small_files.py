@@ -21,15 +21,14 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_calibration_origin, load_intrinsics, load_rig, save_rig
 from fgpose.io.keypoints import load_observations, load_people, save_observations, save_people_observations
-from fgpose.io.kinematics import load_angles, save_kinematics
-from fgpose.io.live_recordings import RecordedImage, images_document, start_document
-from fgpose.io.mot import read_mot
+from fgpose.io.live.packing import packed
+from fgpose.io.live.record_files import MAGIC, as_record
+from fgpose.io.live.recordings import RecordedImage, images_document, start_document
 from fgpose.io.origin import CalibrationOrigin, InputFile, MovedCamera, Origin, Reason
-from fgpose.io.packing import packed
-from fgpose.io.record_files import MAGIC, as_record
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.studies.events import read_events
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people, save_trajectory
+from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
 from fgpose.kinematics.angles import joint_angles
 from fgpose.kinematics.poses import segment_poses
 from fgpose.live.cameras.rig_file import load_live_rig
@@ -347,7 +346,7 @@ def _read_detections(folder: Path) -> None:
 
 def _make_tflite(folder: Path) -> None:
     # A module of other tests, which pytest finds by itself.
-    sys.path.append(str(TESTS / "fgpose" / "monocular"))
+    sys.path.append(str(TESTS / "fgpose" / "monocular" / "downloads"))
     tiny = importlib.import_module("tiny_tflite").TinyTflite()
     image, hidden = tiny.tensor(1, 4, 4, 2, name="image"), tiny.tensor(1, 4, 4, 2)
     result = tiny.tensor(1, 4, 4, 2, name="result")
@@ -357,7 +356,7 @@ def _make_tflite(folder: Path) -> None:
 
 
 def _read_tflite(folder: Path) -> bytes:
-    from fgpose.monocular.tflite import convert
+    from fgpose.monocular.downloads.tflite import convert
 
     return convert((folder / "tiny.tflite").read_bytes(), name="tiny.tflite")
 
@@ -530,7 +529,6 @@ FORMATS = {
         Format("people trajectories parquet", "parquet", _make_people_trajectories, _one(load_people_trajectories)),
         Format("origin parquet", "parquet", _make_people_trajectories, _one(load_origin)),
         Format("angles parquet", "parquet", _kinematics(".parquet"), _one(load_angles)),
-        Format("angles mot", "text", _kinematics(".mot"), _one(read_mot)),
         Format("rig toml", "toml", lambda folder: save_rig(rig(), folder / "rig.toml"), _one(load_rig)),
         Format("rig aniposelib", "toml", _copied(DATA / "webcam_mediapipe" / "config.toml"), _one(load_rig)),
         Format("rig qualisys", "text", _copied(DATA / "qualisys" / "Calib.qca.txt"), _one(load_rig)),

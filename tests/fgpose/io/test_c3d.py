@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from small_files import STICK, trajectory
 
-from fgpose.io import c3d_points
-from fgpose.io.c3d_points import C3dSize, check_size, read_points
-from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.io.trajectories import c3d_points, load_trajectory, save_trajectory
+from fgpose.io.trajectories.c3d_points import C3dSize, check_size, read_points
 
 _OF_FRAMES = ("time_s", "positions_m", "status", "covariance_m2", "residual_px", "visibility")
 

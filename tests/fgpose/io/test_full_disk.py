@@ -14,8 +14,8 @@ from small_files import recording, rig, trajectory, walk
 from fgpose.io.atomic import replacing, write_bytes
 from fgpose.io.calibration import save_rig
 from fgpose.io.keypoints import save_observations
-from fgpose.io.kinematics import save_kinematics
 from fgpose.io.trajectories import save_trajectory
+from fgpose.io.trajectories.kinematics import save_kinematics
 from fgpose.viewer import open_recording
 from fgpose_benchmarks.human36m.predictions import Prediction, save_predictions
 

@@ -10,12 +10,12 @@ import pytest
 from small_files import FORMATS, recording, rig, trajectory
 
 from fgpose.io.calibration import load_intrinsics, save_rig
-from fgpose.io.folders import files_below
 from fgpose.io.keypoints import save_observations
+from fgpose.io.names import files_below
 from fgpose.io.origin import size_bytes
 from fgpose.io.trajectories import save_trajectory
 from fgpose.report.results import find_result
-from fgpose.study.inputs import contents_of, stamp_of
+from fgpose.study.chain import contents_of, stamp_of
 
 
 def hide_files(folder: Path) -> None:

@@ -14,14 +14,13 @@ from fgpose.cli.app import _one_line
 from fgpose.config import load_config
 from fgpose.io import content
 from fgpose.io.calibration import load_intrinsics, load_rig
-from fgpose.io.cells import as_cell, name_in_cell
 from fgpose.io.content import parse_json, read_content, text_lines
 from fgpose.io.keypoints import load_people
-from fgpose.io.markers import markers_to_trajectory
-from fgpose.io.mot import read_mot
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.studies.events import read_events
+from fgpose.io.tables import as_cell, name_in_cell
 from fgpose.io.trajectories import load_trajectory, save_trajectory
+from fgpose.io.trajectories.markers import markers_to_trajectory
 from fgpose.skeleton import Skeleton
 
 TRC = "PathFileType\t4\t(X/Y/Z)\ta.trc\nDataRate\tNumFrames\tNumMarkers\tUnits\n50\t{n}\t{n}\tm\n"
@@ -89,12 +88,6 @@ def test_a_text_of_nothing_but_empty_lines_is_refused(line: bytes) -> None:
         list(text_lines(b"1\n" + line * 20_000))
 
 
-def test_a_header_without_an_end_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "bomb.mot").write_text("a\n" * 2000)
-    with pytest.raises(ValueError, match=r"bomb\.mot: .*no line endheader among the first 1000"):
-        read_mot(tmp_path / "bomb.mot")
-
-
 def test_the_size_of_a_text_is_seen_before_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "large.trc"
     with path.open("wb") as file:
@@ -136,12 +129,6 @@ def test_tables_of_many_columns_and_short_rows_are_refused(tmp_path: Path, monke
         (tmp_path / "events.csv").write_text(f"{header}\n" + "e,1,s\n" * 2000)
         with pytest.raises(ValueError, match=rf"events\.csv: .*{why}"):
             read_events(tmp_path / "events.csv")
-
-
-def test_a_motion_whose_lines_are_longer_than_its_columns_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.mot").write_text("inDegrees=yes\nendheader\ntime a\n" + "1 " * 100_000)
-    with pytest.raises(ValueError, match="line 4 has 100000 of 2 columns"):
-        read_mot(tmp_path / "a.mot")
 
 
 def test_few_images_do_not_make_a_day(tmp_path: Path) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fgpose.io.camera_names import camera_name, match_cameras, seen_cameras
-from fgpose.io.keypoints.frame_names import frame_numbers
+from fgpose.io.keypoints.image_files import frame_numbers
+from fgpose.io.names import camera_name, match_cameras, seen_cameras
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ import pytest
 from small_files import N_FRAMES, origin, trajectory
 
 from fgpose.io.origin import input_file, origin_from_json, origin_to_json
-from fgpose.io.parquet import write_parquet
 from fgpose.io.trajectories import load_origin, load_trajectory, save_trajectory
+from fgpose.io.trajectories.parquet import write_parquet
 
 
 def test_everything_comes_back(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def valid() -> dict[str, object]:
     ],
 )
 def test_damage_names_the_file(text: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fgpose.io.parquet.origin_to_json", lambda origin, folder: text)
+    monkeypatch.setattr("fgpose.io.trajectories.parquet.origin_to_json", lambda origin, folder: text)
     path = tmp_path / "result.parquet"
     write_parquet({0: trajectory()}, {0: np.arange(N_FRAMES)}, path, origin())
     with pytest.raises(ValueError, match="its origin is damaged") as error:

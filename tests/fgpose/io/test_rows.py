@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fgpose.io.studies.rows import write_rows
+from fgpose.io.studies.results import write_rows
 
 
 @pytest.mark.parametrize("start", ["=", "+", "-", "@", "\t", "\r", "\n"])

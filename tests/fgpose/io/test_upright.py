@@ -11,10 +11,10 @@ import pytest
 
 from fgpose.cli.app import main
 from fgpose.geometry.up_axis import y_up, z_up_R_world
-from fgpose.io.kinematics import load_angles, save_kinematics
 from fgpose.io.origin import Origin
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory, load_upright, save_people, save_trajectory
+from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
 from fgpose.kinematics.angles import joint_angles
 from fgpose.report.results import load_finished
 from fgpose.trajectory import Status, Trajectory

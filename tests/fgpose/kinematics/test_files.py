@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from built_body import built, random_angles, trajectory
 from bvh_reader import places, read_bvh
+from mot_files import read_mot
 
 from fgpose.cli import main
-from fgpose.io.c3d import read_c3d, write_c3d
-from fgpose.io.kinematics import load_angles, save_kinematics
-from fgpose.io.mot import read_mot
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_trajectory, save_people, save_trajectory
+from fgpose.io.trajectories.c3d import read_c3d, write_c3d
+from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
 from fgpose.kinematics.angles import joint_angles
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.kinematics.poses import segment_poses
@@ -110,22 +110,6 @@ def test_mot_is_what_opensim_reads(walk: Trajectory, tmp_path: Path) -> None:
     for name, values in found.items():
         known = np.isfinite(expected[name])
         np.testing.assert_array_equal(values[known], expected[name][known])
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("Coordinates\ninDegrees=yes\ntime\n0\n", "no line endheader"),
-        ("Coordinates\ninDegrees=no\nendheader\ntime\ta\n0\t1\n", "degrees are needed"),
-        ("Coordinates\ninDegrees=yes\nendheader\na\tb\n0\t1\n", "time first"),
-        ("Coordinates\ninDegrees=yes\nendheader\ntime\ta\n0\tx\n", "line 5: could not convert"),
-        ("Coordinates\ninDegrees=yes\nendheader\ntime\ta\n0\n", "line 5 has 1 of 2 columns"),
-    ],
-)
-def test_a_damaged_mot_is_refused_by_name(text: str, reason: str, tmp_path: Path) -> None:
-    (tmp_path / "a.mot").write_text(text)
-    with pytest.raises(ValueError, match=rf"a\.mot: .*{reason}"):
-        read_mot(tmp_path / "a.mot")
 
 
 def joint_errors_m(walk: Trajectory, path: Path) -> dict[str, np.ndarray]:

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from built_body import built, random_angles, trajectory
+from mot_files import read_mot
 from rajagopal import RANGES, directions, middle_of_the_hips_m
 
 from fgpose.geometry.up_axis import y_up
-from fgpose.io.mot import read_mot, write_mot
+from fgpose.io.trajectories.kinematics import write_mot
 from fgpose.kinematics.opensim import opensim_coordinates
 from fgpose.trajectory import Trajectory
 

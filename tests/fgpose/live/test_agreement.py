@@ -16,7 +16,7 @@ import fgpose
 from fgpose.association.track import TrackState
 from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.live_tracking import LiveTracking

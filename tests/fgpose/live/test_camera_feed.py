@@ -15,7 +15,7 @@ import pytest
 from made_videos import SIZE_PX, pictures, write_video
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import CameraEvent
 from fgpose.live.cameras.image import SourceImage
 from fgpose.live.cameras.rig_file import LiveRig

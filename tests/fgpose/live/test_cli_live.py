@@ -15,7 +15,7 @@ import zmq
 from test_live_tracking import scene
 
 from fgpose.cli import main
-from fgpose.cli.live_command import _on_signals
+from fgpose.cli.commands.live import _on_signals
 from fgpose.io.calibration import save_rig
 from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.link_distance import LinkDistance

@@ -11,7 +11,7 @@ import pytest
 from counting_network import SKELETON, CountingTracker
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.image import ArrayPicture, Image, SourceImage
 from fgpose.live.cameras.mailbox import Mailbox
 from fgpose.live.cameras.running import LiveCameras

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from fgpose.io.packing import packed
+from fgpose.io.live.packing import packed
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.outputs.frame_messages import decode_frame, encode_frame, frame_document
 from tests.fgpose.live.output_frames import SKELETON, assert_same_frame, frame

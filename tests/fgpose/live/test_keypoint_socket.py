@@ -13,7 +13,7 @@ import pytest
 import zmq
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.packing import packed, unpacked
+from fgpose.io.live.packing import packed, unpacked
 from fgpose.live.reception import keypoint_checks
 from fgpose.live.reception.keypoint_messages import MAX_BODY_BYTES, MAX_PEOPLE, decode_keypoints, encode_keypoints
 from fgpose.live.reception.keypoint_socket import KeypointSocket

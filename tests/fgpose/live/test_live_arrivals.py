@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.processes.arrivals import Arrivals
 from fgpose.people import Detections
 

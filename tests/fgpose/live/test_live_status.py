@@ -9,8 +9,8 @@ import pytest
 from live_frames import live_frame, live_person, standing_m
 from rich.console import Console
 
-from fgpose.cli.live_status import ConsoleLog, StatusLine, in_words
-from fgpose.cli.plain_console import PlainConsole
+from fgpose.cli.commands.live import ConsoleLog, StatusLine, in_words
+from fgpose.cli.console import PlainConsole
 from fgpose.live.frame import LiveFrame
 from fgpose.skeleton import Skeleton
 

@@ -13,7 +13,7 @@ import pytest
 import fgpose
 from fgpose.association.track import TrackState
 from fgpose.association.tracked import Tracked
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion

@@ -15,7 +15,7 @@ from live_frames import live_frame
 from output_frames import wait_until
 from test_live_tracking import CONFIG, scene, statuses
 
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import LiveCamera
 from fgpose.live.cameras.image import Image, SourceImage
 from fgpose.live.clock import Clock, SimulatedClock

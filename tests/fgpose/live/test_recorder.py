@@ -21,9 +21,9 @@ from fgpose.association.track import TrackState
 from fgpose.config import Config
 from fgpose.io.calibration import load_rig
 from fgpose.io.keypoints import keypoint_cameras, load_observations, load_people
-from fgpose.io.live_recordings import RecordedImage
-from fgpose.io.packing import packed, unpacked
-from fgpose.io.record_files import MAGIC, RecordFile, as_record
+from fgpose.io.live.packing import packed, unpacked
+from fgpose.io.live.record_files import MAGIC, RecordFile, as_record
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.live.processes.parts import Parts
 from fgpose.live.recording.live_recording import load_live_recording

@@ -21,9 +21,9 @@ from test_live_tracking import CONFIG, DELAY_S, scene, statuses
 
 import fgpose
 from fgpose.cli import main
-from fgpose.io.live_recordings import RecordedImage, _number, images_document, start_document
-from fgpose.io.packing import packed, unpacked
-from fgpose.io.record_files import MAGIC, as_record
+from fgpose.io.live.packing import packed, unpacked
+from fgpose.io.live.record_files import MAGIC, as_record
+from fgpose.io.live.recordings import RecordedImage, _number, images_document, start_document
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraStatus, LiveFrame

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from fgpose.monocular import detection
+from fgpose.monocular import detection, detection_cache
 from fgpose.monocular.detected import Detected
 from fgpose.monocular.detection import detect
 from fgpose.monocular.detection_cache import ViewDetections, cache_path, load_detections, store_detections
@@ -238,3 +238,10 @@ def test_without_a_cache_nothing_is_written(sources: Sources, squares_network: S
     detect(sources, squares_network, frames=2)
     assert detect(sources, squares_network, frames=2).n_new_images == 2 * N_CAMERAS
     assert list(tmp_path.iterdir()) == []
+
+
+def test_detections_of_another_code_are_made_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    read: list[str] = []
+    monkeypatch.setattr(Path, "read_bytes", lambda path: read.append(path.name) or b"")
+    detection_cache._code_digest.__wrapped__()
+    assert {"absolute.py", "yolox.py", "crops.py"} <= set(read)

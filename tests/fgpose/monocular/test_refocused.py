@@ -9,8 +9,8 @@ import numpy as np
 from fgpose.geometry.camera import Camera
 from fgpose.io.skeletons import load_skeleton
 from fgpose.monocular.absolute import absolute_pose
+from fgpose.monocular.detected import refocused
 from fgpose.monocular.network import People
-from fgpose.monocular.refocused import refocused
 from fgpose_benchmarks.synthetic import ring_rig, walking
 
 SKELETON = load_skeleton("h36m_17")

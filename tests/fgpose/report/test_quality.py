@@ -15,7 +15,7 @@ from fgpose.diagnosis.solution_checks import large_errors
 from fgpose.finding import Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.report import FinishedRecording, quality
-from fgpose.report.outliers import outliers, robust_z
+from fgpose.report.study_report import outliers, robust_z
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Convergence, Status, Trajectory
 

@@ -17,7 +17,7 @@ from fgpose.io.origin import CalibrationOrigin, Origin, Reason
 from fgpose.io.recordings import load_recording
 from fgpose.io.trajectories import load_origin, load_trajectory, save_people
 from fgpose.report import load_finished
-from fgpose.report.origin_facts import without_home
+from fgpose.report.sections.origin import without_home
 
 pytest.importorskip("bokeh")
 

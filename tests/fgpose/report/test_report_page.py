@@ -27,12 +27,12 @@ from fgpose.report import (
     load_finished,
     write_report,
 )
-from fgpose.report.angle_section import angle_section
-from fgpose.report.camera_sections import reprojection_section, seen_section
-from fgpose.report.moments import WorstMoment, worst_moments
 from fgpose.report.page import Page, html
 from fgpose.report.plots import TIME_AXIS, share_time
 from fgpose.report.sections import sections
+from fgpose.report.sections.angles import angle_section
+from fgpose.report.sections.cameras import reprojection_section, seen_section
+from fgpose.report.sections.moments import WorstMoment, worst_moments
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory
 
@@ -177,7 +177,7 @@ def test_worst_moments_are_where_it_is_worst(walk: FinishedRecording) -> None:
 
 
 def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_path: Path) -> None:
-    from fgpose.report.pictures import pictures
+    from fgpose.report.sections.moments import pictures
 
     assert walk.rig is not None
     moments = worst_moments(walk)[:2]
@@ -200,7 +200,7 @@ def test_pictures_show_the_images_of_the_moment(walk: FinishedRecording, tmp_pat
 
 @pytest.mark.slow
 def test_pictures_are_those_of_the_time_in_videos_of_variable_rate(walk: FinishedRecording, tmp_path: Path) -> None:
-    from fgpose.report.pictures import pictures
+    from fgpose.report.sections.moments import pictures
 
     assert walk.rig is not None
     # As phones record when the light changes: 30 images per second, then 10, then 60.

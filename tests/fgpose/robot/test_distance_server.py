@@ -17,7 +17,7 @@ import pytest
 import zmq
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.io.packing import packed
+from fgpose.io.live.packing import packed
 from fgpose.live.frame import LiveFrame
 from fgpose.live.link_distance import Fault, LinkDistance
 from fgpose.live.outputs import Output

@@ -17,7 +17,7 @@ from fgpose.io.calibration import save_rig
 from fgpose.io.trajectories import load_trajectory
 from fgpose.people import PeopleObservations
 from fgpose.report import load_finished
-from fgpose.study import Plan, load_study, networks, process
+from fgpose.study import Plan, load_study, process
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
@@ -39,7 +39,7 @@ def video_study(
 ) -> Path:
     """One recording of twenty images of three cameras."""
     monkeypatch.setenv("FGPOSE_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(networks, "_network", lambda settings, base: squares_network)
+    monkeypatch.setattr("fgpose.study.job._network", lambda settings, base: squares_network)
     squares.write_all(tmp_path / "data" / "S01" / "walk")
     save_rig(squares.rig, tmp_path / "data" / "Calib.toml")
     file = tmp_path / "data" / "study.toml"
@@ -70,7 +70,7 @@ def test_the_motion_names_its_videos(video_study: Path, squares: SquaresScene, m
     def chain(people: PeopleObservations, intrinsics: CameraRig, **given: Any) -> CalibratedFromPeople:
         return calibrated(people, squares.rig, (coarse,))
 
-    monkeypatch.setattr("fgpose.study.calibrating.calibrate", chain)
+    monkeypatch.setattr("fgpose.study.steps.calibrate", chain)
     video_study.write_text(STUDY.replace("angles = false", 'angles = false\ncalibrate = "people"'))
     study = load_study(video_study)
     (recording,) = Plan(study)
@@ -96,7 +96,7 @@ def test_videos_that_were_started_by_hand(
         begins_s.extend(float(people.times_s(name)[0]) for name in rig.names)
         return Synchronised(rig.with_time_offsets(squares.rig.time_offsets_s), np.array([0.0, 2e-3, 2e-3]), ())
 
-    monkeypatch.setattr("fgpose.study.synchronising.synchronise", found)
+    monkeypatch.setattr("fgpose.study.steps.synchronise", found)
     save_rig(squares.rig.with_time_offsets(np.array([0.0, 3.0, -2.0])), video_study.parent / "Calib.toml")
     video_study.write_text(STUDY.replace("angles = false", "angles = false\nsynchronise = true"))
     study = load_study(video_study)

@@ -17,7 +17,7 @@ from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
 from fgpose.trajectory import Estimate, Status, Trajectory
-from fgpose.viewer import palette
+from fgpose.viewer.rerun import palette
 
 N_FRAMES = 12
 SKELETON = load_skeleton("coco_17")

@@ -17,7 +17,7 @@ from fgpose.people import Detections, PeopleObservations
 from fgpose.pipeline.calibration import show_calibrated, write_calibration
 from fgpose.pipeline.seen_walk import hips_m
 from fgpose.viewer import CalibrationScene, open_calibration_recording
-from fgpose.viewer.calibration_content import walked_outline_m
+from fgpose.viewer.rerun.calibration import walked_outline_m
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")

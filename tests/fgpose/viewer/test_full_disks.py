@@ -32,7 +32,7 @@ def write_to(disk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def replacing(*_: object) -> Iterator[Path]:
         yield disk
 
-    monkeypatch.setattr("fgpose.viewer.rerun_session.replacing", replacing)
+    monkeypatch.setattr("fgpose.viewer.rerun.session.replacing", replacing)
 
 
 def record(path: Path, rig: CameraRig) -> None:
@@ -54,7 +54,7 @@ def test_pictures_do_not_go_on_when_the_disk_is_full(
     tmp_path: Path, rig: CameraRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_to(Path("/dev/full"), monkeypatch)
-    monkeypatch.setattr("fgpose.viewer.rerun_session._UNFLUSHED_BYTES", 1)
+    monkeypatch.setattr("fgpose.viewer.rerun.session._UNFLUSHED_BYTES", 1)
     recording = open_recording(tmp_path / "out.rrd", rig, SKELETON)
     image = np.zeros((*rig.cameras[0].size_px[::-1], 3), np.uint8)
 
@@ -73,7 +73,7 @@ def test_a_disk_that_hangs_is_given_up(tmp_path: Path, rig: CameraRig, monkeypat
     os.mkfifo(disk)
     nobody = os.open(disk, os.O_RDONLY | os.O_NONBLOCK)
     write_to(disk, monkeypatch)
-    monkeypatch.setattr("fgpose.viewer.rerun_session._FLUSH_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("fgpose.viewer.rerun.session._FLUSH_TIMEOUT_S", 0.2)
     with pytest.raises(NotWrittenError, match=f"^cannot write {tmp_path / 'out.rrd'}: "):
         record(tmp_path / "out.rrd", rig)
     discarded = open_recording(tmp_path / "out.rrd", rig, SKELETON)

@@ -11,7 +11,7 @@ import pytest
 from rrd_contents import rows, static_value
 from shown_people import CAMERAS, LEFT_ELBOW, SECOND, SHOWN, SKELETON, class_colours, classes, packed
 
-from fgpose.viewer import palette
+from fgpose.viewer.rerun import palette
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")

@@ -26,7 +26,8 @@ from shown_people import (
 
 from fgpose.association.recording import Association, associate
 from fgpose.geometry.camera import CameraRig
-from fgpose.viewer import open_people_recording, palette
+from fgpose.viewer import open_people_recording
+from fgpose.viewer.rerun import palette
 from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     DetectionNoise,

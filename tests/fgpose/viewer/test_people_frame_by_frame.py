@@ -31,7 +31,8 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status, Trajectory
-from fgpose.viewer import Recording, open_people_recording, palette
+from fgpose.viewer import Recording, open_people_recording
+from fgpose.viewer.rerun import palette
 
 pytest.importorskip("rerun")
 pytestmark = pytest.mark.usefixtures("strict_and_silent")

@@ -436,7 +436,7 @@ def test_without_a_number_of_frames_pictures_end_at_the_limit(tmp_path: Path, ri
 def test_pictures_do_not_pile_up_in_memory(
     tmp_path: Path, rig: CameraRig, noise_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fgpose.viewer.rerun_session._UNFLUSHED_BYTES", 2.5 * noise_bytes)
+    monkeypatch.setattr("fgpose.viewer.rerun.session._UNFLUSHED_BYTES", 2.5 * noise_bytes)
     with open_recording(tmp_path / "out.rrd", rig, SKELETON) as recording:
         for frame in range(12):
             recording.log_image("cam_2", frame, frame / 50, noise())
@@ -653,7 +653,7 @@ def test_recording_to_nowhere_takes_everything(
 
 
 def test_every_recording_takes_the_same_calls() -> None:
-    from fgpose.viewer.rerun_recording import RerunRecording
+    from fgpose.viewer.rerun.recording import RerunRecording
 
     calls = {name for name in dir(Recording) if name.startswith("log_")} | {"close", "discard", "flush", "wants_image"}
     assert all(getattr(RerunRecording, name) is not getattr(Recording, name) for name in calls)

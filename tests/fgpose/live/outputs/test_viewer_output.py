@@ -14,10 +14,10 @@ from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, row
 
 from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
-from fgpose.cli import live_viewer
+from fgpose.cli import viewers
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import NotWrittenError
-from fgpose.io.live_recordings import RecordedImage
+from fgpose.io.live.recordings import RecordedImage
 from fgpose.io.skeletons import load_skeleton
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame, LivePerson
 from fgpose.live.outputs import ViewerOutput
@@ -27,7 +27,8 @@ from fgpose.live.tracking.live_tracking import Update
 from fgpose.live.tracking.people import coasting, live_person
 from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
-from fgpose.viewer import open_system_recording, palette
+from fgpose.viewer import open_system_recording
+from fgpose.viewer.rerun import palette
 from tests.fgpose.full_disk import FullDisk
 from tests.fgpose.live.output_frames import wait_until
 
@@ -278,9 +279,9 @@ def test_a_viewer_connects_to_the_system(
     has_display: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     started: list[list[str]] = []
-    monkeypatch.setattr(live_viewer, "has_display", lambda: has_display)
-    monkeypatch.setattr(live_viewer, "_start", started.append)
-    output = live_viewer.open_viewer(None, RIG, SKELETON, True, lambda line: None)
+    monkeypatch.setattr(viewers, "has_display", lambda: has_display)
+    monkeypatch.setattr(viewers, "_start", started.append)
+    output = viewers.open_viewer(None, RIG, SKELETON, True, lambda line: None)
     try:
         assert output.viewer_url is not None
         # Wherever there is no window to be opened, it is said how to look.

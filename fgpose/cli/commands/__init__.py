@@ -1,0 +1,1 @@
+"""One command a file. Their docstrings are what --help prints."""

@@ -1,0 +1,83 @@
+"""Joint angles of a result. The docstring is what --help prints."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from tyro.conf import Positional, UseAppendAction, arg
+
+from fgpose.cli.console import new_console, new_table, print_written
+from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import naming
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from fgpose.kinematics.angles import JointAngles
+
+
+@dataclass(frozen=True, kw_only=True)
+class Angles:
+    """Joint angles of a result, by the recommendations of the ISB: prints their ranges, and writes them.
+
+    Flexion, adduction, internal rotation and dorsiflexion are positive, as are bending and obliquity to the right and
+    rotation to the left. A straight knee or elbow has flexion 0; the shoulder's plane of elevation is 0 in abduction
+    and 90 in forward flexion. Where joints do not determine an angle (hip rotation of a straight leg), there is a gap.
+
+    Each -o FILE is written as its extension says: .parquet has angles, speeds and heights with their standard
+    deviations, one row for each; .mot has the coordinates of OpenSim; .bvh is for Blender; .c3d has the rotations of
+    the segments beside the points. Of several people, each has files of its own (walk_person1.mot), but all are in one
+    .parquet.
+
+    Example: fgpose angles out/walk.parquet -o walk.mot -o walk.bvh
+    """
+
+    file: Positional[Path]
+    """A result, or any trajectory file: parquet, npz, TRC, C3D."""
+    output: Annotated[UseAppendAction[tuple[Path, ...]], arg(metavar="FILE", aliases=("-o",))] = ()
+    """File to be written: .parquet, .mot, .bvh or .c3d. May be given several times."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the file: +x, -x, +y, -y, +z or -z; auto: as its format says, unless people (and
+    cameras, which a parquet of fgpose knows) stand otherwise."""
+
+    def run(self) -> None:
+        from fgpose.io.made_by import made_by
+        from fgpose.io.trajectories import load_upright
+        from fgpose.io.trajectories.kinematics import check_kinematics_output, save_kinematics
+        from fgpose.kinematics.angles import joint_angles
+
+        for path in self.output:
+            check_kinematics_output(path)
+            if os.path.realpath(path) == os.path.realpath(self.file) or (path.is_file() and made_by(path)):
+                raise ValueError(f"{path}: angles would replace a result; choose another file with -o")
+        (people, _), console = load_upright(self.file, self.world_up), new_console()
+        for person, trajectory in people.items():
+            with naming(self.file):
+                angles = joint_angles(trajectory)
+            whose = f"person {person}, " if len(people) > 1 else ""
+            console.print(f"{whose}{trajectory.n_frames} frames, skeleton {trajectory.skeleton.name}")
+            console.print(ranges_table(angles))
+        for path in self.output:
+            print_written(console, *save_kinematics(people, path, "z"))
+
+
+def ranges_table(angles: JointAngles) -> Table:
+    """One row per angle: least, median and greatest value, mean standard deviation, and in how many frames it is
+    determined."""
+
+    table = new_table("angle [deg]", "min", "median", "max", "sigma", "known [%]")
+    for index, name in enumerate(angles.names):
+        angle_deg, sigma_deg = angles.angle_deg[:, index], angles.sigma_deg[:, index]
+        known_deg, known_sigma_deg = angle_deg[np.isfinite(angle_deg)], sigma_deg[np.isfinite(sigma_deg)]
+        cells = ["-"] * 4
+        if len(known_deg):
+            cells[:3] = [f"{value:.1f}" for value in np.percentile(known_deg, (0, 50, 100))]
+        if len(known_sigma_deg):
+            cells[3] = f"{known_sigma_deg.mean():.1f}"
+        share = 100 * len(known_deg) / len(angle_deg) if len(angle_deg) else 0.0
+        table.add_row(name.replace("_", " "), *cells, f"{share:.0f}")
+    return table

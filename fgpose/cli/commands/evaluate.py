@@ -1,0 +1,138 @@
+"""A result compared with a reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tyro.conf import Positional, arg
+
+from fgpose.assessment.evaluation import Evaluation
+from fgpose.assessment.people import PeopleEvaluation
+from fgpose.cli.console import new_console, new_table, number
+from fgpose.geometry.up_axis import UpChoice
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluate:
+    """Compare a result with a reference: errors in millimetres, jitter in m/s^3, and a table of the joints.
+
+    Any trajectory files: parquet, npz, TRC, C3D. Joints are matched by name, frames by time. Nothing is interpolated,
+    and only PA-MPJPE aligns the poses. Where one of the files has several people: who was found, told apart and posed
+    how well (recall, precision, MOTA, IDF1, HOTA, MPJPE, PCP), over all frames of the reference, and a table of its
+    people.
+
+    Example: fgpose evaluate out/pose.parquet mocap.trc --offset-s 0.25
+    """
+
+    estimate: Positional[Path]
+    """File of the result."""
+    reference: Positional[Path]
+    """File of the reference."""
+    offset_s: Annotated[float, arg(metavar="SECONDS")] = 0.0
+    """Added to the reference's times, for a reference with a clock of its own, seconds."""
+
+    match_m: Annotated[float, arg(metavar="METRES")] = 0.5
+    """Several people: the mean distance of the joints below which an estimated person may be a true one, metres."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of the result: +x, -x, +y, -y, +z or -z; auto: as its format says, unless people (and
+    cameras, which a parquet of fgpose knows) stand otherwise."""
+    reference_up: UpChoice = "auto"
+    """The same of the reference."""
+
+    def run(self) -> None:
+        from fgpose.assessment.evaluation import evaluate
+        from fgpose.assessment.people import evaluate_people
+        from fgpose.io.trajectories import load_upright
+
+        estimate, _ = load_upright(self.estimate, self.world_up)
+        reference, _ = load_upright(self.reference, self.reference_up)
+        if len(estimate) == len(reference) == 1:
+            one, true = next(iter(estimate.values())), next(iter(reference.values()))
+            print_evaluation(new_console(), evaluate(one, true, self.offset_s))
+        else:
+            people = evaluate_people(estimate, reference, truth_offset_s=self.offset_s, match_m=self.match_m)
+            print_people_evaluation(new_console(), people)
+
+
+def print_evaluation(console: Console, evaluation: Evaluation) -> None:
+    """The errors over all joints, then one line per joint."""
+    console.print(
+        f"{evaluation.n_frames} frames and {evaluation.n_joints} joints in common, "
+        f"{100 * evaluation.share_missing:.1f} % of them missing on either side and left out"
+    )
+    console.print(_evaluation_table(evaluation))
+    joints = new_table("joint", "absolute [mm]", "relative [mm]", "PCK [%]", "missing [%]")
+    for joint in evaluation.joints:
+        values = joint.mpjpe_absolute_mm, joint.mpjpe_relative_mm, 100 * joint.pck, 100 * joint.share_missing
+        joints.add_row(joint.joint, *map(number, values))
+    console.print(joints)
+
+
+def _evaluation_table(evaluation: Evaluation) -> Table:
+    rows: list[tuple[str, float]] = [
+        ("MPJPE, absolute [mm]", evaluation.mpjpe_absolute_mm),
+        ("MPJPE, relative to the root [mm]", evaluation.mpjpe_relative_mm),
+        ("PA-MPJPE, after Procrustes alignment [mm]", evaluation.pa_mpjpe_mm),
+        ("PCK, absolute errors up to 150 mm [%]", 100 * evaluation.pck),
+        ("acceleration error [m/s^2]", evaluation.acceleration_error_mps2),
+        ("jitter of the estimate [m/s^3]", evaluation.jitter_estimate_mps3),
+        ("jitter of the reference [m/s^3]", evaluation.jitter_reference_mps3),
+    ]
+    if evaluation.nees is not None:
+        rows.append(("NEES (3 where the covariance is right)", evaluation.nees))
+    if evaluation.coverage_95 is not None:
+        rows.append(("inside the 95 % ellipsoids [%]", 100 * evaluation.coverage_95))
+    table = new_table("", "value")
+    for label, value in rows:
+        table.add_row(label, number(value))
+    return table
+
+
+def print_people_evaluation(console: Console, evaluation: PeopleEvaluation) -> None:
+    """How well people were found, told apart and posed, then one line per true person."""
+    console.print(
+        f"{evaluation.n_frames} frames, {evaluation.n_frames_empty} of them without an estimate; "
+        f"{evaluation.n_people} people, {evaluation.n_identities} estimated"
+    )
+    console.print(_people_evaluation_table(evaluation))
+    people = new_table("person", "frames", "recall [%]", "switches", "fragmented", "MPJPE [mm]", "PCP [%]")
+    for person in evaluation.people:
+        people.add_row(
+            *map(str, (person.identity, person.n_frames)),
+            number(100 * person.recall),
+            *map(str, (person.switches, person.fragmentations)),
+            *map(number, (person.mpjpe_mm, 100 * person.pcp)),
+        )
+    console.print(people)
+
+
+def _people_evaluation_table(evaluation: PeopleEvaluation) -> Table:
+    table = new_table("", "value")
+    rows: dict[str, float] = {
+        "recall [%]": 100 * evaluation.recall,
+        "precision [%]": 100 * evaluation.precision,
+        "F1 [%]": 100 * evaluation.f1,
+        "MOTA [%]": 100 * evaluation.mota,
+        "ID switches": evaluation.switches,
+        "fragmentations": evaluation.fragmentations,
+        "IDF1 [%]": 100 * evaluation.idf1,
+        "HOTA [%]": 100 * evaluation.hota,
+        "MPJPE, absolute [mm]": evaluation.mpjpe_mm,
+        "joints missing [%]": 100 * evaluation.share_missing,
+        "PCP [%]": 100 * evaluation.pcp,
+        "joints on the wrong person [%]": 100 * evaluation.wrong_person,
+        "people who returned": len(evaluation.returns),
+        "recognised of them": sum(stay.is_recognised for stay in evaluation.returns),
+        "arrivals taken for somebody else": sum(stay.is_mistaken for stay in evaluation.arrivals),
+        "ID switches of people within 1 m": sum(each.n_switches for each in evaluation.encounters),
+        "false tracks": len(evaluation.false_tracks_s),
+        "longest false track [s]": max(evaluation.false_tracks_s, default=np.nan),
+    }
+    for label, value in rows.items():
+        table.add_row(label, str(value) if isinstance(value, int) else number(value))
+    return table

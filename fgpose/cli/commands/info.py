@@ -1,0 +1,120 @@
+"""What is seen in a recording, how well the cameras agree, and what is probably wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from tyro.conf import arg
+
+from fgpose.cli.console import new_console, new_table, number, progress_bar
+from fgpose.cli.options import RecordingOptions
+
+if TYPE_CHECKING:
+    from fgpose.assessment.recording_info import CameraInfo, RecordingInfo
+    from fgpose.association.recording import Association
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.people import PeopleObservations
+
+# More would hide the rest of the report.
+_MAX_GAPS = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info(RecordingOptions):
+    """Report on a recording before solving it: what is seen, and what is probably wrong.
+
+    How many people there seem to be, and when; which cameras see what, how well they agree, whether a calibration is
+    wrong, a camera was moved or is late, left and right are exchanged, or millimetres are taken for metres. Takes some
+    seconds. Nothing is written. Errors are pixels of the undistorted image.
+
+    Example: fgpose info pose/ --rig Calib.toml --skeleton body_25b --fps 60
+    """
+
+    min_gap_s: Annotated[float, arg(metavar="SECONDS")] = 0.5
+    """List gaps in which fewer than two cameras see a joint for longer than this, seconds."""
+
+    def run(self) -> None:
+        from fgpose.assessment.recording_info import recording_info
+        from fgpose.cli.delivery import print_findings
+        from fgpose.cli.tables import print_association, print_presence
+        from fgpose.diagnosis.diagnose import diagnose
+        from fgpose.people import PeopleObservations
+
+        source, console = self.load(), new_console()
+        seen = source.observations
+        if isinstance(seen, PeopleObservations):
+            everybody = source.succession.association if source.succession else _told_apart(seen, source.rig)
+            print_association(console, everybody, source.succession)
+            source = source.one()
+            seen = everybody if everybody.people else source.observations
+            console.print("Of the person who is seen most; late and moved cameras by everybody:")
+        else:
+            if source.chosen is not None and source.chosen.n_people > 1:
+                console.print(f"Looked at is {source.chosen}.", soft_wrap=True)
+            print_presence(console, source)
+        with new_console(stderr=True).status("comparing the cameras"):
+            info = recording_info(source.observations, source.rig, self.min_gap_s)
+            diagnosis = diagnose(seen, source.rig)
+        print_info(console, info)
+        print_findings(console, diagnosis)
+
+
+def _told_apart(people: PeopleObservations, rig: CameraRig) -> Association:
+    from fgpose.association.recording import associate
+
+    with progress_bar("telling people apart") as progress:
+        return associate(people, rig, progress=progress)
+
+
+def print_info(console: Console, info: RecordingInfo) -> None:
+    """What is seen by whom, and for how long it is not."""
+    rate = "" if np.isnan(info.fps) else f" at {info.fps:.4g} Hz"
+    views = "2D and per-view 3D" if info.has_points3d else "2D only"
+    console.print(
+        f"{info.n_frames} frames{rate} ({info.duration_s:.4g} s), {len(info.cameras)} cameras, "
+        f"{info.n_joints} joints ({info.skeleton}), {views}"
+    )
+    console.print(_seen_table(info))
+    console.print(_check_table(info.cameras))
+    for gap in info.gaps[:_MAX_GAPS]:
+        console.print(
+            f"gap: {gap.joint} seen by fewer than two cameras for {gap.duration_s:.2f} s from {gap.start_s:.2f} s"
+        )
+    if len(info.gaps) > _MAX_GAPS:
+        console.print(f"gap: {len(info.gaps) - _MAX_GAPS} shorter ones")
+
+
+def _seen_table(info: RecordingInfo) -> Table:
+    """What each camera sees, and how many cameras see a joint at a time."""
+    table = new_table("camera", "joints seen", "confidence", "distance [m]")
+    for camera in info.cameras:
+        seen = f"{100 * camera.share_seen:.0f} %"
+        table.add_row(camera.name, seen, number(camera.confidence, ".2f"), number(camera.distance_m, ".2f"))
+    table.add_section()
+    total = sum(info.joint_frames_by_views)
+    for views, count in enumerate(info.joint_frames_by_views):
+        label = f"in {views or 'no'} camera{'' if views == 1 else 's'}"
+        table.add_row(label, f"{100 * count / total:.1f} %")
+    return table
+
+
+def _check_table(cameras: tuple[CameraInfo, ...]) -> Table:
+    """How well each camera agrees with the others."""
+    table = new_table("camera", "error\n[px]", "90 %\n[px]", "left out\n[px]", "constant\n[px]", "swapped\n[%]")
+    table.caption = (
+        "error: distance to the triangulation of all cameras (median, 90 % quantile). left out: distance to that of "
+        "the other cameras only. constant: the constant part of it. swapped: left and right exchanged."
+    )
+    table.caption_justify = "left"
+    for camera in cameras:
+        errors_px = camera.residual_px, camera.residual_q90_px, camera.left_out_px, camera.constant_px
+        table.add_row(
+            camera.name,
+            *(number(error_px, ".1f") for error_px in errors_px),
+            number(100 * camera.share_swapped, ".1f"),
+        )
+    return table

@@ -1,0 +1,74 @@
+"""The weights of pose networks: fetching and listing them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from tyro.conf import Positional, arg, subcommand
+
+from fgpose.cli.console import new_console
+
+_NAMES = "blazepose-lite, blazepose-full or blazepose-heavy."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull:
+    """Fetch a model into the cache, or check that it is there. Needs the network once.
+
+    The weights come out of the package that ships them (with pip; blazepose-lite and -heavy also need npm), are
+    converted to ONNX and checked. The cache is ~/.cache/fgpose; FGPOSE_CACHE names another folder.
+
+    Example: fgpose models pull blazepose-full
+    """
+
+    name: Annotated[Positional[str], arg(metavar="NAME", help=_NAMES)]
+
+    def run(self) -> None:
+        from fgpose.monocular.downloads.models import find_model
+
+        model = find_model(self.name)
+        with new_console(stderr=True).status(f"checking {model.name}") as status:
+            pulled = model.pull(status.update)
+        console = new_console()
+        for path in (pulled.landmarks, pulled.detector):
+            console.print(str(path), soft_wrap=True)
+        console.print(f"{model.licence}: {pulled.landmarks.with_name('LICENSE')}", soft_wrap=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListModels:
+    """List the models that can be fetched, and which of them are in the cache.
+
+    Example: fgpose models list
+    """
+
+    def run(self) -> None:
+        from fgpose.extensions import added
+        from fgpose.monocular.downloads.models import MODELS
+
+        console = new_console()
+        for model in MODELS:
+            pulled = model.in_cache()
+            where = pulled.landmarks if pulled else "not pulled"
+            size = f"{model.n_bytes / 1e6:.1f} MB"
+            line = f"{model.name:<16} {model.licence:<11} {size:>8}  {model.skeleton:<13} {where}"
+            console.print(line, soft_wrap=True)
+        for name in added("fgpose.detectors"):
+            console.print(f"{name:<16} of another package", soft_wrap=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Models:
+    """Weights of pose networks: fetch them (pull), list them (list).
+
+    Example: fgpose models pull blazepose-full
+    """
+
+    action: (
+        Annotated[Pull, subcommand("pull", prefix_name=False)]
+        | Annotated[ListModels, subcommand("list", prefix_name=False)]
+    )
+
+    def run(self) -> None:
+        self.action.run()

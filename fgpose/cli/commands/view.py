@@ -1,0 +1,112 @@
+"""Opening the viewer on a recording or on a result."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from jaxtyping import Float
+from tyro.conf import Positional, arg
+
+from fgpose.child_process import run_program
+from fgpose.cli.console import new_console
+from fgpose.cli.viewers import has_display, rerun_program, warn_if_others_reach
+from fgpose.geometry.up_axis import UpChoice
+from fgpose.plain_files import open_plain
+
+if TYPE_CHECKING:
+    from fgpose.geometry.camera import CameraRig
+    from fgpose.trajectory import Trajectory
+
+_RRD_START = b"RRF"
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """Open the Rerun viewer on a .rrd file or on a result (parquet, npz, TRC, C3D).
+
+    Example: fgpose view out/demo.rrd
+    """
+
+    file: Positional[Path]
+    """A .rrd file, or a trajectory file in any of the formats that fgpose writes."""
+    web: bool = False
+    """Show it in a browser instead of a window of its own. Ctrl-C ends."""
+    host: str = "127.0.0.1"
+    """Address of this computer at which --web serves it; 0.0.0.0 lets everybody in the network see it."""
+    rig: Annotated[Path | None, arg(metavar="FILE", help_behavior_hint="(default: none)")] = None
+    """Calibration of the cameras, to be shown with a trajectory file."""
+    world_up: UpChoice = "auto"
+    """What is up in the world of a trajectory file, or of its cameras: +x, -x, +y, -y, +z or -z; auto: as its format
+    says, unless people and cameras stand otherwise."""
+
+    def run(self) -> None:
+        with open_plain(self.file) as file:
+            is_rrd = file.read(len(_RRD_START)) == _RRD_START
+        if is_rrd:
+            self._open(self.file)
+            return
+        with tempfile.TemporaryDirectory(prefix="fgpose-") as folder:
+            self._open(self._made_rrd(Path(folder)))
+
+    def _made_rrd(self, folder: Path) -> Path:
+        """A .rrd file of a trajectory file."""
+        from fgpose.io.calibration import load_rig
+        from fgpose.io.trajectories import load_upright
+        from fgpose.pipeline import Outputs
+
+        given = load_rig(self.rig) if self.rig is not None else None
+        people, up_R_world = load_upright(self.file, self.world_up, given)
+        skeleton = next(iter(people.values())).skeleton
+        rig, people = _with_rig(given.turned(up_R_world) if given is not None else None, people)
+        outputs = Outputs(folder, self.file.stem, ("rrd",), "z")
+        time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
+        alone = (self.file.stem,) if len(people) == 1 else None
+        with outputs.open_recording(rig, skeleton, alone, len(time_s)) as recording:
+            for person, trajectory in people.items():
+                if alone:
+                    recording.log_trajectory(self.file.stem, trajectory)
+                else:
+                    recording.log_person(person, trajectory, int(np.searchsorted(time_s, trajectory.time_s[0])))
+        return outputs.rrd
+
+    def _open(self, path: Path) -> None:
+        if not self.web and not has_display():
+            raise OSError(
+                f"no display to open a window on. In a browser: fgpose view {self.file} --web. "
+                "Or copy the .rrd file to a computer with a display and open it there with rerun"
+            )
+        # Without --bind Rerun listens at all addresses, a window too.
+        command = [rerun_program(), str(path), "--bind", self.host if self.web else "127.0.0.1"]
+        if self.web:
+            command.append("--web-viewer")
+            warn_if_others_reach(self.host, "--host", "the recording, with its pictures")
+        new_console(stderr=True).print(" ".join(command), soft_wrap=True)
+        code = run_program(command)
+        if code:
+            raise OSError(f"the viewer ended with code {code}")
+
+
+def _with_rig(rig: CameraRig | None, people: dict[int, Trajectory]) -> tuple[CameraRig, dict[int, Trajectory]]:
+    """The cameras that the trajectories know, or one that looks at the people where no calibration is given."""
+    if rig is None:
+        unseen = {n: replace(each, residual_px=None, visibility=None, camera_names=()) for n, each in people.items()}
+        return onlooker(np.concatenate([each.positions_m for each in people.values()])), unseen
+    names = next(iter(people.values())).camera_names
+    return (rig.subset(names) if names and names != rig.names else rig), people
+
+
+def onlooker(positions_m: Float[np.ndarray, "frame joint 3"]) -> CameraRig:
+    """A camera that looks at these joints from the side. The viewer needs one, and no calibration was given."""
+    from fgpose.geometry.camera import Camera, CameraRig
+
+    known = positions_m[np.isfinite(positions_m).all(axis=-1)]
+    target_m = np.median(known, axis=0) if len(known) else np.zeros(3)
+    K = np.array([[1000.0, 0.0, 500.0], [0.0, 1000.0, 500.0], [0.0, 0.0, 1.0]])
+    world_T_camera = np.eye(4)
+    world_T_camera[:3, :3] = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+    world_T_camera[:3, 3] = target_m - [0.0, 4.0, 0.0]
+    return CameraRig((Camera("no calibration", (1000, 1000), K, world_T_camera, np.zeros(0)),))

@@ -1,0 +1,180 @@
+"""C3D, the binary marker file of motion capture laboratories, by way of ezc3d."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.up_axis import SIGNED_AXES, UpAxis, WorldUp, nearest_axis, z_up, z_up_R_world
+from fgpose.io.arrays import checked, texts
+from fgpose.io.atomic import Check, replacing
+from fgpose.io.trajectories.c3d_points import BLOCK_BYTES, C3dSize, check_size, read_points
+from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.kinematics.poses import SegmentPoses
+from fgpose.trajectory import Trajectory
+
+_UNITS_PER_METRE = {"m": 1.0, "mm": 1000.0}
+# The header counts frames in 16 bits; ezc3d writes longer files without complaint and reads back their beginning only.
+_MAX_FRAMES = 65535
+_MAX_INTERVAL_DEVIATION = 0.01  # time stamps rounded to 0.1 ms at 100 Hz deviate by this much
+_ROTATION_BYTES = 17 * 4  # a 4x4 matrix and its reliability, 32 bit each
+_SCREEN = {"+z": ("+X", "+Z"), "+y": ("+Z", "+Y")}
+
+
+def require_ezc3d() -> ModuleType:
+    """The module ezc3d. Raises ImportError that says how to install it."""
+    try:
+        import ezc3d
+    except ImportError:
+        raise ImportError('C3D files need ezc3d: pip install "fgpose[c3d]"') from None
+    return ezc3d
+
+
+def write_c3d(
+    trajectory: Trajectory,
+    path: Path,
+    world_up: WorldUp = "z",
+    poses: SegmentPoses | None = None,
+    made_by: str = "",
+) -> None:
+    """Write positions in millimetres (32 bit); gaps are NaN with residual -1. World axes are unchanged where z or y is
+    up, and else turned so that z is: few programs heed an axis that points down.
+
+    Markers are named as in Pose2Sim's OpenSim models (RHip). X_SCREEN and Y_SCREEN tell viewers which way is up. A C3D
+    file has no times, only a rate and the number of its first frame: the rate is one over the median interval (1 for
+    a single frame), and a UserWarning is given where the true times differ noticeably from what this implies.
+
+    Args:
+        trajectory: of one person.
+        path: the file.
+        world_up: what is up in its world.
+        poses: of its segments, from the same trajectory. They stand in the group ROTATION, named as Visual3D does
+            (left_thigh_4X4): 4x4 matrices that take the segment's axes (x forward, y up, z to the right) and origin
+            (in millimetres) to the world. NaN where a rotation is not determined.
+        made_by: command of fgpose, which is then said in MANUFACTURER:SOFTWARE.
+
+    Raises:
+        ImportError: ezc3d is not installed.
+        ValueError: there is no frame or more than 65535, or the times do not increase.
+        OSError: the file cannot be written.
+    """
+    ezc3d = require_ezc3d()
+    if not trajectory.n_frames:
+        raise ValueError(f"{path}: C3D holds at least one frame, this has none; use parquet, npz or TRC")
+    if trajectory.n_frames > _MAX_FRAMES:
+        raise ValueError(f"{path}: C3D holds at most {_MAX_FRAMES} frames, this is {trajectory.n_frames}; use TRC")
+    rate_hz = median_rate_hz(trajectory.time_s)
+    known = np.asarray(np.isfinite(trajectory.positions_m).all(axis=-1))
+    points = np.ones((4, trajectory.skeleton.n_joints, trajectory.n_frames))
+    kept = isinstance(world_up, str) and nearest_axis(world_up) in _SCREEN
+    file_up: WorldUp = world_up if kept else "z"
+    positions_m = trajectory.positions_m if kept else z_up(trajectory.positions_m, world_up)
+    points[:3] = np.where(known[..., None], positions_m, np.nan).transpose(2, 1, 0) * 1000.0
+    file = ezc3d.c3d()
+    file["data"]["points"] = points
+    file["data"]["meta_points"]["residuals"] = np.where(known.T, 0.0, -1.0)[None]
+    file["header"]["points"]["first_frame"] = _first_frame(trajectory.time_s, rate_hz, path)
+    parameters = file["parameters"]["POINT"]
+    parameters["RATE"]["value"] = [rate_hz]
+    parameters["UNITS"]["value"] = ["mm"]
+    parameters["LABELS"]["value"] = [marker_of_joint(joint) for joint in trajectory.skeleton.joints]
+    for name, axis in zip(("X_SCREEN", "Y_SCREEN"), _SCREEN[nearest_axis(file_up)], strict=True):
+        file.add_parameter("POINT", name, axis)
+    if made_by:
+        file.add_parameter("MANUFACTURER", "SOFTWARE", f"made by fgpose {made_by}")
+    if poses is not None:
+        file["data"]["rotations"] = _rotations(poses, file_up)
+        file.add_parameter("ROTATION", "LABELS", [f"{segment.name}_4X4" for segment in poses.segments])
+        file.add_parameter("ROTATION", "RATE", [rate_hz])
+    with replacing(path, _holds(trajectory, len(poses.segments) if poses else 0)) as temporary:
+        file.write(str(temporary))
+
+
+def _rotations(poses: SegmentPoses, file_up: WorldUp) -> Float[np.ndarray, "4 4 segment frame"]:
+    matrices = np.zeros((*poses.origin_m.shape[:2], 4, 4))
+    matrices[..., :3, :3] = np.where(poses.determined[..., None, None], poses.world_R_segment, np.nan)
+    matrices[..., :3, 3] = poses.origin_m * 1000.0
+    matrices[..., :3, :] = z_up_R_world(file_up).T @ matrices[..., :3, :]  # poses have z up
+    matrices[..., 3, 3] = 1.0
+    matrices[np.isnan(matrices).any(axis=(-2, -1))] = np.nan
+    return matrices.transpose(2, 3, 1, 0)
+
+
+def _holds(trajectory: Trajectory, n_rotations: int) -> Check:
+    """Needed because ezc3d does not report a full disk."""
+
+    def check(path: Path) -> None:
+        expected = C3dSize(trajectory.skeleton.n_joints, trajectory.n_frames)
+        found = check_size(path)
+        if found != expected and found.n_frames is not None:
+            raise ValueError(f"its header counts {found}, not {expected}")
+        # Rotations follow the points; ezc3d fills the last block of the points, but not that of the rotations.
+        rotation_bytes = trajectory.n_frames * n_rotations * _ROTATION_BYTES
+        if (path.stat().st_size - rotation_bytes) % BLOCK_BYTES:
+            raise ValueError("its last block is not full")
+
+    return check
+
+
+def _first_frame(time_s: Float[np.ndarray, " frame"], rate_hz: float, path: Path) -> int:
+    """Number of the first frame, counted from time 0; warns where the file cannot hold the times."""
+    intervals_s = np.diff(time_s)
+    if np.any(np.abs(intervals_s * rate_hz - 1.0) > _MAX_INTERVAL_DEVIATION):
+        warnings.warn(
+            f"{path}: C3D holds a constant frame rate, {rate_hz:.4g} Hz is written; the true intervals are "
+            f"{intervals_s.min():.4g} to {intervals_s.max():.4g} s",
+            UserWarning,
+            stacklevel=3,
+        )
+    first = round(float(time_s[0]) * rate_hz)
+    if first >= 0 and first + len(time_s) <= _MAX_FRAMES:
+        return first
+    warnings.warn(f"{path}: C3D cannot hold a start at {time_s[0]:.6g} s; it starts at 0 s", UserWarning, stacklevel=3)
+    return 0
+
+
+def read_c3d(path: Path) -> tuple[Trajectory, UpAxis]:
+    """Read the markers of a C3D file, in metres and its own axes, and the axis that it says is up: that of Y_SCREEN, z
+    where it says nothing. Time counts from the file's frame 0.
+
+    Raises:
+        ImportError: ezc3d is not installed.
+        ValueError: the file is something else, its unit is not m or mm, it has no rate, or a marker no name.
+        OSError: it cannot be read.
+    """
+    require_ezc3d()
+    file = read_points(path)
+    points, missing = file["points"], file["residuals"] < 0
+    n_markers, n_frames = missing.shape
+    unit = (_texts(file, "UNITS") or ("none",))[0]
+    if unit not in _UNITS_PER_METRE:
+        raise ValueError(f"POINT:UNITS must be m or mm, got {unit}")
+    markers = list(_texts(file, "LABELS"))[:n_markers]
+    if len(markers) < n_markers:
+        raise ValueError(f"POINT:LABELS names {len(markers)} of {n_markers} markers")
+    positions_m = np.where(missing, np.nan, points[:3] / _UNITS_PER_METRE[unit]).transpose(2, 1, 0)
+    said = "".join(_texts(file, "Y_SCREEN")).lower()
+    file_up: UpAxis = SIGNED_AXES[SIGNED_AXES.index(said)] if said in SIGNED_AXES else "+z"
+    time_s = (float(file["first_frame"]) + np.arange(n_frames)) / _rate_hz(file)
+    return markers_to_trajectory(markers, time_s, positions_m), file_up
+
+
+def _texts(file: dict[str, np.ndarray], parameter: str) -> tuple[str, ...]:
+    """A parameter that is a list of texts; empty where it is missing."""
+    if parameter not in file or not file[parameter].size:
+        return ()
+    # ezc3d gives bytes that are no UTF-8 as surrogates.
+    return tuple(text.encode("utf-8", "replace").decode().strip() for text in texts(file, parameter))
+
+
+def _rate_hz(file: dict[str, np.ndarray]) -> float:
+    if "RATE" not in file or not file["RATE"].size:
+        raise ValueError("POINT:RATE is missing")
+    rate_hz = float(checked(file, "RATE", "numbers", None)[0])
+    if not 0 < rate_hz < np.inf:
+        raise ValueError(f"POINT:RATE must be positive, got {rate_hz:g}")
+    return rate_hz

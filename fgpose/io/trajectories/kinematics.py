@@ -1,0 +1,226 @@
+"""Files of joint angles and of what else follows from a trajectory: one function that writes, whatever the format."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.geometry.up_axis import UpChoice, WorldUp, up_vector
+from fgpose.io.atomic import check_replaceable, write_text
+from fgpose.io.names import own_paths
+from fgpose.io.tables import metadata, names, nullable, numbers, read_table, write_table
+from fgpose.io.trajectories.bvh import write_bvh
+from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
+from fgpose.io.trajectories.upright import resolved_up
+from fgpose.kinematics.angles import JointAngles, joint_angles
+from fgpose.kinematics.motion import centre_m, heights_m, speeds_m_s
+from fgpose.kinematics.opensim import opensim_coordinates
+from fgpose.kinematics.poses import segment_poses
+from fgpose.plain_files import naming
+from fgpose.sampling import nearest
+from fgpose.trajectory import Trajectory
+
+EXTENSIONS = (".parquet", ".mot", ".bvh", ".c3d")
+"""What save_kinematics writes."""
+UNITS = {"angle": "deg", "speed": "m/s", "height": "m"}
+"""Unit of value and sigma by kind of quantity."""
+_UNITS_KEY = "fgpose.units"
+_COLUMNS = ("time_s", "frame", "person", "kind", "name", "value", "sigma", "unit")
+
+
+def check_kinematics_output(path: str | Path) -> None:
+    """Make sure, before any work is done, that save_kinematics will be able to write a file; its folder is made.
+
+    Raises:
+        ValueError: the extension is none of EXTENSIONS.
+        ImportError: a C3D file is wanted and ezc3d is not installed.
+        OSError: the folder cannot be written into, or what has its name is no plain file.
+    """
+    path = Path(path)
+    extension = path.suffix.lower()
+    if extension not in EXTENSIONS:
+        raise ValueError(f"{path}: kinematics are written as {', '.join(EXTENSIONS)}, not as {extension or 'nothing'}")
+    if extension == ".c3d":
+        require_ezc3d()
+    check_replaceable(path)
+
+
+def save_kinematics(
+    people: Mapping[int, Trajectory] | Trajectory, path: str | Path, world_up: UpChoice | WorldUp = "auto"
+) -> tuple[Path, ...]:
+    """Write what follows from trajectories in the format that the extension names.
+
+    .parquet: one row per person, frame and quantity, with columns time_s, frame, person, kind (angle, speed, height),
+    name (left_knee_flexion; the joint, or centre), value, sigma and unit. Joint angles are in degrees, speeds in m/s,
+    heights in metres above the world's origin; sigma is null where it is unknown, as it is of speeds.
+    .mot: coordinates of OpenSim (kinematics/opensim.py).
+    .bvh: segment rotations for animation programs (write_bvh).
+    .c3d: the points, and the rotations of the segments beside them (write_c3d).
+
+    Args:
+        people: by number, or one.
+        path: the file; of several people the formats other than .parquet have one each, NAME_person1.mot.
+        world_up: what is up in the trajectories' world; auto: as the bodies stand, see find_up.
+
+    Warns:
+        UserWarning: auto found another axis up than z, or is in doubt.
+
+    Returns:
+        The files. Each appears whole or not at all.
+
+    Raises:
+        ValueError: the extension is none of these, there is nobody, or a skeleton determines no angle or segment.
+        ImportError: C3D without ezc3d.
+        OSError: a file cannot be written.
+    """
+    path = Path(path)
+    check_kinematics_output(path)
+    people = {0: people} if isinstance(people, Trajectory) else people
+    if not people:
+        raise ValueError(f"{path}: there is nobody to be written")
+    with naming(path):
+        return _write(people, path, resolved_up(people.values(), world_up, path))
+
+
+def _write(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> tuple[Path, ...]:
+    if path.suffix.lower() == ".parquet":
+        _write_parquet(people, path, world_up)
+        return (path,)
+    paths = own_paths(path, people)
+    for own_path, trajectory in zip(paths, people.values(), strict=True):
+        _write_one(trajectory, own_path, world_up)
+    return paths
+
+
+def _write_one(trajectory: Trajectory, path: Path, world_up: WorldUp) -> None:
+    match path.suffix.lower():
+        case ".mot":
+            write_mot(opensim_coordinates(trajectory, world_up), trajectory.time_s, path)
+        case ".bvh":
+            write_bvh(segment_poses(trajectory, world_up), path)
+        case ".c3d":
+            write_c3d(trajectory, path, world_up, segment_poses(trajectory, world_up))
+
+
+def _write_parquet(people: Mapping[int, Trajectory], path: Path, world_up: WorldUp) -> None:
+    import pyarrow as pa
+
+    time_s = np.unique(np.concatenate([each.time_s for each in people.values()]))
+    tables = [
+        _table(trajectory, person, nearest(trajectory.time_s, time_s), world_up)
+        for person, trajectory in people.items()
+    ]
+    table = pa.concat_tables(tables).unify_dictionaries().combine_chunks()
+    write_table(path, table.replace_schema_metadata({_UNITS_KEY: json.dumps(UNITS)}))
+
+
+def _table(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"], world_up: WorldUp) -> pa.Table:
+    import pyarrow as pa
+
+    kinds, labels, value, sigma = _quantities(trajectory, world_up)
+    n_frames, n_quantities = value.shape
+    index = np.tile(np.arange(n_quantities, dtype=np.int32), n_frames)
+    texts = {"kind": kinds, "name": labels, "unit": [UNITS[kind] for kind in kinds]}
+    columns = {
+        "time_s": pa.array(np.repeat(np.asarray(trajectory.time_s, dtype=float), n_quantities)),
+        "frame": pa.array(np.repeat(frame.astype(np.int32), n_quantities)),
+        "person": pa.array(np.full(n_frames * n_quantities, person, dtype=np.int32)),
+    }
+    columns |= {name: pa.array(text).take(pa.array(index)).dictionary_encode() for name, text in texts.items()}
+    columns |= {"value": nullable(value.ravel()), "sigma": nullable(sigma.ravel())}
+    return pa.table({name: columns[name] for name in _COLUMNS})
+
+
+def _quantities(
+    trajectory: Trajectory, world_up: WorldUp
+) -> tuple[list[str], list[str], Float[np.ndarray, "frame quantity"], Float[np.ndarray, "frame quantity"]]:
+    """Kinds, names, values and standard deviations of everything that stands in the table."""
+    angles, joints = joint_angles(trajectory, world_up), trajectory.skeleton.joints
+    positions_m, up = trajectory.positions_m, up_vector(world_up)
+    points_m = np.concatenate([positions_m, centre_m(positions_m, trajectory.skeleton)[:, None]], axis=1)
+    unknown = np.full(points_m.shape[:2], np.nan)
+    height_sigma_m = unknown.copy()
+    if trajectory.covariance_m2 is not None:
+        height_sigma_m[:, :-1] = np.sqrt(trajectory.covariance_m2 @ up @ up)
+    names = [*joints, "centre"]
+    kinds = ["angle"] * len(angles.names) + ["speed"] * len(names) + ["height"] * len(names)
+    value = [angles.angle_deg, speeds_m_s(points_m, trajectory.time_s), heights_m(points_m, world_up)]
+    sigma = [angles.sigma_deg, unknown, height_sigma_m]
+    return kinds, [*angles.names, *names, *names], np.concatenate(value, axis=1), np.concatenate(sigma, axis=1)
+
+
+def load_angles(path: str | Path) -> dict[int, JointAngles]:
+    """The joint angles of everybody in a .parquet file of save_kinematics, by the number of the person.
+
+    Raises:
+        ValueError: the file is something else, or rows are missing; the message names it.
+        OSError: it cannot be read.
+    """
+    path = Path(path)
+    try:
+        table = read_table(path)
+        if _UNITS_KEY not in metadata(table):
+            raise ValueError("it was not written by save_kinematics, or lost its metadata since")
+        kinds, kind = names(table, "kind")
+        is_angle = np.array([each == "angle" for each in kinds], dtype=bool)[kind]
+        table = table.filter(is_angle)
+        person = numbers(table, "person")
+        if not (np.isfinite(person) & (person >= 0) & (person == np.floor(person))).all():
+            raise ValueError("a row whose person is no number from 0")
+        return {int(who): _angles_of(table.filter(person == who)) for who in dict.fromkeys(person.tolist())}
+    except ValueError as error:
+        raise ValueError(f"{path}: not readable joint angles: {error}") from None
+
+
+def _angles_of(table: pa.Table) -> JointAngles:
+    labels, label = names(table, "name")
+    n_frames = table.num_rows // len(labels)
+    if not np.array_equal(label, np.tile(np.arange(len(labels)), n_frames)):
+        raise ValueError("rows are missing or in another order: each frame must hold every angle once")
+
+    def column(name: str) -> Float[np.ndarray, "frame angle"]:
+        return numbers(table, name).reshape(n_frames, len(labels)).copy()
+
+    return JointAngles(labels, column("time_s")[:, 0], column("value"), column("sigma"))
+
+
+def write_mot(coordinates: Mapping[str, Float[np.ndarray, " frame"]], time_s: np.ndarray, path: Path) -> None:
+    """Write coordinates with the header of OpenSim 4: angles in degrees, lengths in metres.
+
+    OpenSim's Storage, with which its GUI opens motions, stops reading at the first value that is no number. So values
+    are interpolated in time where they are NaN, at the ends the nearest one is held, and coordinates that are never
+    known are left out: a model keeps its own value of those.
+
+    Raises:
+        ValueError: no coordinate is known in any frame.
+        OSError: the file cannot be written.
+    """
+    known = {name: values for name, values in coordinates.items() if np.isfinite(values).any()}
+    if not known:
+        raise ValueError(f"{path}: no coordinate is known in any frame: there is no motion to be written")
+    time_s = np.asarray(time_s, dtype=float)
+    table = np.column_stack([time_s, *(_without_gaps(values, time_s) for values in known.values())])
+    header = ["Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", ""]
+    header += ["Units are S.I. units (second, meters, Newtons, ...)", "Angles are in degrees.", "", "endheader"]
+    # Tabs, and numbers as short as they read back the same.
+    rows = ["\t".join(map(repr, row)) for row in table.tolist()]
+    write_text(path, "\n".join([*header, "\t".join(["time", *known]), *rows]) + "\n")
+
+
+def _without_gaps(values: Float[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]) -> np.ndarray:
+    """Interpolated the shorter way round a circle of 360; lengths in metres are far from one."""
+    known = np.isfinite(values)
+    found = values[known]
+    unwrapped = np.unwrap(found, period=360.0)
+    last_found = np.maximum(np.cumsum(known) - 1, 0)
+    between = np.interp(time_s, time_s[known], unwrapped) - (unwrapped - found)[last_found]
+    return np.where(known, values, between)
+
+
+if TYPE_CHECKING:
+    import pyarrow as pa

@@ -1,0 +1,85 @@
+"""Trajectories as the marker files of motion analysis (TRC, C3D) know them: named points over time, no skeleton."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.io.tables import one_line
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Status, Trajectory
+
+_CAMEL_CASE = re.compile(r"([LR](?=[A-Z][a-z])|Left|Right)?((?:[A-Z][a-z]+\d*)+)")
+_SIDES = {"L": "left_", "R": "right_", "Left": "left_", "Right": "right_", None: ""}
+# Pose2Sim calls the middle of the hips Hip in its Halpe models and CHip or MidHip in others.
+_PELVIS = ("Hip", "MidHip", "CHip")
+
+
+def joint_of_marker(marker: str) -> str:
+    """fgpose's name of a marker named as Pose2Sim and OpenPose do: RHip is right_hip. Other names stay as they are."""
+    if marker in _PELVIS:
+        return "pelvis"
+    match = _CAMEL_CASE.fullmatch(marker)
+    if match is None:
+        return marker
+    words = re.findall(r"[A-Z][a-z]+\d*", match[2])
+    return _SIDES[match[1]] + "_".join(words).lower()
+
+
+def marker_of_joint(joint: str) -> str:
+    """Name of a joint as Pose2Sim and its OpenSim models have it: right_hip is RHip, pelvis is Hip."""
+    if joint == "pelvis":
+        return _PELVIS[0]
+    side = {"left": "L", "right": "R"}.get(joint.split("_")[0], "")
+    words = joint.split("_")[1:] if side else joint.split("_")
+    marker = side + "".join(word.capitalize() for word in words)
+    return marker if joint_of_marker(marker) == joint else joint
+
+
+def markers_to_trajectory(
+    markers: list[str],
+    time_s: Float[np.ndarray, " frame"],
+    positions_m: Float[np.ndarray, "frame marker 3"],
+) -> Trajectory:
+    """A trajectory whose skeleton is the markers alone, without bones; its root is the pelvis, the hips or the first.
+
+    A marker is observed where all three coordinates are known, otherwise NaN.
+
+    Raises:
+        ValueError: there is no marker, or two have the same name.
+    """
+    if not markers:
+        raise ValueError("it holds no marker")
+    markers = [one_line(marker) or f"marker_{n}" for n, marker in enumerate(markers, 1)]
+    renamed = tuple(joint_of_marker(marker) for marker in markers)
+    joints = renamed if len(set(renamed)) == len(renamed) else tuple(markers)
+    known = np.asarray(np.isfinite(positions_m).all(axis=-1))
+    return Trajectory(
+        skeleton=Skeleton("markers", joints, bones=(), root=_root(joints)),
+        time_s=time_s,
+        positions_m=np.where(known[..., None], positions_m, np.nan),
+        status=np.where(known, int(Status.OBSERVED), int(Status.UNOBSERVABLE)),
+    )
+
+
+def _root(joints: tuple[str, ...]) -> tuple[int, ...]:
+    for root in (("pelvis",), ("left_hip", "right_hip")):
+        if set(root) <= set(joints):
+            return tuple(joints.index(joint) for joint in root)
+    return (0,)
+
+
+def median_rate_hz(time_s: Float[np.ndarray, " frame"]) -> float:
+    """Frames per second: one over the median interval; 1 where there are fewer than two frames.
+
+    Raises:
+        ValueError: the times do not increase.
+    """
+    if len(time_s) < 2:
+        return 1.0
+    interval_s = float(np.median(np.diff(time_s)))
+    if not interval_s > 0:
+        raise ValueError(f"time_s must increase to have a frame rate, its median interval is {interval_s:g} s")
+    return 1.0 / interval_s

@@ -1,0 +1,242 @@
+"""Trajectories as Parquet: one long table that any data tool reads."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.io.origin import Origin, origin_from_json, origin_to_json
+from fgpose.io.tables import (
+    COVARIANCE_COLUMNS,
+    file_metadata,
+    metadata,
+    names,
+    nullable,
+    numbers,
+    read_table,
+    symmetric,
+    write_table,
+)
+from fgpose.io.trajectories.description import describe, described, status_named
+from fgpose.trajectory import Status, Trajectory
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_AXES = "xyz"
+_PREFIX = "fgpose."
+_ORIGIN = "origin"
+_HAS_COVARIANCE = "has_covariance"
+_MAX_PERSON = 1_000_000_000
+_PER_CAMERA = ("residual_px", "visibility")  # fields with one column for each camera: residual_px_<camera>
+
+
+def write_parquet(
+    people: Mapping[int, Trajectory],
+    frames: Mapping[int, Int[np.ndarray, " frame"]],
+    path: Path,
+    origin: Origin | None = None,
+) -> None:
+    """Write one row per person, frame and joint: person by person, joints in the order of the skeleton in each frame.
+
+    Columns: time_s, frame, person, joint; x_m, y_m, z_m in the world frame; cov_xx_m2, cov_xy_m2, cov_xz_m2, cov_yy_m2,
+    cov_yz_m2, cov_zz_m2; n_views, the number of cameras with a detection; reprojection_px, the median of their
+    reprojection errors in undistorted pixels; status (observed, predicted, unobservable); and, where they are known,
+    the errors of each camera in residual_px_<camera>, and the probability that its detection is of the joint in
+    visibility_<camera>. What is not known is null. The metadata of the file (keys fgpose.*) hold the skeleton, cameras,
+    bone lengths and convergence as JSON and the config as TOML; what is not everybody's has the number of its person
+    (fgpose.bone_lengths_m.3). fgpose.origin, where it is known, says what they were made from (fgpose.io.origin).
+
+    Args:
+        people: by number, one at least.
+        frames: the numbers of each one's frames.
+        path: the file.
+        origin: what they were made from.
+
+    Raises:
+        ValueError: people differ in skeleton or cameras, or some have a covariance, residuals or visibility only.
+        OSError: the file cannot be written.
+    """
+    import pyarrow as pa
+
+    _check_alike(people)
+    texts = {
+        person: describe(trajectory) | {_HAS_COVARIANCE: str(trajectory.covariance_m2 is not None).lower()}
+        for person, trajectory in people.items()
+    }
+    tables = [pa.table(_columns(trajectory, person, frames[person])) for person, trajectory in people.items()]
+    table = pa.concat_tables(tables).combine_chunks()
+    known = _joined(texts) | ({} if origin is None else {_ORIGIN: origin_to_json(origin, path.parent)})
+    table = table.replace_schema_metadata({_PREFIX + name: text for name, text in known.items()})
+    write_table(path, table)
+
+
+def _check_alike(people: Mapping[int, Trajectory]) -> None:
+    """Raise ValueError unless all rows can have the same columns and the same joints."""
+    first, one = next(iter(people.items()))
+    for person, other in people.items():
+        different = [name for name in ("skeleton", "camera_names") if getattr(one, name) != getattr(other, name)]
+        if different:
+            raise ValueError(
+                f"people {first} and {person} differ in their {different[0]}; they need files of their own"
+            )
+        for name in ("covariance_m2", *_PER_CAMERA):
+            if (getattr(one, name) is None) != (getattr(other, name) is None):
+                raise ValueError(f"only one of people {first} and {person} has {name}; they need files of their own")
+
+
+def _joined(texts: Mapping[int, dict[str, str]]) -> dict[str, str]:
+    """What everybody has is there once, under its name; all else under name.person."""
+    common = set.intersection(*(set(own.items()) for own in texts.values()))
+    return {
+        name if (name, text) in common else f"{name}.{person}": text
+        for person, own in texts.items()
+        for name, text in own.items()
+    }
+
+
+def _own(texts: Mapping[str, str], person: int) -> dict[str, str]:
+    """The texts of one person from what _joined wrote."""
+    parts = {name: name.partition(".")[::2] for name in texts}
+    return {name: texts[key] for key, (name, whose) in parts.items() if whose in ("", str(person))}
+
+
+def _columns(trajectory: Trajectory, person: int, frame: Int[np.ndarray, " frame"]) -> dict[str, pa.Array]:
+    import pyarrow as pa
+
+    n_frames, n_joints = trajectory.n_frames, trajectory.skeleton.n_joints
+    joint = np.tile(np.arange(n_joints, dtype=np.int32), n_frames)
+    columns = {
+        "time_s": pa.array(np.repeat(np.asarray(trajectory.time_s, dtype=float), n_joints)),
+        "frame": pa.array(np.repeat(frame.astype(np.int32), n_joints)),
+        "person": pa.array(np.full(n_frames * n_joints, person, dtype=np.int32)),
+        "joint": pa.DictionaryArray.from_arrays(joint, list(trajectory.skeleton.joints)),
+    }
+    columns |= {f"{_AXES[axis]}_m": _flat(trajectory.positions_m[..., axis]) for axis in range(3)}
+    unknown = np.full((n_frames, n_joints), np.nan)
+    for name, (row, column) in COVARIANCE_COLUMNS.items():
+        covariance_m2 = trajectory.covariance_m2
+        columns[name] = _flat(unknown if covariance_m2 is None else covariance_m2[..., row, column])
+    columns |= _residual_columns(trajectory)
+    for field in _PER_CAMERA:
+        values = getattr(trajectory, field)
+        if values is not None:
+            cameras = enumerate(trajectory.camera_names)
+            columns |= {f"{field}_{name}": _flat(values[:, camera]) for camera, name in cameras}
+    status = np.asarray(trajectory.status, dtype=np.int8).ravel()
+    names = [name.lower() for name in Status.__members__]
+    return columns | {"status": pa.DictionaryArray.from_arrays(status, names)}
+
+
+def _residual_columns(trajectory: Trajectory) -> dict[str, pa.Array]:
+    import pyarrow as pa
+
+    residual_px = trajectory.residual_px
+    if residual_px is None:
+        nothing = np.full((trajectory.n_frames, trajectory.skeleton.n_joints), np.nan)
+        return {"n_views": _flat(nothing).cast(pa.int32()), "reprojection_px": _flat(nothing)}
+    return {
+        "n_views": pa.array(np.isfinite(residual_px).sum(axis=1, dtype=np.int32).ravel()),
+        "reprojection_px": _flat(_median_over_cameras(residual_px)),
+    }
+
+
+def _median_over_cameras(residual_px: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, "frame joint"]:
+    with warnings.catch_warnings():
+        # The median of nothing is NaN, as it should be, with a warning.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        return np.nanmedian(residual_px, axis=1)
+
+
+def _flat(values: Float[np.ndarray, "frame joint"]) -> pa.Array:
+    return nullable(np.asarray(values, dtype=float).ravel())
+
+
+def read_parquet(path: Path) -> dict[int, Trajectory]:
+    """The trajectories that write_parquet wrote, by person. Covariances come back symmetric, from their upper triangle.
+
+    People may be mixed; of each the rows stand as they were written. Whole frames may be left out.
+
+    Raises:
+        ValueError: the file is something else, or rows are missing or in another order.
+        OSError: it cannot be opened.
+    """
+    table = read_table(path)
+    texts = {key.removeprefix(_PREFIX): text for key, text in metadata(table).items() if key.startswith(_PREFIX)}
+    if not texts:
+        raise ValueError("it was not written by fgpose, or lost its metadata since")
+    people = {}
+    # A trajectory without frames has no row that could say whose it is.
+    for person, rows in (_by_person(table) or {0: table}).items():
+        try:
+            people[person] = _trajectory(rows, _own(texts, person))
+        except ValueError as error:
+            raise ValueError(f"person {person}: {error}") from None
+    return people
+
+
+def read_origin(path: Path) -> Origin | None:
+    """What write_parquet was told of the origin of a result; None where there is none, as in files of older versions.
+
+    Raises:
+        ValueError: the file, or what it says, is damaged.
+        OSError: it cannot be opened.
+    """
+    text = file_metadata(path).get(_PREFIX + _ORIGIN)
+    return None if text is None else origin_from_json(text, path.parent)
+
+
+def _by_person(table: pa.Table) -> dict[int, pa.Table]:
+    """The rows of each person, in the order in which they first occur."""
+    column = numbers(table, "person")
+    people, first, index = np.unique(column, return_index=True, return_inverse=True)
+    if not ((people >= 0) & (people <= _MAX_PERSON) & (people == np.floor(people))).all():
+        raise ValueError(f"a row whose person is no number from 0 to {_MAX_PERSON}")
+    rows = table.take(np.argsort(first[index], kind="stable"))
+    order = np.argsort(first)
+    ends = np.cumsum(np.bincount(index, minlength=len(people))[order]).tolist()
+    return {
+        int(person): rows.slice(begin, end - begin)
+        for person, begin, end in zip(people[order], [0, *ends], ends, strict=False)
+    }
+
+
+def _trajectory(table: pa.Table, texts: dict[str, str]) -> Trajectory:
+    """Of one person."""
+    values = described(texts)
+    joints = values["skeleton"].joints
+    n_frames = table.num_rows // len(joints)
+    _check_order(table, joints, n_frames)
+
+    def column(name: str) -> np.ndarray:
+        return numbers(table, name).reshape(n_frames, len(joints))
+
+    for field in _PER_CAMERA:
+        cameras = [f"{field}_{name}" for name in values["camera_names"]]
+        if cameras and set(cameras) <= set(table.column_names):
+            values[field] = np.stack([column(name) for name in cameras], axis=1)
+    if texts.get(_HAS_COVARIANCE) == "true":
+        values["covariance_m2"] = symmetric(column)
+    status_names, status = names(table, "status")
+    meaning = np.array([status_named(name) for name in status_names], dtype=int)
+    return Trajectory(
+        time_s=column("time_s")[:, 0],
+        positions_m=np.stack([column(f"{axis}_m") for axis in _AXES], axis=-1),
+        status=meaning[status].reshape(n_frames, len(joints)),
+        **values,
+    )
+
+
+def _check_order(table: pa.Table, joints: tuple[str, ...], n_frames: int) -> None:
+    joint_names, joint = names(table, "joint")
+    known = np.array([joints.index(each) if each in joints else -1 for each in joint_names], dtype=int)
+    frame = numbers(table, "frame")
+    numbered = frame[:: len(joints)]
+    in_order = (np.diff(numbered) > 0).all() and np.array_equal(frame, np.repeat(numbered, len(joints)))
+    if not in_order or not np.array_equal(known[joint], np.tile(np.arange(len(joints)), n_frames)):
+        raise ValueError("rows are missing or in another order: each frame must hold every joint of the skeleton once")

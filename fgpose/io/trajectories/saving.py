@@ -1,0 +1,174 @@
+"""Writing of result files: one function for all formats, named by the extension."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fgpose.geometry.up_axis import UpChoice, WorldUp
+from fgpose.io.atomic import check_replaceable, replacing
+from fgpose.io.formats import trajectory_formats
+from fgpose.io.names import own_paths
+from fgpose.io.origin import Origin
+from fgpose.io.trajectories.c3d import require_ezc3d, write_c3d
+from fgpose.io.trajectories.npz import write_npz
+from fgpose.io.trajectories.parquet import write_parquet
+from fgpose.io.trajectories.trc import write_trc
+from fgpose.io.trajectories.upright import resolved_up
+from fgpose.plain_files import naming
+from fgpose.sampling import TIME_ROUNDING_S, nearest
+from fgpose.trajectory import Trajectory
+
+EXTENSIONS = (".parquet", ".npz", ".trc", ".c3d")
+"""What save_trajectory writes, those that keep most first. Other packages may add formats (fgpose.io.formats)."""
+
+
+def check_output(path: str | Path) -> None:
+    """Make sure, before any work is done, that save_trajectory will be able to write a file; its folder is made.
+
+    Raises:
+        ValueError: the extension is none of EXTENSIONS.
+        ImportError: a C3D file is wanted and ezc3d is not installed.
+        OSError: the folder cannot be written into, or what has its name is no plain file.
+    """
+    if _extension(Path(path)) == ".c3d":
+        require_ezc3d()
+    check_replaceable(path)
+
+
+def save_trajectory(
+    trajectory: Trajectory, path: str | Path, world_up: UpChoice | WorldUp = "auto", origin: Origin | None = None
+) -> None:
+    """Write a trajectory in the format that the extension names: .parquet, .npz, .trc or .c3d.
+
+    Parquet and npz keep everything; TRC and C3D keep positions alone (see write_parquet, write_npz, write_trc,
+    write_c3d). The file appears whole or not at all; a missing folder is made.
+
+    Args:
+        world_up: what is up in the trajectory's world, for TRC (which has y up) and C3D: an axis, or a direction.
+            auto: as the body and the cameras of the origin stand, see find_up; z where nothing speaks against it.
+        origin: what it was made from; parquet keeps it, the others which command made it.
+
+    Warns:
+        UserWarning: auto found another axis up than z, or is in doubt; it says why.
+
+    Raises:
+        ValueError: the extension is none of these, or the format cannot hold the trajectory.
+        ImportError: C3D without ezc3d.
+        OSError: the file cannot be written.
+    """
+    _write({0: trajectory}, {0: np.arange(trajectory.n_frames)}, Path(path), world_up, origin)
+
+
+def _write(
+    people: Mapping[int, Trajectory],
+    frames: Mapping[int, Int[np.ndarray, " own_frame"]],
+    path: Path,
+    world_up: UpChoice | WorldUp,
+    origin: Origin | None,
+) -> tuple[Path, ...]:
+    extension, made_by = _extension(path), "" if origin is None else origin.step
+    if extension == ".parquet":
+        write_parquet(people, frames, path, origin)
+        return (path,)
+    up = resolved_up(people.values(), world_up, path, origin and origin.rig) if extension in (".trc", ".c3d") else "z"
+    paths = people_paths(path, people)
+    for own_path, trajectory in zip(paths, people.values(), strict=True):
+        match extension:
+            case ".npz":
+                write_npz(trajectory, own_path, made_by)
+            case ".trc":
+                write_trc(trajectory, own_path, up, made_by)
+            case ".c3d":
+                write_c3d(trajectory, own_path, up, made_by=made_by)
+            case _:
+                others = trajectory_formats()[extension]
+                with replacing(own_path, others.check) as temporary:
+                    others.write(trajectory, temporary)
+    return paths
+
+
+def _extension(path: Path) -> str:
+    extension = path.suffix.lower()
+    if extension not in EXTENSIONS and extension not in (others := trajectory_formats()):
+        known = ", ".join((*EXTENSIONS, *others))
+        raise ValueError(f"{path}: a trajectory is written as {known}, not as {extension or 'nothing'}")
+    return extension
+
+
+def save_people(
+    trajectories: Mapping[int, Trajectory],
+    path: str | Path,
+    world_up: UpChoice | WorldUp = "auto",
+    time_s: Float[np.ndarray, " frame"] | None = None,
+    origin: Origin | None = None,
+) -> tuple[Path, ...]:
+    """Write the trajectories of people as save_trajectory that of one: one table as .parquet; .npz, .trc or .c3d for
+    each, NAME_person1.trc, where there are several.
+
+    The table is that of one person (write_parquet), with the number of each in the column person. Frame numbers are
+    those of the recording: the place of a time among all times.
+
+    Args:
+        trajectories: by the number of the person, from 0.
+        path: NAME with its extension.
+        world_up: see save_trajectory; auto: as all of them stand.
+        time_s: of all frames of the recording, increasing, seconds; by default those at which somebody is there.
+        origin: see save_trajectory.
+
+    Returns:
+        The files (see people_paths). Each appears whole or not at all.
+
+    Raises:
+        ValueError: there is nobody, somebody has no frame or one that is not the recording's, people of a table differ
+            in skeleton, cameras or in what is known of them; or as save_trajectory.
+        ImportError: C3D without ezc3d.
+        OSError: a file cannot be written.
+    """
+    path = Path(path)
+    if not trajectories or min(trajectories) < 0:
+        raise ValueError(
+            f"{path}: people with numbers from 0 are needed, got {', '.join(map(str, trajectories)) or 'nobody'}"
+        )
+    if _extension(path) != ".parquet":
+        check_output(path)
+        return _write(trajectories, {}, path, world_up, origin)
+    with naming(path):
+        return _write(trajectories, _frame_numbers(trajectories, time_s), path, world_up, origin)
+
+
+def people_paths(path: str | Path, people: Collection[int] = ()) -> tuple[Path, ...]:
+    """The files that save_people writes: a .parquet itself, whoever is in it; of the other formats one for each person,
+    named after its number where there are several.
+
+    Raises:
+        ValueError: the extension is none of EXTENSIONS.
+    """
+    path = Path(path)
+    return (path,) if _extension(path) == ".parquet" else own_paths(path, people)
+
+
+def _frame_numbers(
+    people: Mapping[int, Trajectory], time_s: Float[np.ndarray, " frame"] | None
+) -> dict[int, Int[np.ndarray, " own_frame"]]:
+    for person, trajectory in people.items():
+        if not trajectory.n_frames or not _increases(trajectory.time_s):
+            raise ValueError(f"person {person} must have frames whose time_s increases")
+    all_s = np.unique(np.concatenate([each.time_s for each in people.values()])) if time_s is None else time_s
+    if not len(all_s) or not _increases(all_s):
+        raise ValueError("time_s of the recording must increase")
+    frames = {person: nearest(trajectory.time_s, all_s) for person, trajectory in people.items()}
+    for person, frame in frames.items():
+        own_s = people[person].time_s
+        # Two ways to take the mean over the clocks of cameras differ in their last digits.
+        other = (np.abs(all_s[frame] - own_s) > TIME_ROUNDING_S) | (np.diff(frame, prepend=-1) == 0)
+        if other.any():
+            raise ValueError(f"person {person} has a frame at {own_s[other][0]:.6g} s, the recording has none then")
+    return frames
+
+
+def _increases(time_s: Float[np.ndarray, " frame"]) -> bool:
+    return bool(np.isfinite(time_s).all() and (np.diff(time_s) > 0).all())

@@ -1,0 +1,189 @@
+"""TRC, the marker file of OpenSim and Pose2Sim.
+
+Tab separated: three lines of header (the second names the values of the third), one with the markers' names, one with
+X1 Y1 Z1 ..., perhaps an empty one, then the frames. OpenSim's axes are x forward, y up, z right.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.geometry.up_axis import WorldUp, y_up
+from fgpose.io.atomic import write_text
+from fgpose.io.content import read_content, text_lines
+from fgpose.io.tables import as_cell, name_in_cell, one_line
+from fgpose.io.trajectories.markers import marker_of_joint, markers_to_trajectory, median_rate_hz
+from fgpose.kinematics.body_size import leg_length
+from fgpose.plain_files import check_expansion
+from fgpose.skeleton import MAX_JOINTS
+from fgpose.trajectory import Trajectory
+
+_HEADER = ["DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units"]
+_HEADER += ["OrigDataRate", "OrigDataStartFrame", "OrigNumFrames"]
+_UNITS_PER_METRE = {"m": 1.0, "cm": 100.0, "mm": 1000.0}
+_SEPARATORS = ("\t", ";", ",")
+_N_HEADER_LINES = 5  # of the TRC format
+
+
+def write_trc(trajectory: Trajectory, path: Path, world_up: WorldUp = "z", made_by: str = "") -> None:
+    """Write positions in metres with y up; gaps are cells "nan", as OpenSim writes them.
+
+    Markers are named as in Pose2Sim's OpenSim models (RHip). The Time column holds the true times; DataRate is one
+    over their median interval (1 for a single frame). Frame numbers count from 1.
+
+    Args:
+        world_up: what is up in the trajectory's world; z is mapped to OpenSim's y as Pose2Sim does.
+        made_by: command of fgpose, which is then said behind the name of the file in the first line.
+
+    Raises:
+        ValueError: the times do not increase.
+        OSError: the file cannot be written.
+    """
+    file_name = one_line(f"{path.name} (made by fgpose {made_by})" if made_by else path.name)
+    lines = [*_header_lines(trajectory, file_name), *_frame_lines(trajectory, world_up)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _header_lines(trajectory: Trajectory, file_name: str) -> list[str]:
+    rate = f"{median_rate_hz(trajectory.time_s):.10g}"
+    n_frames, n_markers = str(trajectory.n_frames), trajectory.skeleton.n_joints
+    names = [cell for joint in trajectory.skeleton.joints for cell in (as_cell(marker_of_joint(joint)), "", "")]
+    axes = [f"{axis}{marker}" for marker in range(1, n_markers + 1) for axis in "XYZ"]
+    return [
+        "\t".join(["PathFileType", "4", "(X/Y/Z)", file_name]),
+        "\t".join(_HEADER),
+        "\t".join([rate, rate, n_frames, str(n_markers), "m", rate, "1", n_frames]),
+        "\t".join(["Frame#", "Time", *names]),
+        "\t".join(["", "", *axes]),
+    ]
+
+
+def _frame_lines(trajectory: Trajectory, world_up: WorldUp) -> list[str]:
+    known = np.isfinite(trajectory.positions_m).all(axis=-1, keepdims=True)
+    positions_m = np.where(known, y_up(trajectory.positions_m, world_up), np.nan)
+    rows = positions_m.reshape(trajectory.n_frames, 3 * trajectory.skeleton.n_joints).tolist()
+    times_s = np.asarray(trajectory.time_s, dtype=float).tolist()
+    return [
+        # repr is the shortest text that reads back as the same number. OpenSim refuses a row whose last cell is empty.
+        "\t".join([str(number), repr(time_s), *map(repr, row)])
+        for number, (time_s, row) in enumerate(zip(times_s, rows, strict=True), start=1)
+    ]
+
+
+def read_trc(path: Path) -> Trajectory:
+    """Read the markers of a TRC file, in metres and the axes of the file.
+
+    Lenient where writers differ: NumFrames, NumMarkers and the frame numbers are not believed, rows may lack trailing
+    cells, empty lines are skipped, a cell "nan" is a gap. Cells may be separated by semicolons or commas, as a table
+    program leaves them, and numbers may have decimal commas where no cell has a point. Where no unit is named, the legs
+    of the body tell it.
+
+    Warns:
+        UserWarning: no unit is named, or one that makes a giant or a dwarf; which one was taken.
+
+    Raises:
+        ValueError: the header is not that of a TRC file, the unit is not m, cm or mm, or is not named and not told by a
+            body, a cell is not a number; the message names line and marker.
+    """
+    content = read_content(path)
+    header = list(islice(text_lines(content), _N_HEADER_LINES))
+    if len(header) < _N_HEADER_LINES or not header[0].startswith("PathFileType"):
+        raise ValueError("it lacks the five header lines of a TRC file")
+    separator = next((each for each in _SEPARATORS if each in header[3]), "\t")
+    markers = _markers(header[3], separator)
+    table = _frames(content, separator, markers)
+    positions = table[:, 1:].reshape(len(table), len(markers), 3)
+    in_file = markers_to_trajectory(markers, table[:, 0], positions)
+    unit = _checked_unit(_unit(header, separator), leg_length(in_file), path)
+    return replace(in_file, positions_m=in_file.positions_m / _UNITS_PER_METRE[unit])
+
+
+def _markers(line: str, separator: str) -> list[str]:
+    """The names in line 4, each of which has three cells."""
+    markers = [name_in_cell(name.strip()) for name in line.split(separator)[2:] if name.strip()]
+    if not 1 <= len(markers) <= MAX_JOINTS:
+        raise ValueError(
+            f"line 4 names {len(markers) or 'no'} markers, at least one and at most {MAX_JOINTS} are needed"
+        )
+    return markers
+
+
+def _frames(content: bytes, separator: str, markers: list[str]) -> Float[np.ndarray, "frame cell"]:
+    """Time and coordinates, in the file's units."""
+    n_cells = 1 + 3 * len(markers)
+    # Frame numbers have no point, and what stands before them in the first line of them no frame.
+    has_points = any("." in line for line in islice(text_lines(content), _N_HEADER_LINES, None))
+    decimal_commas = separator != "," and not has_points
+    rows: list[np.ndarray] = []
+    for number, line in enumerate(islice(text_lines(content), _N_HEADER_LINES, None), _N_HEADER_LINES + 1):
+        if line.replace(separator, "").strip():
+            # Rows may be much shorter than the header says.
+            check_expansion(8 * n_cells * (len(rows) + 1), len(content))
+            line = line.replace(",", ".") if decimal_commas else line
+            rows.append(_parse_frame(line, separator, number, markers))
+    return np.array(rows).reshape(len(rows), n_cells)
+
+
+def _unit(lines: list[str], separator: str) -> str:
+    """As line 3 says; empty where it says nothing."""
+    names = [name.strip().lower() for name in lines[1].split(separator)]
+    values = [value.strip() for value in lines[2].split(separator)]
+    if "units" not in names:
+        # Some writers separate the header by blanks.
+        names, values = lines[1].lower().split(), lines[2].split()
+    unit = dict(zip(names, values, strict=False)).get("units", "").lower()
+    if unit and unit not in _UNITS_PER_METRE:
+        raise ValueError(f"line 3: Units must be m, cm or mm, got {unit}")
+    return unit
+
+
+def _checked_unit(said: str, leg: float, path: Path) -> str:
+    """The unit that the file names, unless legs of that length belong to nobody.
+
+    Args:
+        said: in line 3; empty: nothing.
+        leg: length of the legs in the file; NaN: it has none.
+        path: the file.
+    """
+    if said and not (np.isfinite(leg) and not _is_leg(leg, said)):
+        return said
+    fitting = [unit for unit in _UNITS_PER_METRE if _is_leg(leg, unit)]
+    if not fitting and said:
+        return said
+    if not fitting:
+        raise ValueError("line 3: Units is missing, and no legs of a person tell it; write m, cm or mm there")
+    why = f"line 3 says {said}, in which legs are {leg:.3g} long" if said else "line 3 names no unit"
+    warnings.warn(f"{path}: {why}: lengths are taken to be {fitting[0]}, which fits a person", stacklevel=5)
+    return fitting[0]
+
+
+def _is_leg(leg: float, unit: str) -> bool:
+    """Whether legs of a small child up to a very tall man are this long; the units are further apart than these."""
+    return 0.25 < leg / _UNITS_PER_METRE[unit] < 1.3
+
+
+def _parse_frame(line: str, separator: str, line_number: int, markers: list[str]) -> Float[np.ndarray, " cell"]:
+    """Time and coordinates of one line, in the file's units; NaN in gaps."""
+    n_cells = 1 + 3 * len(markers)
+    cells = line.split(separator)[1:]
+    if any(cell.strip() for cell in cells[n_cells:]):
+        raise ValueError(f"line {line_number}: there are more cells than {len(markers)} markers need")
+    values = np.full(n_cells, np.nan)
+    for index, cell in enumerate(map(str.strip, cells[:n_cells])):
+        if not cell:
+            continue
+        try:
+            values[index] = float(cell)
+        except ValueError:
+            where = markers[(index - 1) // 3] if index else "Time"
+            raise ValueError(f"line {line_number}, {where}: {cell!r} is not a number") from None
+    if not math.isfinite(values[0]):
+        raise ValueError(f"line {line_number}: there is no time")
+    return values

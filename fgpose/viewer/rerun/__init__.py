@@ -1,0 +1,1 @@
+"""Recordings in Rerun; imported only when one is opened."""

@@ -1,0 +1,192 @@
+"""How cameras, joints and bodies look in every recording, and a body over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import rerun as rr
+from jaxtyping import Float
+
+from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Status, Trajectory
+from fgpose.viewer.recording import UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.palette import Colour, faded
+from fgpose.viewer.rerun.rows import Rows, bone_rows, ellipsoid_rows, point_rows, status_rows
+
+# Reprojections are smaller, so that a detection below one stays visible.
+_DETECTION_RADIUS = rr.Radius.ui_points(3.5)
+_REPROJECTION_RADIUS = rr.Radius.ui_points(1.5)
+# Pictures are a little darker, so that white skeletons and yellow points stand out.
+_PICTURE_OPACITY = 0.7
+_PICTURE_DRAW_ORDER = -10.0  # below all points
+# A usual distance in a room; only used where the optical axes do not tell.
+_DEFAULT_DISTANCE_M = 3.0
+# A frustum that reaches this share of the way to the person shows its picture and hides nobody.
+_FRUSTUM_SHARE = 0.14
+# Thick enough to be seen from the distance of the cameras, thinner than a wrist.
+_JOINT_RADIUS_M = 0.017
+_BONE_RADIUS_M = 0.007
+# A predicted joint is half as thick as an observed one, and paler.
+_PREDICTED_SCALE = 0.5
+
+
+def log_cameras(stream: rr.RecordingStream, rig: CameraRig, up: UpAxis, colours: Sequence[Colour]) -> None:
+    """The world and the cameras in it, each in its colour, ready for their pictures and detections."""
+    sign = "UP" if up[0] == "+" else "DOWN"
+    stream.log(paths.WORLD, getattr(rr.ViewCoordinates, f"RIGHT_HAND_{up[1].upper()}_{sign}"), static=True)
+    for camera, colour in zip(rig.cameras, colours, strict=True):
+        _log_camera(stream, camera, colour, frustum_m(rig))
+
+
+def frustum_m(rig: CameraRig) -> float:
+    """How far the frusta of cameras reach."""
+    return _FRUSTUM_SHARE * viewing_distance_m(rig)
+
+
+def up_vector(up: UpAxis) -> Float[np.ndarray, 3]:
+    """Of length 1."""
+    return (1.0 if up[0] == "+" else -1.0) * np.eye(3)["xyz".index(up[1])]
+
+
+def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, 3]:
+    """Where the cameras look: the point nearest to all optical axes, with a weak prior at a point in front of them."""
+    forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
+    position_m = np.stack([camera.position_m for camera in rig.cameras])
+    ahead_m = (position_m + _DEFAULT_DISTANCE_M * forward).mean(axis=0)
+    across = np.eye(3) - forward[:, :, None] * forward[:, None]
+    # The prior determines the depth where there is one camera, or where all are parallel.
+    tie = 0.01 * np.eye(3)
+    return np.linalg.solve(
+        across.sum(axis=0) + tie, (across @ position_m[:, :, None]).sum(axis=0)[:, 0] + tie @ ahead_m
+    )
+
+
+def viewing_distance_m(rig: CameraRig) -> float:
+    """Mean distance of the cameras from where they look."""
+    target_m = viewing_target_m(rig)
+    return float(np.mean([np.linalg.norm(camera.position_m - target_m) for camera in rig.cameras]))
+
+
+def annotation_class(
+    number: int, label: str, colour: Colour | None, skeleton: Skeleton, bones: tuple[tuple[int, int], ...] = ()
+) -> rr.ClassDescription:
+    """Points of this class have the colour and the names of the joints; bones join them."""
+    joints = [rr.AnnotationInfo(j, joint, colour) for j, joint in enumerate(skeleton.joints)]
+    return rr.ClassDescription(
+        info=rr.AnnotationInfo(number, label, colour), keypoint_annotations=joints, keypoint_connections=list(bones)
+    )
+
+
+def _log_camera(stream: rr.RecordingStream, camera: Camera, colour: Colour, frustum_m: float) -> None:
+    pose = rr.Transform3D(translation=camera.position_m, mat3x3=camera.world_T_camera[:3, :3])
+    stream.log(paths.camera(camera.name), pose, static=True)
+    pinhole = rr.Pinhole(
+        image_from_camera=camera.K,
+        resolution=camera.size_px,
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=frustum_m,
+        color=colour,
+    )
+    stream.log(paths.image(camera.name), pinhole, static=True)
+    detections = rr.Points2D.from_fields(radii=_DETECTION_RADIUS, show_labels=False, draw_order=20.0)
+    stream.log(paths.detections(camera.name), detections, static=True)
+
+
+def log_picture_style(stream: rr.RecordingStream, camera: str, scale: tuple[float, float]) -> None:
+    """Appearance and place of a camera's pictures: undistorted pixels per pixel, across and down.
+
+    OpenCV, and so every point here, counts pixels from the centre of the first one, Rerun from its corner.
+    """
+    place = rr.Transform3D(translation=(-0.5, -0.5, 0.0), scale=(*scale, 1.0))
+    stream.log(paths.picture(camera), place, static=True)
+    look = rr.EncodedImage.from_fields(opacity=_PICTURE_OPACITY, draw_order=_PICTURE_DRAW_ORDER)
+    stream.log(paths.picture(camera), look, static=True)
+
+
+def log_body_styles(
+    stream: rr.RecordingStream, rig: CameraRig, skeleton: Skeleton, name: str, class_id: int, colour: Colour
+) -> None:
+    """Appearance of a body in space and in the images, and of the status of its joints.
+
+    Args:
+        stream: of the recording.
+        rig: the cameras.
+        skeleton: the joints.
+        name: of the result or of the person.
+        class_id: of its annotation.
+        colour: of its covariance.
+    """
+    path = paths.trajectory(name)
+    joints = rr.Points3D.from_fields(class_ids=class_id, show_labels=False)
+    stream.log(f"{path}/joints", joints, static=True)
+    ellipsoids = rr.Ellipsoids3D.from_fields(
+        colors=[*palette.faded(colour, 0.3), 60], fill_mode=rr.components.FillMode.TransparentFillMajorWireframe
+    )
+    stream.log(f"{path}/covariance", ellipsoids, static=True)
+    for camera in rig.names:
+        reprojections = rr.Points2D.from_fields(
+            radii=_REPROJECTION_RADIUS, class_ids=class_id, show_labels=False, draw_order=10.0
+        )
+        stream.log(paths.reprojections(camera, name), reprojections, static=True)
+    for joint in skeleton.joints:
+        lanes = rr.StateConfiguration(values=list(palette.STATUS), colors=list(palette.STATUS.values()))
+        stream.log(paths.join(paths.STATUS, name, joint), lanes, static=True)
+
+
+def log_line(stream: rr.RecordingStream, path: str, name: str, colour: Colour, width: float = 1.5) -> None:
+    """Name and appearance of a line in a plot."""
+    stream.log(path, rr.SeriesLines(names=name, colors=[colour], widths=[width]), static=True)
+
+
+def body_rows(
+    name: str,
+    trajectory: Trajectory,
+    rig: CameraRig,
+    colour: Colour,
+    thickness: float = 1.0,
+    before: np.ndarray | None = None,
+) -> Iterator[Rows]:
+    """Skeleton, covariance, reprojections and status.
+
+    Args:
+        name: of the result or of the person.
+        trajectory: one frame or more.
+        rig: the cameras.
+        colour: of the skeleton.
+        thickness: of the skeleton; 1 for a final result.
+        before: (J,) status in the frame before the first, if there was one.
+    """
+    path = paths.trajectory(name)
+    yield from _skeleton_rows(path, trajectory, colour, thickness)
+    if trajectory.covariance_m2 is not None:
+        yield ellipsoid_rows(f"{path}/covariance", trajectory.positions_m, trajectory.covariance_m2)
+    reprojections_px = rig.project(trajectory.positions_m)
+    for c, camera in enumerate(rig.names):
+        yield point_rows(paths.reprojections(camera, name), rr.Points2D, reprojections_px[:, c])
+    first = np.full(trajectory.skeleton.n_joints, Status.OBSERVED) if before is None else before
+    for j in np.flatnonzero((np.diff(trajectory.status, axis=0, prepend=first[None]) != 0).any(axis=0)):
+        path = paths.join(paths.STATUS, name, trajectory.skeleton.joints[j])
+        yield status_rows(path, trajectory.status[:, j], int(first[j]))
+
+
+def _skeleton_rows(path: str, trajectory: Trajectory, colour: Colour, thickness: float) -> Iterator[Rows]:
+    skeleton, observed = trajectory.skeleton, trajectory.observed
+    bones = (*skeleton.bones, *skeleton.lines)
+    bone_observed = observed[:, np.array(bones, dtype=int).reshape(-1, 2)].all(axis=-1)
+    pair = np.array([faded(colour), colour], dtype=np.uint8)
+    scale = thickness * np.array([_PREDICTED_SCALE, 1.0])
+    joint, bone = observed.astype(int), bone_observed.astype(int)
+    radii = _JOINT_RADIUS_M * scale[joint]
+    yield point_rows(f"{path}/joints", rr.Points3D, trajectory.positions_m, pair[joint], radii)
+    yield bone_rows(f"{path}/bones", trajectory.positions_m, bones, pair[bone], _BONE_RADIUS_M * scale[bone])
+
+
+def median_of_known(values: Float[np.ndarray, "frame joint"]) -> Float[np.ndarray, " frame"]:
+    """Median over the joints; NaN where none is known. Ten times as fast as np.nanmedian on a live frame."""
+    ordered = np.sort(values, axis=-1)
+    count = np.isfinite(values).sum(axis=-1)
+    middle = np.stack([(count - 1) // 2, count // 2], axis=-1).clip(min=0)
+    return np.take_along_axis(ordered, middle, axis=-1).mean(axis=-1)

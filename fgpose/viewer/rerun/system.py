@@ -1,0 +1,91 @@
+"""The recording of a live system in Rerun."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import ClassVar
+
+import numpy as np
+import rerun as rr
+from jaxtyping import UInt8
+
+from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.viewer.pictures import CameraPictures, PictureOptions
+from fgpose.viewer.recording import CameraSaid, Moment, SystemRecording, UpAxis
+from fgpose.viewer.rerun import palette, paths
+from fgpose.viewer.rerun.blueprint import people_blueprint
+from fgpose.viewer.rerun.recording import RerunRecording
+from fgpose.viewer.rerun.rows import Rows, TimeKind, change_rows, log_rows, scalar_rows
+from fgpose.viewer.rerun.scene import log_line
+from fgpose.viewer.rerun.session import Target
+
+_UNKNOWN = CameraSaid("")
+
+
+class RerunSystemRecording(RerunRecording, SystemRecording):
+    """See SystemRecording and open_system_recording."""
+
+    time_kind: ClassVar[TimeKind] = "timestamp"
+
+    def __init__(
+        self, target: Target, rig: CameraRig, skeleton: Skeleton, up: UpAxis, pictures: PictureOptions
+    ) -> None:
+        layout = people_blueprint(rig, up, following=target.port is not None, of_system=True)
+        super().__init__(target, (rig, skeleton, ()), up, pictures, layout)
+        self._options = pictures
+        self._said: dict[str, CameraSaid] = {}
+        self._n_moments = 0
+        lanes = rr.StateConfiguration(values=list(palette.CAMERA_STATES), colors=list(palette.CAMERA_STATES.values()))
+        for name in rig.names:
+            self._open_stream.log(paths.join(paths.CAMERA_STATES, name), lanes, static=True)
+        log_line(self._open_stream, paths.DELAY_MS, "delay", palette.PLAIN)
+        log_line(self._open_stream, paths.OBSERVED, "observed", palette.PLAIN)
+
+    def log_moment(self, moment: Moment) -> None:
+        self._rig.subset(moment.cameras)
+        self._check_images(self._n_moments, moment.images)
+        frame, self._n_moments = self._n_moments, self._n_moments + 1
+        # Reasons may count seconds.
+        changed = {
+            name: said for name, said in moment.cameras.items() if said.state != self._said.get(name, _UNKNOWN).state
+        }
+        silent = [name for name, said in changed.items() if said.is_silent and not self._is_silent(name)]
+        images = [image for image in moment.images if image.camera not in silent]
+        self._show_update(frame, moment.time_s, images, moment.people, moment.events, silent)
+        self._send(_system_rows(moment, changed, self._said), np.array([moment.time_s]), frame)
+        for name in silent:
+            self._take_picture_away(name, frame, moment.time_s)
+        self._said |= moment.cameras
+        for name, picture in moment.pictures.items():
+            if not self._is_silent(name):
+                self.log_image(name, frame, moment.time_s, picture)
+
+    def log_image(self, camera: str, frame: int, time_s: float, image: UInt8[np.ndarray, "height width 3"]) -> None:
+        size_px = image.shape[1], image.shape[0]
+        if self._pictures_of(camera).size_px != size_px:
+            (calibrated,) = self._rig.subset([camera]).cameras
+            self._pictures[camera] = CameraPictures(calibrated, self._options, self._rig.n_cameras, size_px)
+            self._shown.discard(camera)
+        super().log_image(camera, frame, time_s, image)
+
+    def _is_silent(self, camera: str) -> bool:
+        return self._said.get(camera, _UNKNOWN).is_silent
+
+
+def _system_rows(moment: Moment, changed: Mapping[str, CameraSaid], before: Mapping[str, CameraSaid]) -> Iterator[Rows]:
+    """States of cameras that have changed, and plots."""
+    for name, said in changed.items():
+        state = before.get(name, _UNKNOWN).state
+        yield change_rows(paths.join(paths.CAMERA_STATES, name), np.array([said.state]), state)
+    news = {name: said for name, said in changed.items() if name in before or said.state != "ok"}
+    texts = [f"camera {name} {said.state}{': ' if said.reason else ''}{said.reason}" for name, said in news.items()]
+    levels = [said.state for said in news.values()]
+    colours = [palette.CAMERA_STATES.get(level, palette.PLAIN) for level in levels]
+    yield log_rows(paths.CAMERA_EVENTS, texts, levels, colours, np.zeros(len(texts), dtype=int))
+    if moment.note:
+        yield log_rows(paths.RECORDING_EVENTS, [moment.note], ["WARN"], [palette.PLAIN], np.zeros(1, dtype=int))
+    if moment.delay_s is not None:
+        yield scalar_rows(paths.DELAY_MS, np.array([1e3 * moment.delay_s]))
+    if moment.observed_share is not None:
+        yield scalar_rows(paths.OBSERVED, np.array([100 * moment.observed_share]))
