@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,12 @@ from fgpose_benchmarks.synthetic import (
 )
 
 MOCAP = Path(__file__).parents[1] / "benchmarks" / "fgpose_benchmarks" / "data" / "mocap_cmu"
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected lives until the end: garbage is not looked for in it again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")
