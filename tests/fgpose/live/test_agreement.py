@@ -253,7 +253,7 @@ def said_when_wrong(walk: WalkScene, wrong_s: float) -> dict[str, tuple[float, s
     return said
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
     said = said_when_wrong(scene(n_cameras, rate_hz=12.0, duration_s=6.0), 3.0)
     assert said.keys() == {"ring_1"}
