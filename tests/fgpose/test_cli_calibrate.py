@@ -33,10 +33,8 @@ BAD = Finding("", Grade.FAILED, "the cameras do not agree", "walk where all came
 
 
 @pytest.fixture
-def chain(monkeypatch: pytest.MonkeyPatch) -> Chain:
-    """Without the search for faults of these rigs too, which has tests of its own and takes seconds."""
+def chain(monkeypatch: pytest.MonkeyPatch, without_search_for_faults: None) -> Chain:
     chain = Chain()
-    monkeypatch.setattr("fgpose.diagnosis.camera_faults_checks.faults_of_short", lambda examined: [])
     monkeypatch.setattr("fgpose.calibration.from_people.calibrate.calibrate", chain)
     return chain
 
