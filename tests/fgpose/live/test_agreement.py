@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from turned_cameras import turned
 
 import fgpose
 from fgpose.association.track import TrackState
@@ -25,6 +24,7 @@ from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
 from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour
+from tests.wrong_rigs import turned
 
 NO_LATENESS = np.zeros(4)
 

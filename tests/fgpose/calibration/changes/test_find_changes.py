@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
-import gtsam
 import numpy as np
 import pytest
 
@@ -17,6 +16,7 @@ from fgpose.calibration.changes.lenses import Lens
 from fgpose.geometry.intrinsics import stretched
 from fgpose_benchmarks.calibration.real import webcam
 from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
+from tests.wrong_rigs import turned
 
 FOUR, THREE, TWO = RIG.names, RIG.names[:3], RIG.names[1:3]
 # Two cameras are the hardest to tell apart, and the fewest to compute; three are the fewest of which one is named.
@@ -198,11 +198,7 @@ def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: 
 
 def test_a_camera_that_was_turned_about_its_axis() -> None:
     """Rays miss each other by 2 cm only, as they do of somebody who stands; who walks is seen from all sides."""
-    own = list(RIG.cameras)
-    pose = own[1].world_T_camera.copy()
-    pose[:3, :3] = pose[:3, :3] @ gtsam.Rot3.Rz(np.deg2rad(1.0)).matrix()
-    own[1] = replace(own[1], world_T_camera=pose)
-    (found,) = changes(filmed(walk_m(3)), THREE, fgpose.CameraRig(tuple(own)))
+    (found,) = changes(filmed(walk_m(3)), THREE, turned(RIG, 1, 1.0, axis=(0.0, 0.0, 1.0)))
     assert (found.kind, found.camera) == (Kind.MOVED, 1)
 
 
