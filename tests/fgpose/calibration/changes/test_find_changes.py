@@ -43,7 +43,7 @@ def test_lost_frames(names: tuple[str, ...]) -> None:
     assert found.at_s == pytest.approx(TURN / FPS, abs=1.0)
 
 
-@pytest.mark.parametrize("names", [THREE, TWO])
+@pytest.mark.parametrize("names", [pytest.param(THREE, marks=pytest.mark.slow), TWO])
 def test_nothing_tells_when_frames_were_lost_while_nobody_moves(names: tuple[str, ...]) -> None:
     truth_m = walk_m(3).copy()
     truth_m[TURN - 60 : TURN + 60] = truth_m[TURN - 60]
