@@ -8,6 +8,9 @@ MATRIX := python3.11 python3.12 python3.13
 PEER := $(VENV)/bench/.installed
 # One process per core, each with one thread: the tests' matrices are too small to share.
 PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -q --numprocesses auto --dist worksteal
+# Images of containers often forbid Python to keep what it compiles. Two fifths of the start of each process are that, and
+# the tests start some hundred.
+unexport PYTHONDONTWRITEBYTECODE
 # Checking the shapes of all arguments takes two thirds of the time, so it is left to `make test`.
 UNCHECKED := -o addopts="--strict-markers --tb=short"
 

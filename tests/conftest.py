@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,13 @@ from fgpose_benchmarks.synthetic import (
 )
 
 MOCAP = Path(__file__).parents[1] / "benchmarks" / "fgpose_benchmarks" / "data" / "mocap_cmu"
+
+
+def pytest_collection_finish() -> None:
+    """What was imported and collected lives until the end: garbage is not looked for in it, nor after 700 objects."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000)
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import os
 import subprocess
 import sys
@@ -90,7 +91,9 @@ ALLOWED = {
 }
 
 
-def parsed() -> dict[str, ast.Module]:
+# The sources are read when a test needs them: each process of the tests collects all tests, and runs some.
+@functools.cache
+def syntax_trees() -> dict[str, ast.Module]:
     """Syntax tree of every module by its dotted name; a package goes by its own."""
     trees = {}
     for package, folder in SOURCES.items():
@@ -101,11 +104,20 @@ def parsed() -> dict[str, ast.Module]:
     return trees
 
 
-TREES = parsed()
+@functools.cache
+def imports() -> dict[str, set[str]]:
+    """Dotted names that each module imports."""
+    return {name: imports_of(tree) for name, tree in syntax_trees().items()}
+
+
+@functools.cache
+def packages() -> set[str]:
+    return {".".join(name.split(".")[:end]) for name in syntax_trees() for end in range(1, name.count(".") + 1)}
 
 
 def imports_of(tree: ast.Module) -> set[str]:
     """Dotted names that a module imports, anywhere in it; a submodule rather than the package it is taken from."""
+    modules = syntax_trees().keys()
     names = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
@@ -114,18 +126,12 @@ def imports_of(tree: ast.Module) -> set[str]:
             assert node.module, "imports are absolute"
             assert node.level == 0, "imports are absolute"
             inner = {f"{node.module}.{alias.name}" for alias in node.names}
-            names |= (inner & TREES.keys()) | ({node.module} if inner - TREES.keys() else set())
+            names |= (inner & modules) | ({node.module} if inner - modules else set())
     return names
 
 
-IMPORTS = {name: imports_of(tree) for name, tree in TREES.items()}
-
-
-PACKAGES = {".".join(name.split(".")[:end]) for name in TREES for end in range(1, name.count(".") + 1)}
-
-
-def within(name: str, packages: set[str]) -> bool:
-    return any(name == package or name.startswith(f"{package}.") for package in packages)
+def within(name: str, inside: set[str]) -> bool:
+    return any(name == package or name.startswith(f"{package}.") for package in inside)
 
 
 def floor(name: str, house: str, floors: tuple[set[str], ...]) -> tuple[int, str] | None:
@@ -141,27 +147,27 @@ def climbs(name: str, imported: str, house: str, floors: tuple[set[str], ...]) -
     own, other = floor(name, house, floors), floor(imported, house, floors)
     if own is None or other is None or own[1] == other[1]:
         return False
-    beside = own[0] == other[0] and f"{house}.{other[1]}" in PACKAGES
+    beside = own[0] == other[0] and f"{house}.{other[1]}" in packages()
     return other[0] > own[0] or beside
 
 
-def within_any(names: set[str], packages: set[str]) -> bool:
-    return any(within(name, packages) for name in names)
+def within_any(names: set[str], inside: set[str]) -> bool:
+    return any(within(name, inside) for name in names)
 
 
 def test_the_factors_know_nothing_of_fgpose() -> None:
-    wrong = [name for name in IMPORTS if within(name, {"fgpose_factors"}) and within_any(IMPORTS[name], {"fgpose"})]
+    wrong = [name for name in imports() if within(name, {"fgpose_factors"}) and within_any(imports()[name], {"fgpose"})]
     assert not wrong
 
 
 def test_the_core_knows_nothing_of_the_benchmarks() -> None:
     core = {"fgpose", "fgpose_factors"}
-    assert not [name for name in IMPORTS if within(name, core) and within_any(IMPORTS[name], {"fgpose_benchmarks"})]
+    assert not [name for name in imports() if within(name, core) and within_any(imports()[name], {"fgpose_benchmarks"})]
 
 
 @pytest.mark.parametrize("library", ALLOWED)
 def test_a_library_is_imported_only_where_it_belongs(library: str) -> None:
-    users = {name for name, imported in IMPORTS.items() if within_any(imported, {library})}
+    users = {name for name, imported in imports().items() if within_any(imported, {library})}
     assert not [name for name in users if not within(name, ALLOWED[library])]
 
 
@@ -172,13 +178,13 @@ HOUSES = pytest.mark.parametrize(
 
 @HOUSES
 def test_arrows_only_point_down(house: str, floors: tuple[set[str], ...]) -> None:
-    arrows = [(name, imported) for name, names in IMPORTS.items() for imported in names]
+    arrows = [(name, imported) for name, names in imports().items() for imported in names]
     assert not [f"{name} -> {imported}" for name, imported in arrows if climbs(name, imported, house, floors)]
 
 
 @HOUSES
 def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) -> None:
-    inside = {name for name in TREES if name.startswith(f"{house}.") and name != "fgpose.__main__"}
+    inside = {name for name in syntax_trees() if name.startswith(f"{house}.") and name != "fgpose.__main__"}
     assert not [name for name in sorted(inside) if floor(name, house, floors) is None]
 
 
@@ -194,20 +200,20 @@ def test_a_folder_is_seen_at_a_glance() -> None:
 
 def test_only_the_top_knows_the_pipeline_and_the_command_line() -> None:
     tops = {"fgpose.pipeline", "fgpose.cli", "fgpose.study", "fgpose_benchmarks"}
-    users = {name for name, names in IMPORTS.items() if within_any(names, tops)}
+    users = {name for name, names in imports().items() if within_any(names, tops)}
     assert not [name for name in users if not within(name, {*tops, "fgpose.__main__"}) and name != "fgpose"]
 
 
 def test_there_are_no_import_cycles() -> None:
     # static_order raises CycleError, which names the cycle.
-    order = TopologicalSorter({name: names & TREES.keys() for name, names in IMPORTS.items()}).static_order()
-    assert set(order) == set(TREES)
+    order = TopologicalSorter({name: names & syntax_trees().keys() for name, names in imports().items()}).static_order()
+    assert set(order) == set(syntax_trees())
 
 
 def test_the_library_never_prints() -> None:
     printing = {
         name
-        for name, tree in TREES.items()
+        for name, tree in syntax_trees().items()
         for node in ast.walk(tree)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"
     }
@@ -246,8 +252,8 @@ def test_importing_fgpose_stays_light() -> None:
 
 def test_the_rules_see_what_they_are_about() -> None:
     # Guards against a rule that holds because nothing is found.
-    assert "gtsam" in IMPORTS["fgpose.geometry.camera"]
-    assert "fgpose.geometry.camera" in IMPORTS["fgpose.geometry.triangulation"]
+    assert "gtsam" in imports()["fgpose.geometry.camera"]
+    assert "fgpose.geometry.camera" in imports()["fgpose.geometry.triangulation"]
     assert climbs("fgpose.geometry.camera", "fgpose.estimation.smoother", "fgpose", FLOORS)
     assert climbs("fgpose.viewer.rerun.scene", "fgpose.monocular.networks.crops", "fgpose", FLOORS)
     assert not climbs("fgpose.estimation.smoother", "fgpose.geometry.camera", "fgpose", FLOORS)

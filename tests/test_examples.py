@@ -74,6 +74,7 @@ def test_online():
     assert later_mm < 30
 
 
+@pytest.mark.slow
 def test_calibrate_from_people(tmp_path: Path):
     printed = run("13_calibrate_from_people.py", "--output", str(tmp_path))
     assert re.search(r"verdict: (good|coarse|failed); scale from ", printed)

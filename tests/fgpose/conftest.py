@@ -36,6 +36,12 @@ def draw(points2d_px: np.ndarray, size_px: tuple[int, int]) -> Image:
     return image
 
 
+@pytest.fixture
+def without_search_for_faults(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For what is about commands: short recordings are smoothed a dozen times to find moved and late cameras."""
+    monkeypatch.setattr("fgpose.diagnosis.camera_faults_checks.faults_of_short", lambda examined: [])
+
+
 @dataclass
 class SquaresNetwork:
     """Finds the squares; absolute 3D at the depth that it is told, known to 5 cm."""

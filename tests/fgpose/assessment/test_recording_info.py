@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from turned_cameras import turned
 
 from fgpose.assessment.recording_info import recording_info
-from fgpose.geometry.camera import CameraRig
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.observations import Observations
 from fgpose_benchmarks.synthetic import Scene
+from tests.wrong_rigs import in_another_world, turned
 
 
 def exchanged(observations: Observations, camera: int, frames: slice) -> Observations:
@@ -117,14 +116,8 @@ def test_long_recording_is_sampled(walking_scene: Scene) -> None:
 
 
 def test_wrong_unit_is_implausible(walking_scene: Scene) -> None:
-    def thousandfold(rig: CameraRig) -> CameraRig:
-        poses = [camera.world_T_camera.copy() for camera in rig.cameras]
-        for pose in poses:
-            pose[:3, 3] *= 1000.0
-        return CameraRig(
-            tuple(replace(camera, world_T_camera=pose) for camera, pose in zip(rig.cameras, poses, strict=True))
-        )
-
-    info = recording_info(replace(walking_scene.observations, points3d_m=None), thousandfold(walking_scene.rig))
+    info = recording_info(
+        replace(walking_scene.observations, points3d_m=None), in_another_world(walking_scene.rig, 1000.0)
+    )
     assert any("person" in remark for remark in info.implausible)
     assert info.suspicious

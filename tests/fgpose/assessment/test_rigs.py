@@ -12,21 +12,15 @@ from fgpose.assessment import rigs
 from fgpose.assessment.rig_alignment import fitted, rig_similarity
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import find_studio, walking
+from tests.wrong_rigs import in_another_world
 
 RIG = find_studio("mixed_5").rig
 JOINTS_M = walking(40, 10.0)
 WORLD_R = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 
 
-def in_another_world(rig: CameraRig, scale: float = 1.7, R: np.ndarray = WORLD_R) -> CameraRig:
-    """The same cameras in another world: x_new = scale * R x + (1, 2, 3)."""
-    cameras = []
-    for camera in rig.cameras:
-        pose = np.eye(4)
-        pose[:3, :3] = R @ camera.world_T_camera[:3, :3]
-        pose[:3, 3] = scale * R @ camera.position_m + np.array([1.0, 2.0, 3.0])
-        cameras.append(replace(camera, world_T_camera=pose))
-    return CameraRig(tuple(cameras))
+def elsewhere(rig: CameraRig, scale: float = 1.7, R: np.ndarray = WORLD_R) -> CameraRig:
+    return in_another_world(rig, scale, R, (1.0, 2.0, 3.0))
 
 
 def with_camera(
@@ -44,7 +38,7 @@ def with_camera(
 @pytest.mark.parametrize("n_cameras", [2, 3, 5])
 def test_the_same_rig_in_another_world_is_perfect(n_cameras: int):
     rig = RIG.subset(RIG.names[:n_cameras])
-    moved = in_another_world(rig)
+    moved = elsewhere(rig)
     np.testing.assert_allclose(rigs.position_errors_m(moved, rig), 0.0, atol=1e-12)
     np.testing.assert_allclose(rigs.direction_errors_deg(moved, rig), 0.0, atol=1e-6)
     np.testing.assert_allclose(rigs.rotation_errors_deg(moved, rig), 0.0, atol=1e-6)
@@ -76,23 +70,18 @@ def test_a_turned_camera_shows_in_the_pairs_that_it_is_in():
 
 def test_scale_vertical_and_floor_are_those_of_the_world():
     tilt = Rotation.from_rotvec(np.deg2rad([2.0, 0.0, 0.0])).as_matrix()
-    tilted = in_another_world(RIG, scale=1.02, R=tilt)
+    tilted = elsewhere(RIG, scale=1.02, R=tilt)
     assert rigs.scale_error(tilted, RIG) == pytest.approx(0.02)
     assert rigs.vertical_error_deg(tilted, RIG) == pytest.approx(2.0)
     # x_new = 1.02 R x + (1, 2, 3): z_new = 0 is 3 / 1.02 m below the floor on the axis of the tilt, hence beneath the
     # origin at (3 + 0) / (1.02 cos 2 degrees) along the tilted vertical; the foot point differs by its inclination.
-    upright = in_another_world(RIG, scale=1.02, R=np.eye(3))
+    upright = elsewhere(RIG, scale=1.02, R=np.eye(3))
     assert rigs.floor_error_m(upright, RIG, np.zeros(3)) == pytest.approx(-3 / 1.02)
 
 
 def test_the_floor_of_a_tilted_world_counts_beneath_the_point():
     tilt = Rotation.from_rotvec(np.deg2rad([0.0, 2.0, 0.0])).as_matrix()
-    cameras = []
-    for camera in RIG.cameras:
-        pose = camera.world_T_camera.copy()
-        pose[:3] = tilt @ pose[:3]
-        cameras.append(replace(camera, world_T_camera=pose))
-    tilted = CameraRig(tuple(cameras))
+    tilted = in_another_world(RIG, R=tilt)
     assert rigs.floor_error_m(tilted, RIG, np.zeros(3)) == pytest.approx(0.0, abs=1e-9)
     # 2 m away the plane is off by 2 m times the sine, and the foot point by its cosine.
     off_m = rigs.floor_error_m(tilted, RIG, np.array([2.0, 0.0, 0.0]))
@@ -135,4 +124,4 @@ def test_a_similarity_is_the_one_that_was_applied():
 
 def test_a_single_camera_has_no_scale():
     alone = RIG.subset(RIG.names[:1])
-    assert rig_similarity(in_another_world(alone), alone).scale == 1.0
+    assert rig_similarity(elsewhere(alone), alone).scale == 1.0

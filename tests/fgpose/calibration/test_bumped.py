@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from turned_cameras import turned
 
 import fgpose
 from fgpose.calibration.bumped import refine_bumped
 from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.people import PeopleObservations
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from tests.wrong_rigs import turned
 
 
 @pytest.fixture(scope="module")

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from turned_cameras import turned
 
 from fgpose.calibration.camera_faults import camera_faults
 from fgpose.calibration.rig_refinement import refine_rig
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.observations import Observations
 from fgpose_benchmarks.synthetic import Scene
+from tests.wrong_rigs import turned
 
 
 def late(observations: Observations, camera: int, frames: int) -> Observations:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from halls import LEFT, RIGHT, filmed, hall, hall_motion, off_px
-from turned_cameras import turned
 
 import fgpose
 from fgpose.association.chosen_person import main_person
@@ -25,6 +24,7 @@ from fgpose.config import CalibrationConfig, Config
 from fgpose.people import Detections, PeopleObservations
 from fgpose.sampling import fair_limits
 from fgpose_benchmarks.synthetic import CameraTimes, CrowdMotion, CrowdScene, Scene
+from tests.wrong_rigs import turned
 
 BUMPED = (LEFT[0], RIGHT[1])
 OFFSETS_S = np.array([0.0, 0.03, -0.03, 0.03, 0.03, -0.03])

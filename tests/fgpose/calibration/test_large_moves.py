@@ -13,7 +13,7 @@ from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, ring_rig, simulate, walking
-from tests.fgpose.turned_cameras import turned
+from tests.wrong_rigs import turned
 
 SKELETON = fgpose.load_skeleton("h36m_17")
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from turned_cameras import turned
 
 import fgpose
 from fgpose.calibration.adjustment import problem
 from fgpose.config import SolverConfig
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from tests.wrong_rigs import turned
 
 
 def direction_error_deg(rig: fgpose.CameraRig, truth: fgpose.CameraRig, camera: int) -> float:

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
-from turned_cameras import turned
 
 import fgpose
 from fgpose.calibration import motion, search
@@ -22,6 +21,7 @@ from fgpose.trajectory import Trajectory
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, simulate
 from tests.conftest import MOCAP
 from tests.fgpose.calibration.test_rig_refinement import direction_error_deg
+from tests.wrong_rigs import turned
 
 LATE, BUMPED = 1, 2
 OFFSETS_S = np.array([0.0, 0.06, 0.0, 0.0])

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from calibrated_walks import FPS, N_FRAMES, Chain, calibrated, failure, named, seen_px, true_rig, write_openpose
 from rrd_contents import entities, rows, static_value
-from turned_cameras import turned
 
 import fgpose
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
@@ -22,6 +21,7 @@ from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, lo
 from fgpose.io.calibration.calibration_origin import MovedCamera, Reason
 from fgpose.io.trajectories import load_trajectory
 from fgpose.people import PeopleObservations
+from tests.wrong_rigs import turned
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
@@ -33,7 +33,7 @@ BAD = Finding("", Grade.FAILED, "the cameras do not agree", "walk where all came
 
 
 @pytest.fixture
-def chain(monkeypatch: pytest.MonkeyPatch) -> Chain:
+def chain(monkeypatch: pytest.MonkeyPatch, without_search_for_faults: None) -> Chain:
     chain = Chain()
     monkeypatch.setattr("fgpose.calibration.from_people.calibrate.calibrate", chain)
     return chain

@@ -39,6 +39,7 @@ from fgpose_benchmarks.synthetic import (
 
 FAST_CONFIG = Config(solver={"covariance": False}, online={"covariance": False, "lag_s": 0.2})
 FAST = ["--solver.no-covariance", "--online.no-covariance"]
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 
 
 def scene_of(n_people: int, times: CameraTimes | None = None) -> CrowdScene:

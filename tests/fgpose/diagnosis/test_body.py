@@ -102,8 +102,9 @@ def test_a_scale_that_is_off_by_a_third_is_noted(seen, rig, factor: float, words
     assert all(words in each.reason for each in found if words)
 
 
-def test_a_unit_is_found_by_one_arm(seen, rig) -> None:
-    arm = [SKELETON.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
+def test_a_unit_is_found_by_one_arm() -> None:
+    rig = room(2, seed=3)
+    seen, arm = recorded(rig, seed=3), [SKELETON.index(f"left_{joint}") for joint in ("shoulder", "elbow", "wrist")]
     points_px = np.full_like(seen.points2d_px, np.nan)
     points_px[:, :, arm] = seen.points2d_px[:, :, arm]
     shown = with_points(seen, points_px)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from fgpose import Code, Severity
 from fgpose.cli import main
 from fgpose.io.trajectories import load_origin
 from fgpose_benchmarks.synthetic import Scene
+from tests.wrong_rigs import turned
 
 
 def test_nothing_is_found_where_nothing_is_wrong(walking_scene: Scene) -> None:
@@ -38,22 +40,12 @@ def test_a_short_recording_tells_nothing_of_what_changes(walking_scene: Scene) -
 
 
 def test_a_short_recording_advises_no_refinement_that_is_refused(walking_scene: Scene) -> None:
-    from dataclasses import replace
-
-    short, name = walking_scene.observations.frames(slice(0, 60)), walking_scene.rig.names[1]
-    cameras = [
-        replace(each, world_T_camera=shifted(each)) if each.name == name else each for each in walking_scene.rig.cameras
-    ]
-    found = [each for each in fgpose.diagnose(short, fgpose.CameraRig(tuple(cameras))).findings if each.camera == name]
+    rig = walking_scene.rig.subset(walking_scene.rig.names[:3])
+    short, name = walking_scene.observations.subset(rig.names).frames(slice(0, 60)), rig.names[1]
+    moved = turned(rig, 1, 0.0, right_m=0.4)  # further than a bump
+    found = [each for each in fgpose.diagnose(short, moved).findings if each.camera == name]
     assert found
     assert not any("--refine-calibration" in each.remedy for each in found)
-
-
-def shifted(camera: fgpose.Camera) -> np.ndarray:
-    """Its pose 40 cm further to the right of the image: further than a bump."""
-    world_T_camera = camera.world_T_camera.copy()
-    world_T_camera[:3, 3] += 0.4 * world_T_camera[:3, 0]
-    return world_T_camera
 
 
 def test_a_result_is_looked_at_too(walking_scene: Scene) -> None:
@@ -61,26 +53,15 @@ def test_a_result_is_looked_at_too(walking_scene: Scene) -> None:
     assert "result" in fgpose.diagnose(walking_scene.observations, walking_scene.rig, smoothed).judged
 
 
-def turned(rig: fgpose.CameraRig, name: str, degrees: float) -> fgpose.CameraRig:
-    from dataclasses import replace
-
-    angle = np.radians(degrees)
-    turn = np.eye(4)
-    turn[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
-    cameras = [
-        replace(camera, world_T_camera=camera.world_T_camera @ turn) if camera.name == name else camera
-        for camera in rig.cameras
-    ]
-    return fgpose.CameraRig(tuple(cameras))
-
-
 @pytest.fixture
 def damaged(walking_scene: Scene, tmp_path: Path) -> list[str]:
-    """Arguments of a recording whose second camera is turned by 15 degrees in the calibration."""
-    fgpose.save_rig(turned(walking_scene.rig, walking_scene.rig.names[1], 15.0), tmp_path / "rig.toml")
-    fgpose.save_observations(walking_scene.observations, tmp_path / "walk.npz")
-    skeleton = walking_scene.observations.skeleton.name
-    return [str(tmp_path / "walk.npz"), "--rig", str(tmp_path / "rig.toml"), "--skeleton", skeleton]
+    """Arguments of a second whose left and right were exchanged in all views."""
+    seen = walking_scene.observations.frames(slice(0, 30))
+    mirror = seen.skeleton.mirror
+    exchanged = replace(seen, points2d_px=seen.points2d_px[:, :, mirror], points3d_m=None, covariance3d_m2=None)
+    fgpose.save_rig(walking_scene.rig, tmp_path / "rig.toml")
+    fgpose.save_observations(exchanged, tmp_path / "walk.npz")
+    return [str(tmp_path / "walk.npz"), "--rig", str(tmp_path / "rig.toml"), "--skeleton", seen.skeleton.name]
 
 
 def test_smooth_says_it_and_its_file_carries_it(

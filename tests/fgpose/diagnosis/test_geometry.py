@@ -33,6 +33,7 @@ from tests.fgpose.diagnosis.damaged import (
     upside_down,
     with_points,
 )
+from tests.wrong_rigs import turned
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -230,17 +231,9 @@ def test_cameras_that_are_counted_from_another_number() -> None:
     assert "from 0 in one place and from 1 in the other" in finding.remedy
 
 
-def moved(rig: CameraRig, camera: int, degrees: float, metres: float) -> CameraRig:
-    move = np.eye(4)
-    move[:3, :3], move[0, 3] = cv2.Rodrigues(np.deg2rad([0.0, degrees, 0.0]))[0], metres
-    cameras = list(rig.cameras)
-    cameras[camera] = replace(cameras[camera], world_T_camera=cameras[camera].world_T_camera @ move)
-    return CameraRig(tuple(cameras))
-
-
 @pytest.mark.slow
 def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> None:
-    finding = only(seen, moved(rig, 1, 40.0, 0.6))
+    finding = only(seen, turned(rig, 1, 40.0, right_m=0.6))
     assert (finding.code, finding.camera) == (Code.WRONG_CAMERA, "cam2")
     # Where it stands is found from detections that are off by 2 cm: 0.3 degrees at 4 m, and as much of the place along
     # the ray as a body of 0.5 m around its middle tells.
@@ -250,7 +243,7 @@ def test_a_camera_that_stands_elsewhere(seen: Observations, rig: CameraRig) -> N
 
 @pytest.mark.slow
 def test_a_bump_is_not_called_a_wrong_calibration(seen: Observations, rig: CameraRig) -> None:
-    finding = only(seen, moved(rig, 1, 5.0, 0.02))
+    finding = only(seen, turned(rig, 1, 5.0, right_m=0.02))
     assert (finding.code, finding.camera) == (Code.MOVED_CAMERA, "cam2")
 
 
@@ -261,9 +254,9 @@ def test_a_bump_is_not_called_another_lens() -> None:
     truth_m = crowd_motion(1, 1200, 30.0, *clips, seed=3).truth_m[0][:900]
     rig = ring_rig(4, 5.0, 2.5, (0.0, 0.0, 0.9), focal_px=900.0, size_px=(1600, 1200))
     seen = recorded(rig, truth_m, seed=4, detector="blazepose_heavy")
-    turned = moved(rig, 1, 2.0, 0.0).cameras[1].world_T_camera.copy()
-    turned[:2, 3] += 0.02, 0.01
-    cameras = [replace(each, world_T_camera=turned) if each is rig.cameras[1] else each for each in rig.cameras]
+    pose = turned(rig, 1, 2.0).cameras[1].world_T_camera.copy()
+    pose[:2, 3] += 0.02, 0.01
+    cameras = [replace(each, world_T_camera=pose) if each is rig.cameras[1] else each for each in rig.cameras]
     bumped = recorded(CameraRig(tuple(cameras)), truth_m, seed=4, detector="blazepose_heavy")
     points_px = seen.points2d_px.copy()
     points_px[540:, 1] = bumped.points2d_px[540:, 1]

@@ -10,6 +10,7 @@ import pytest
 import fgpose
 from fgpose.estimation.evidence.evidence import gather
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
+from tests.wrong_rigs import in_another_world
 
 FPS = 15.0
 FAST = fgpose.Config(solver={"covariance": False})
@@ -31,15 +32,6 @@ def garbage(frames: tuple[int, ...], scene: Scene, rig: fgpose.CameraRig, seed: 
         for camera, seen_by in enumerate(rig.cameras):
             points2d_px[frame, camera] = rng.uniform(0, seen_by.size_px, (points2d_px.shape[2], 2))
     return replace(scene.observations, points2d_px=points2d_px)
-
-
-def in_millimetres(rig: fgpose.CameraRig) -> fgpose.CameraRig:
-    cameras = []
-    for camera in rig.cameras:
-        pose = camera.world_T_camera.copy()
-        pose[:3, 3] *= 1000
-        cameras.append(replace(camera, world_T_camera=pose))
-    return fgpose.CameraRig(tuple(cameras))
 
 
 def test_a_garbage_frame_in_a_stream_is_left_out_and_said(scene: Scene, rig: fgpose.CameraRig):
@@ -103,11 +95,11 @@ def test_where_a_large_share_makes_no_body_it_is_not_hidden(scene: Scene, rig: f
 
 def test_a_calibration_in_millimetres_is_refused_at_once(scene: Scene, rig: fgpose.CameraRig):
     with pytest.raises(ValueError, match="in 45 of 45 frames: the calibration looks like millimetres"):
-        gather(scene.observations, in_millimetres(rig), FAST)
+        gather(scene.observations, in_another_world(rig, 1000.0), FAST)
 
 
 def test_live_a_calibration_in_millimetres_is_refused_after_some_frames(scene: Scene, rig: fgpose.CameraRig):
-    estimator = fgpose.Estimator(in_millimetres(rig), scene.observations.skeleton, FAST)
+    estimator = fgpose.Estimator(in_another_world(rig, 1000.0), scene.observations.skeleton, FAST)
     frames = list(scene.observations)
     for frame in frames[:9]:
         assert estimator.update(frame).is_implausible

@@ -23,6 +23,7 @@ from fgpose_benchmarks.synthetic import (
     walking,
 )
 from tests.conftest import MOCAP
+from tests.wrong_rigs import in_another_world
 
 
 @pytest.fixture(scope="module")
@@ -295,14 +296,9 @@ def test_detections_of_a_camera_that_looks_away(long_scene: Scene, rig: fgpose.C
 
 
 def test_a_calibration_in_millimetres(long_scene: Scene, rig: fgpose.CameraRig) -> None:
-    cameras = []
-    for camera in rig.cameras:
-        pose = camera.world_T_camera.copy()
-        pose[:3, 3] *= 1000
-        cameras.append(replace(camera, world_T_camera=pose))
     observations = replace(long_scene.observations.frames(slice(0, 20)), points3d_m=None)
     with pytest.raises(ValueError, match="looks like millimetres"):
-        fgpose.smooth(observations, fgpose.CameraRig(tuple(cameras)))
+        fgpose.smooth(observations, in_another_world(rig, 1000.0))
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from turned_cameras import turned
 
 import fgpose
 from fgpose.association.track import TrackState
@@ -25,6 +24,7 @@ from fgpose.people import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
 from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour
+from tests.wrong_rigs import turned
 
 NO_LATENESS = np.zeros(4)
 
@@ -253,7 +253,7 @@ def said_when_wrong(walk: WalkScene, wrong_s: float) -> dict[str, tuple[float, s
     return said
 
 
-@pytest.mark.parametrize("n_cameras", [3, 4])
+@pytest.mark.parametrize("n_cameras", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_clock_that_becomes_wrong_accuses_nobody_else(n_cameras: int) -> None:
     said = said_when_wrong(scene(n_cameras, rate_hz=12.0, duration_s=6.0), 3.0)
     assert said.keys() == {"ring_1"}

@@ -124,7 +124,10 @@ def test_from_keypoints_to_frames_and_a_recording(tmp_path: Path, capsys: pytest
         np.testing.assert_allclose(positions_m, person.positions_m, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
+SLOW_SIGNALS = [pytest.param(name, marks=pytest.mark.slow) for name in ("SIGHUP", "SIGQUIT")]
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", *SLOW_SIGNALS])
 def test_a_signal_ends_it_with_the_recording_closed(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

@@ -234,7 +234,10 @@ def failing_once(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-@pytest.mark.parametrize("step", ["add", "look", "frame", "tidy", "take", "statuses"])
+SLOW_STEPS = [pytest.param(step, marks=pytest.mark.slow) for step in ("look", "tidy", "take")]
+
+
+@pytest.mark.parametrize("step", ["add", "frame", "statuses", *SLOW_STEPS])
 def test_the_system_goes_on_when_a_step_fails(step: str, caplog: pytest.LogCaptureFixture) -> None:
     run = Run(step)
     assert run.restarts == {"tracking": 1}

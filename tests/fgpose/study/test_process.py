@@ -24,6 +24,7 @@ from fgpose.study import Outcome, Plan, Recording, load_study, process
 from fgpose.study.process import due
 
 ALL = ("estimate", "judge")
+pytestmark = pytest.mark.usefixtures("without_search_for_faults")
 
 
 def first(file: Path) -> Recording:

@@ -29,7 +29,7 @@ def error_mm(seen: fgpose.Observations, rig: fgpose.CameraRig, truth_m: np.ndarr
 
 @pytest.mark.slow
 def test_a_recording_is_mended() -> None:
-    """Lost frames too: tests/benchmarks/benchmark/test_faults."""
+    """Lost frames too: tests/benchmarks/faults/test_faults."""
     truth_m = walk_m(3)
     seen = filmed(truth_m)
     right_mm = error_mm(seen, RIG, truth_m)

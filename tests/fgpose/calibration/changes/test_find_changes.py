@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
-import gtsam
 import numpy as np
 import pytest
 
@@ -17,8 +16,11 @@ from fgpose.calibration.changes.lenses import Lens
 from fgpose.geometry.intrinsics import stretched
 from fgpose_benchmarks.calibration.real import webcam
 from tests.fgpose.calibration.changes.changing import FPS, RIG, bumped, filmed, late, lost, moved_rig, slower, walk_m
+from tests.wrong_rigs import turned
 
 FOUR, THREE, TWO = RIG.names, RIG.names[:3], RIG.names[1:3]
+# Two cameras are the hardest to tell apart, and the fewest to compute; three are the fewest of which one is named.
+OF_TWO_OR_FOUR = pytest.mark.parametrize("names", [pytest.param(FOUR, marks=pytest.mark.slow), TWO])
 TURN = 420  # 14 s of 24
 
 
@@ -31,7 +33,7 @@ def test_nothing_changes(names: tuple[str, ...]) -> None:
     assert changes(filmed(walk_m(3)), names) == ()
 
 
-@pytest.mark.parametrize("names", [FOUR, THREE, TWO])
+@pytest.mark.parametrize("names", [pytest.param(FOUR, marks=pytest.mark.slow), THREE, TWO])
 def test_lost_frames(names: tuple[str, ...]) -> None:
     (found,) = changes(lost(filmed(walk_m(3)), 2, TURN, 6), names)
     assert found.kind is Kind.JUMP
@@ -41,7 +43,7 @@ def test_lost_frames(names: tuple[str, ...]) -> None:
     assert found.at_s == pytest.approx(TURN / FPS, abs=1.0)
 
 
-@pytest.mark.parametrize("names", [THREE, TWO])
+@pytest.mark.parametrize("names", [pytest.param(THREE, marks=pytest.mark.slow), TWO])
 def test_nothing_tells_when_frames_were_lost_while_nobody_moves(names: tuple[str, ...]) -> None:
     truth_m = walk_m(3).copy()
     truth_m[TURN - 60 : TURN + 60] = truth_m[TURN - 60]
@@ -85,7 +87,8 @@ def test_another_rate(names: tuple[str, ...]) -> None:
     assert found.rate == pytest.approx(sign * 0.01, abs=7e-4)
 
 
-@pytest.mark.parametrize(("degrees", "names"), [(0.7, FOUR), (2.0, FOUR), (0.7, THREE), (2.0, THREE)])
+@pytest.mark.parametrize("degrees", [0.7, pytest.param(2.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("names", [pytest.param(FOUR, marks=pytest.mark.slow), THREE])
 def test_a_bumped_camera(degrees: float, names: tuple[str, ...]) -> None:
     truth_m = walk_m(3)
     (found,) = changes(bumped(filmed(truth_m), 1, degrees, TURN, truth_m), names)
@@ -108,7 +111,7 @@ def zoomed_rig(cameras: tuple[int, ...]) -> fgpose.CameraRig:
     return fgpose.CameraRig(tuple(own))
 
 
-@pytest.mark.parametrize("names", [FOUR, TWO])
+@OF_TWO_OR_FOUR
 def test_another_focal_length_of_all(names: tuple[str, ...]) -> None:
     """Two cameras agree with it nearly as well: it looked like a camera that was moved."""
     seen, rig = filmed(walk_m(3)), zoomed_rig((0, 1, 2, 3))
@@ -135,7 +138,7 @@ def with_distortion(distortion: np.ndarray, kind: Literal["pinhole", "fisheye"] 
     return fgpose.CameraRig(tuple(replace(each, distortion=distortion, lens=kind) for each in RIG.cameras))
 
 
-@pytest.mark.parametrize("names", [FOUR, TWO])
+@OF_TWO_OR_FOUR
 @pytest.mark.parametrize(
     ("true", "given", "lens"),
     [
@@ -158,17 +161,17 @@ def test_another_distortion_of_all(names: tuple[str, ...], true: np.ndarray, giv
 def test_a_fisheye_lens_that_is_read_as_a_pinhole() -> None:
     coefficients = np.array([-0.03, 0.01, -0.004, 0.0005])
     seen = filmed(walk_m(3), with_distortion(coefficients, "fisheye"))
-    found = find_changes([seen], with_distortion(coefficients))
+    found = find_changes([seen.subset(TWO)], with_distortion(coefficients).subset(TWO))
     assert found.changes == ()
-    assert [(each.lens, each.cameras) for each in found.lenses] == [(Lens.FISHEYE, (0, 1, 2, 3))]
+    assert [(each.lens, each.cameras) for each in found.lenses] == [(Lens.FISHEYE, (0, 1))]
 
 
 def test_images_that_were_resized_in_one_direction() -> None:
-    rig = fgpose.CameraRig(tuple(stretched(each, 1.12, axis=1) for each in RIG.cameras))
-    found = find_changes([filmed(walk_m(3))], rig)
+    rig = fgpose.CameraRig(tuple(stretched(each, 1.12, axis=1) for each in RIG.cameras)).subset(THREE)
+    found = find_changes([filmed(walk_m(3)).subset(THREE)], rig)
     assert found.changes == ()
     (other,) = found.lenses
-    assert (other.lens, other.cameras) == (Lens.HEIGHT, (0, 1, 2, 3))
+    assert (other.lens, other.cameras) == (Lens.HEIGHT, (0, 1, 2))
     assert other.factor == pytest.approx(1 / 1.12, abs=0.02)
 
 
@@ -176,7 +179,7 @@ def test_images_of_all_cameras_that_were_cut() -> None:
     """Each looked like a camera that was turned, or none agreed with any. Along y this ring sees people higher up."""
     shift_px = np.array([[0.0, 0.0, 50.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     rig = fgpose.CameraRig(tuple(replace(each, K=each.K + shift_px) for each in RIG.cameras))
-    found = find_changes([filmed(walk_m(3))], rig)
+    found = find_changes([filmed(walk_m(3)).subset(THREE)], rig.subset(THREE))
     assert found.changes == ()
     assert found.agree
     (lens,) = found.lenses
@@ -195,11 +198,7 @@ def test_nothing_is_told_of_real_webcams_that_somebody_stands_before(n_cameras: 
 
 def test_a_camera_that_was_turned_about_its_axis() -> None:
     """Rays miss each other by 2 cm only, as they do of somebody who stands; who walks is seen from all sides."""
-    own = list(RIG.cameras)
-    pose = own[1].world_T_camera.copy()
-    pose[:3, :3] = pose[:3, :3] @ gtsam.Rot3.Rz(np.deg2rad(1.0)).matrix()
-    own[1] = replace(own[1], world_T_camera=pose)
-    (found,) = changes(filmed(walk_m(3)), THREE, fgpose.CameraRig(tuple(own)))
+    (found,) = changes(filmed(walk_m(3)), THREE, turned(RIG, 1, 1.0, axis=(0.0, 0.0, 1.0)))
     assert (found.kind, found.camera) == (Kind.MOVED, 1)
 
 

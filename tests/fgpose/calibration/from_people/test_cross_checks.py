@@ -12,15 +12,10 @@ from fgpose.calibration.from_people.verdict.handedness import handedness, mirror
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import ring_rig
+from tests.wrong_rigs import turned
 
 RIG = ring_rig(4, 4.5, 1.7, (0.0, 0.0, 0.9))
 MIRROR = np.array([-1.0, 1.0, 1.0])
-
-
-def turned(rig: CameraRig, camera: int, rotation_deg: float) -> CameraRig:
-    errors = np.zeros((rig.n_cameras, 6))
-    errors[camera, 1] = np.deg2rad(rotation_deg)
-    return moved(rig, errors)
 
 
 def test_a_third_view_sees_what_the_others_say() -> None:

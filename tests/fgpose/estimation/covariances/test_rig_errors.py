@@ -6,15 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 import fgpose
 from fgpose.geometry.camera import CameraRig
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, real_errors, simulate
 from tests.conftest import MOCAP
-
-TURNED_RAD = np.deg2rad(2.0)
+from tests.wrong_rigs import turned
 
 
 def scene(rig: CameraRig, skeleton: fgpose.Skeleton, source: str | None = None, n_frames: int = 125) -> Scene:
@@ -24,15 +22,6 @@ def scene(rig: CameraRig, skeleton: fgpose.Skeleton, source: str | None = None, 
     rng = np.random.default_rng(0)
     real = real_errors(rng, len(truth_m), rig.n_cameras, skeleton, fps, (source,)) if source else None
     return simulate(truth_m, skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0, real=real)
-
-
-def turned(rig: CameraRig, axis: list[float]) -> CameraRig:
-    """With the second camera turned about an axis of its image."""
-    cameras = list(rig.cameras)
-    world_T_camera = cameras[1].world_T_camera.copy()
-    world_T_camera[:3, :3] = world_T_camera[:3, :3] @ Rotation.from_rotvec(TURNED_RAD * np.array(axis)).as_matrix()
-    cameras[1] = replace(cameras[1], world_T_camera=world_T_camera)
-    return CameraRig(tuple(cameras))
 
 
 def squared(positions_m: np.ndarray, covariance_m2: np.ndarray | None, truth_m: np.ndarray) -> np.ndarray:
@@ -66,7 +55,7 @@ def test_the_covariance_holds_what_a_turned_camera_does(
 ) -> None:
     """Three cameras contradict a pan in a few centimetres only; it moves all joints by more than a decimetre."""
     three = rig.subset(rig.names[:3])
-    filmed = scene(turned(three, axis), skeleton)
+    filmed = scene(turned(three, 1, 2.0, axis), skeleton)
     found = batch(filmed, three)
     # One turn is one error, and frames differ in what contradicts it: 83 and 95 % panned; without, 1 and 2 %.
     assert within(found, 0.9) > 0.7

@@ -18,7 +18,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import NO_NOISE, NO_OCCLUSION, DetectionNoise, Occlusion, Scene, simulate, walking
 from fgpose_factors import projection_residual
-from tests.fgpose.turned_cameras import turned
+from tests.wrong_rigs import turned
 
 FPS = 30.0
 CONFIG = Config()

@@ -84,7 +84,8 @@ def test_who_walks_keeps_the_distance_from_the_only_camera(
     assert 0.08 < along_m[-1] < 0.6  # bones hold the distance
 
 
-@pytest.mark.parametrize("how", BOTH)
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["batch", "online"])
 def test_a_real_recording_that_one_camera_goes_on_with(how: str) -> None:
     """Against what all four cameras tell. Half a second is little to learn a body from."""
     rig, observations = fgpose.load_recording("balance_openpose")

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from passing_people import changed, passing, recorded
 
 from fgpose.assessment.people import evaluate_people
 from fgpose.association import matching
@@ -21,6 +20,7 @@ from fgpose_benchmarks.people.recording import PeopleRecording, PeopleResult
 from fgpose_benchmarks.people.scores import score_people
 from fgpose_benchmarks.people.truth import seen_by, true_association
 from fgpose_benchmarks.synthetic import CrowdErrors, DetectionNoise
+from tests.benchmarks.people.passing_people import changed, passing, recorded
 
 MESS = CrowdErrors(
     missed_share=0.05, doubled_share=0.1, flipped_share=0.2, grabbed_share=1.0, false_people=0.5, min_visible_joints=1

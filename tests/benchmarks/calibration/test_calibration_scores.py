@@ -21,6 +21,7 @@ from fgpose_benchmarks.calibration.scores import MOST_SIGMAS, CalibrationScore, 
 from fgpose_benchmarks.calibration.variants import find_variant, record
 from fgpose_benchmarks.comparison.scores import load_scores, save_scores
 from fgpose_benchmarks.synthetic import Clocks
+from tests.wrong_rigs import in_another_world, turned
 
 OURS = METHODS[-1]
 SHORT = replace(find_variant("walk_ring_4"), duration_s=2.0)
@@ -45,28 +46,14 @@ def result(rig: CameraRig | None, sigmas: CameraSigmas | None = None) -> Calibra
     return CalibrationResult(rig, "good", (), sigmas, True, 1.5)
 
 
-def in_another_world(rig: CameraRig, scale: float = 1.0, tilt_deg: float = 0.0) -> CameraRig:
+def elsewhere(rig: CameraRig, scale: float = 1.0, tilt_deg: float = 0.0) -> CameraRig:
     """Turned about the vertical and moved over the floor; then larger, and tilted about x."""
     R = Rotation.from_euler("zx", [0.7, np.deg2rad(tilt_deg)]).as_matrix()
-    cameras = []
-    for camera in rig.cameras:
-        pose = np.eye(4)
-        pose[:3, :3] = R @ camera.world_T_camera[:3, :3]
-        pose[:3, 3] = scale * R @ (camera.position_m + np.array([1.0, -2.0, 0.0]))
-        cameras.append(replace(camera, world_T_camera=pose))
-    return CameraRig(tuple(cameras))
-
-
-def turned(rig: CameraRig, number: int, angle_deg: float) -> CameraRig:
-    cameras = list(rig.cameras)
-    pose = cameras[number].world_T_camera.copy()
-    pose[:3, :3] = pose[:3, :3] @ Rotation.from_rotvec(np.deg2rad([0.0, angle_deg, 0.0])).as_matrix()
-    cameras[number] = replace(cameras[number], world_T_camera=pose)
-    return CameraRig(tuple(cameras))
+    return in_another_world(rig, scale, R, scale * R @ [1.0, -2.0, 0.0])
 
 
 def test_the_true_rig_in_its_own_world_is_perfect(recording: CalibrationRecording):
-    scored = score_calibration(recording, result(in_another_world(recording.rig), stated(4)), OURS)
+    scored = score_calibration(recording, result(elsewhere(recording.rig), stated(4)), OURS)
     assert max(scored.position_mm) < 1e-6
     assert max(scored.rotation_deg) < 1e-5
     assert scored.induced_mm < 0.01  # undistortion ends at 1e-4 px
@@ -80,7 +67,7 @@ def test_the_true_rig_in_its_own_world_is_perfect(recording: CalibrationRecordin
 
 
 def test_a_wrong_size_shows_in_what_is_metric_alone(recording: CalibrationRecording):
-    scored = score_calibration(recording, result(in_another_world(recording.rig, 1.1, 2.0)), OURS)
+    scored = score_calibration(recording, result(elsewhere(recording.rig, 1.1, 2.0)), OURS)
     assert scored.scale_percent == pytest.approx(10.0)
     assert scored.vertical_deg == pytest.approx(2.0)
     assert scored.ratio == pytest.approx(1.0, abs=0.02)  # 5 mm more or less in process noise and priors

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from human36m_files import h36m_rig, labels, motion_of_32, sequence, truth_of
 
 from fgpose.io.skeletons import load_skeleton
 from fgpose_benchmarks.human36m.labels import image_path, in_skeleton_order, load_label_rigs, load_labels
+from tests.benchmarks.human36m.human36m_files import h36m_rig, labels, motion_of_32, sequence, truth_of
 
 RIGS = {"S1": h36m_rig(1.0), "S9": h36m_rig(), "S11": h36m_rig(0.3)}
 ACTIONS = {

@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from made_up_scores import made_up, over_clips
 
 from fgpose_benchmarks.comparison.scores import Score
 from fgpose_benchmarks.comparison.summary import (
@@ -17,6 +16,7 @@ from fgpose_benchmarks.comparison.summary import (
     summarise,
     variants_of,
 )
+from tests.benchmarks.comparison.made_up_scores import made_up, over_clips
 
 NAN = math.nan
 

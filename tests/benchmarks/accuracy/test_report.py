@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_up_scores import made_up, over_clips
 
 from fgpose_benchmarks.accuracy.report import TOLERANCE, check_against, store_intervals, write_report
 from fgpose_benchmarks.accuracy.variants import VERSION
@@ -20,6 +19,7 @@ from fgpose_benchmarks.comparison.tables import (
     of_family,
     time_offsets,
 )
+from tests.benchmarks.comparison.made_up_scores import made_up, over_clips
 
 NONE = (np.nan,) * 3
 

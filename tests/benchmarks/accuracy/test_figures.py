@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 import pytest
-from made_up_scores import made_up
 from matplotlib.container import ErrorbarContainer
 from matplotlib.text import Text
 
@@ -21,6 +20,7 @@ from fgpose_benchmarks.accuracy.figures import (
 from fgpose_benchmarks.comparison.plot_style import SELF_CALIBRATED, shown
 from fgpose_benchmarks.comparison.scores import Score
 from fgpose_benchmarks.comparison.summary import Summaries, summarise
+from tests.benchmarks.comparison.made_up_scores import made_up
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from human36m_files import h36m_rig, labels, motion_of_32, truth_of, write_annotation, write_camera_parameters
 
 from fgpose.io.calibration import save_rig
 from fgpose_benchmarks.human36m.h36m_fetch import load_annotations, load_subject_rigs
+from tests.benchmarks.human36m.human36m_files import (
+    h36m_rig,
+    labels,
+    motion_of_32,
+    truth_of,
+    write_annotation,
+    write_camera_parameters,
+)
 
 RIGS = {"S9": h36m_rig(), "S11": h36m_rig(0.3)}
 FRAMES = np.arange(0, 640, 64)

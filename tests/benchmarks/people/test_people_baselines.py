@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from passing_people import changed, passing, recorded
 
 from fgpose.assessment.people import PeopleEvaluation, evaluate_people
 from fgpose.people import Detections
@@ -16,6 +15,7 @@ from fgpose_benchmarks.people.baselines.greedy import greedy
 from fgpose_benchmarks.people.baselines.rapid_pose import Triangulator, rapid_pose
 from fgpose_benchmarks.people.recording import PeopleRecording, Poses, trajectories
 from fgpose_benchmarks.synthetic import NO_CROWD_ERRORS, CameraTimes
+from tests.benchmarks.people.passing_people import changed, passing, recorded
 
 Solve = Callable[[PeopleRecording], list[Poses]]
 BASELINES = pytest.mark.parametrize("solve", [greedy, rapid_pose, cross_view])

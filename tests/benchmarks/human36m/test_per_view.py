@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from human36m_files import sequence, write_views
 
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
 from fgpose_benchmarks.human36m.labels import PoseSequence
 from fgpose_benchmarks.human36m.per_view import Estimation, estimate, load_views
 from fgpose_benchmarks.human36m.protocol import evaluate
+from tests.benchmarks.human36m.human36m_files import sequence, write_views
 
 
 def seen(each: PoseSequence, sigma_px: float = 0.0) -> Observations:

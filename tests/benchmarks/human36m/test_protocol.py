@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from human36m_files import sequence
 
 from fgpose_benchmarks.human36m.labels import PoseSequence, SequenceKey
 from fgpose_benchmarks.human36m.predictions import Prediction
 from fgpose_benchmarks.human36m.protocol import ACTIONS, DAMAGED, evaluate, scored_frames, to_markdown
+from tests.benchmarks.human36m.human36m_files import sequence
 
 
 def predicted(sequences: list[PoseSequence], shift_m: dict[SequenceKey, float]) -> dict[SequenceKey, Prediction]:

@@ -10,15 +10,6 @@ import cv2
 import numpy as np
 import pytest
 import tyro
-from human36m_files import (
-    h36m_rig,
-    labels,
-    motion_of_32,
-    truth_of,
-    write_annotation,
-    write_camera_parameters,
-    write_views,
-)
 
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import save_trajectory
@@ -27,6 +18,15 @@ from fgpose.trajectory import Status, Trajectory
 from fgpose_benchmarks.cli.data import Human36M, OccludeImages, Workcell
 from fgpose_benchmarks.human36m.labels import image_path, load_labels
 from fgpose_benchmarks.human36m.predictions import Prediction, load_predictions, save_predictions
+from tests.benchmarks.human36m.human36m_files import (
+    h36m_rig,
+    labels,
+    motion_of_32,
+    truth_of,
+    write_annotation,
+    write_camera_parameters,
+    write_views,
+)
 
 RIGS = {"S9": h36m_rig(), "S11": h36m_rig(0.3)}
 # Every fifth frame is labelled, as in theirs: of these 0 and 65 are scored.

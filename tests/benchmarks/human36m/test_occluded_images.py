@@ -9,10 +9,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from human36m_files import sequence
 
 from fgpose_benchmarks.human36m.cutouts import read_image
 from fgpose_benchmarks.human36m.occluded_images import View, generate, protocol_frames
+from tests.benchmarks.human36m.human36m_files import sequence
 
 GREY = 90
 

@@ -30,7 +30,7 @@ def test_no_distance_is_too_large_without_a_fault() -> None:
     assert result.availability > 0.995
 
 
-@pytest.mark.parametrize("session", range(6))
+@pytest.mark.parametrize("session", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 6))])
 def test_no_distance_is_too_large_in_an_hour_of_faults_of_every_kind(session: int) -> None:
     """Of messages, clocks, cameras, tracker, processes and robot. The estimation alone is a stand-in."""
     result = live_storm.simulate(session, seed=2)
