@@ -55,7 +55,7 @@ FLOORS = (
 )
 # The same within the largest room.
 ESTIMATION_FLOORS = (
-    {"smoother", "estimator", "refinement", "residuals"},
+    {"smoother", "estimates", "estimator", "refinement", "residuals"},
     {"covariances", "online"},
     {"solvers"},
     {"factors"},

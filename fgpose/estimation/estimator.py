@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections import deque
 from dataclasses import replace
 from typing import NoReturn
 
@@ -11,28 +9,26 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.config import Config
-from fgpose.estimation.covariances.online_covariance import OnlineCovariances
+from fgpose.estimation.estimates import Estimates
 from fgpose.estimation.evidence.credibility import RunningCredibility
-from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, concatenated, gather_frame
+from fgpose.estimation.evidence.evidence import Evidence, concatenated, gather_frame
 from fgpose.estimation.evidence.images import corrected, fits_better
 from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
-from fgpose.estimation.evidence.presence import has_left
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
-from fgpose.estimation.frame_state import FrameState, LastSeen
+from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.arrivals import Arrivals, Turns, check_frame, one_frame, one_image, with_image
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.clock_offsets import RunningOffsets
-from fgpose.estimation.online.window_graph import WindowGraph
-from fgpose.estimation.process_noise import RunningDensity, is_adaptive
-from fgpose.estimation.segment import FrameTime
+from fgpose.estimation.online.prediction import Prediction
+from fgpose.estimation.online.window import Window
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
 from fgpose.estimation.visibility.visibility import Filtered, RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations
-from fgpose.sampling import TIME_ROUNDING_S, usual_step_s
+from fgpose.sampling import TIME_ROUNDING_S
 from fgpose.skeleton import Skeleton
-from fgpose.trajectory import Estimate, joint_status
+from fgpose.trajectory import Estimate
 
 _APPLY_OFFSETS_S = 0.5  # a new rig costs a millisecond, and offsets change slowly
 # So many of the last seconds are revised, after so much time or half the lag. Joints stay hidden for about as long
@@ -69,15 +65,12 @@ class Estimator:
         # The time of a frame is by the mean clock, as in the batch (by_mean_clock): only what leaves has the true time.
         self._late_s, self._rig = rig.common_offset_s, rig.without_common_offset()
         self._lengths = RunningLengths(skeleton, self.config)
-        self._window: deque[FrameState] = deque()
-        self._left: FrameState | None = None
-        """The last frame that has left the window."""
-        self._last = LastSeen(skeleton.n_joints)
-        self._density = RunningDensity(skeleton.n_joints, self.config.motion)
-        self._graph = WindowGraph(self._lengths, self.config)
+        self._window = Window(self._lengths, self.config)
         self._visibility = RunningVisibility(rig.n_cameras, skeleton, self.config)
         self._sole_views = RunningSoleViews(skeleton)
-        self._covariances = OnlineCovariances(rig.n_cameras, skeleton.n_joints, self.config)
+        learned = self._lengths, self._visibility, self._sole_views
+        self._prediction = Prediction(skeleton.n_joints, *learned, self.config)
+        self._estimates = Estimates(rig.n_cameras, skeleton, self.config, self._late_s)
         self._offsets = offsets or RunningOffsets(rig, self.config)
         self._offsets_applied_s = -np.inf
         self._revised_s = -np.inf
@@ -100,7 +93,7 @@ class Estimator:
     @property
     def newest(self) -> Estimate | None:
         """The pose of the newest frame, as the last update gave it; None: there was none."""
-        return self._estimate() if self._window else None
+        return self._estimates.newest(self._window, self._rig) if len(self._window) else None
 
     @property
     def n_implausible(self) -> int:
@@ -110,7 +103,7 @@ class Estimator:
     @property
     def repairs(self) -> int:
         """How often GTSAM failed and the window was eliminated anew; updates are slower for a while after that."""
-        return self._graph.repairs
+        return self._window.repairs
 
     def update(self, frame: Observations) -> Estimate:
         """Take the newest frame: any subset of the rig's cameras, any of the joints, even none.
@@ -124,7 +117,7 @@ class Estimator:
                 not increase (TooLateError: a repeated or older frame); or none of the first frames makes a body: the
                 calibration is in millimetres. The estimator is then as it was before.
         """
-        check_frame(frame, self.skeleton, self._window[-1].at.time_s if self._window else -np.inf)
+        check_frame(frame, self.skeleton, self._window[-1].at.time_s if len(self._window) else -np.inf)
         seen = frame.with_cameras(self.rig.names)
         taken_s = np.broadcast_to(seen.time_s, (1, self.rig.n_cameras))[0]
         if frame.n_cameras < self.rig.n_cameras:
@@ -192,15 +185,14 @@ class Estimator:
         self._learn()
         changes = self._revised()
         if changes:
-            self._graph.replace(changes, self._rig)
-            self._window[-1] = self._graph.read(self._window[-1])
+            self._window.change(changes, self._rig)
         self._is_tidy = True
 
     def _take_alone(self, image: Observations, image_time_s: Float[np.ndarray, " camera"]) -> Estimate:
         """The image of the one camera that has a time. Raises ValueError as update_camera."""
         is_own = np.isfinite(image_time_s)
         number = int(np.argmax(is_own))
-        frames_s = np.array([state.at.time_s for state in self._window])
+        frames_s = self._window.times_s
         images_s = np.array([state.image_time_s for state in self._window]).reshape(-1, self.rig.n_cameras)
         at = self._arrivals.frame_of(number, float(image_time_s[number]), frames_s, images_s)
         return self._begin(image, image_time_s) if at is None else self._join(at, image, is_own)
@@ -211,15 +203,16 @@ class Estimator:
         self._arrivals.took(image_time_s)
         if not self._is_tidy:
             self._learn()
-        state = self._predicted(frame, gathered, image_time_s)
+        before = self._window[-1] if len(self._window) else None
+        state = self._prediction.frame(before, frame, gathered, image_time_s, self._rig)
         # In one update with the new frame, which costs less than one of its own.
         changes = {} if self._is_tidy else self._revised()
         self._is_tidy = False
-        self._graph.add(state, self._rig, changes)
-        self._window.append(self._graph.read(state))
+        self._window.add(state, self._rig, changes)
         self._judge()
-        self._marginalise_old(state.at.time_s)
-        return self._estimate()
+        for oldest in self._window.marginalise():
+            self._learn_smoothed(oldest)
+        return self._estimates.newest(self._window, self._rig)
 
     def _gathered(self, frame: Observations, new: Observations) -> tuple[Evidence, Bodies]:
         """Of a frame, of which some images are new. Raises ValueError as update."""
@@ -233,14 +226,14 @@ class Estimator:
 
     def _join(self, at: int, image: Observations, is_own: Bool[np.ndarray, " camera"]) -> Estimate:
         """Another image of a frame in the window: the evidence of the frame is gathered and weighted again."""
-        state, is_newest = self._graph.read(self._window[at]), at == len(self._window) - 1
+        state, is_newest = self._window.read(at), at == len(self._window) - 1
         observations = with_image(state.observations, image, is_own)
         image_time_s = np.where(is_own, image.frame_time_s[0], state.image_time_s)
         gathered, bodies = self._gathered(observations, image)
         self._arrivals.took(np.where(is_own, image_time_s, np.nan))
         if gathered.implausible[0] and not state.evidence.implausible[0]:
             self._plausibility.count(bodies)
-            return replace(self._estimate(), is_implausible=True)
+            return replace(self._estimates.newest(self._window, self._rig), is_implausible=True)
         delay_s = np.nan_to_num(image_time_s - state.at.time_s) + self._rig.time_offsets_s
         gathered = replace(gathered, time_s=np.array([state.at.time_s]), delay_s=delay_s[None])
         gathered = corrected(gathered, state.positions_m, state.velocities_mps, self._visibility.bias, self._rig)
@@ -249,31 +242,31 @@ class Estimator:
             evidence = self._visibility.predicted(gathered, *pose)
             gathered, evidence = self._sole_views.with_distances(gathered, evidence, *pose)
         else:
-            filtered = self._filtered(at), self._filtered(at - 1)
+            filtered = self._filtered(state), self._filtered(self._window.before(at))
             evidence = self._visibility.with_image(is_own, *filtered, state.evidence, gathered, *pose)
         entering = evidence.located[0] & ~state.active & is_newest
         state = state.joined(observations, image_time_s, gathered, evidence, entering)
-        self._graph.replace({at: state}, self._rig, entering)
-        self._move(at, state)
-        self._window[at] = self._graph.read(state)
+        self._window.join(at, state, self._rig, entering)
+        self._move(at)
         if is_newest:
             self._judge()
         else:
-            self._last.note(state)
-            self._window[-1] = self._graph.read(self._window[-1])
-        return self._estimate()
+            self._prediction.note(state)
+            self._window.read(-1)
+        return self._estimates.newest(self._window, self._rig)
 
-    def _move(self, at: int, state: FrameState) -> None:
+    def _move(self, at: int) -> None:
         """Move joints to their present triangulation, if that fits the images better. The robust kernels would keep
         them at the position that the first images gave."""
-        current, guess_m = self._graph.read(state), state.evidence.guess_m[0]
-        better = fits_better(guess_m, current.positions_m, state.evidence, self._rig, self.config.projection)
+        state = self._window[at]
+        guess_m = state.evidence.guess_m[0]
+        better = fits_better(guess_m, state.positions_m, state.evidence, self._rig, self.config.projection)
         # Two views that agree by chance are contradicted by the next image.
         is_sure = (state.evidence.n_views[0] >= 3) | np.isfinite(state.image_time_s).all()
-        is_far = np.linalg.norm(guess_m - current.positions_m, axis=-1) > self.config.online.relinearize_m
+        is_far = np.linalg.norm(guess_m - state.positions_m, axis=-1) > self.config.online.relinearize_m
         moved = np.flatnonzero(state.active & is_sure & better & is_far).tolist()
         if moved:
-            self._graph.move(at, current, moved, guess_m, self._rig)
+            self._window.move(at, moved, guess_m, self._rig)
 
     def _judge(self) -> None:
         """Judge the detections of the newest frame."""
@@ -284,7 +277,7 @@ class Estimator:
         self._visibility.add(positions_m, newest.velocities_mps, newest.as_gathered, self._rig, has_image)
         probability = self._visibility.probability
         self._window[-1] = replace(newest.judged(probability), filtered=probability)
-        self._last.note(self._window[-1])
+        self._prediction.note(self._window[-1])
 
     def _revised(self) -> dict[int, FrameState]:
         """Weight the detections of the last frames by what their present poses tell, as the batch does: an update that
@@ -298,11 +291,13 @@ class Estimator:
         if not is_due and not self._lengths.have_changed(self._window[-1].lengths_m):
             return {}
         self._revised_s = now_s
-        first = sum(state.at.time_s < now_s - _REVISED_S for state in self._window)
-        frames = [self._graph.read(state) for state in itertools.islice(self._window, first, None)]
+        first = int(np.sum(self._window.times_s < now_s - _REVISED_S))
+        frames = [self._window.read(at) for at in range(first, len(self._window))]
         poses = np.stack([state.positions_m for state in frames]), np.stack([state.velocities_mps for state in frames])
         gathered = concatenated([state.as_gathered for state in frames])
-        known, filtered = self._visibility.judged(gathered, *poses, self._rig, self._filtered(first - 1))
+        known, filtered = self._visibility.judged(
+            gathered, *poses, self._rig, self._filtered(self._window.before(first))
+        )
         unseen, changes = maybe_unseen(known), dict[int, FrameState]()
         for number, state in enumerate(frames):
             evidence, at = known.frames(slice(number, number + 1)), first + number
@@ -318,9 +313,7 @@ class Estimator:
             self._window[at] = state
         return changes
 
-    def _filtered(self, at: int) -> Filtered:
-        """Of a frame of the window; -1: of the one before it."""
-        state = self._window[at] if at >= 0 else self._left
+    def _filtered(self, state: FrameState | None) -> Filtered:
         return self._visibility.at_first if state is None else Filtered(state.at.time_s, state.filtered)
 
     def _learn(self) -> None:
@@ -329,129 +322,19 @@ class Estimator:
         self._lengths.improve(self._rig)
         self._sole_views.learn(self._window[-1], self._lengths.lengths_m, self._rig)
 
+    def _learn_smoothed(self, oldest: FrameState) -> None:
+        """From a frame that is one lag old."""
+        self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)
+        self._estimates.learn(oldest, self._rig)
+        self._prediction.learn(oldest, self._rig)
+        if self.config.online.estimate_time_offsets and np.isfinite(oldest.step_s):
+            self._learn_offsets(oldest)
+
     def _learn_offsets(self, oldest: FrameState) -> None:
-        """From a frame that is one lag old: the errors of its velocities, which shrink offsets, are least."""
+        """The errors of its velocities, which shrink offsets, are least."""
         time_s, weights, sigma_px = oldest.at.time_s, oldest.evidence.weights[0], oldest.evidence.sigma_px[0]
         motion = oldest.step_s, oldest.positions_m, oldest.velocities_mps
         self._offsets.add(time_s, *motion, oldest.on_time_px(self._rig), weights, sigma_px, self.rig_with_offsets)
         if time_s >= self._offsets_applied_s + _APPLY_OFFSETS_S:
             learned, self._offsets_applied_s = self._offsets.rig(), time_s
             self._rig = learned.with_time_offsets(learned.time_offsets_s - self._late_s)
-
-    def _predicted(
-        self, frame: Observations, gathered: Evidence, image_time_s: Float[np.ndarray, " camera"]
-    ) -> FrameState:
-        """First guess of the newest frame: the predicted position or, if its reprojection error is smaller, the
-        triangulated point. The joints that are estimated are located now or, with a motion model, were in the graph
-        before and not given up."""
-        before = self._window[-1] if self._window else None
-        time_s, guess_m = float(gathered.time_s[0]), gathered.guess_m[0]
-        linked, step_s = np.zeros(len(guess_m), dtype=bool), np.inf
-        positions_m, velocities_mps = guess_m, np.zeros_like(guess_m)
-        if before is not None:
-            step_s = time_s - before.at.time_s
-            moved_m = before.carried_on_m(step_s)
-            gathered = corrected(gathered, moved_m, before.velocities_mps, self._visibility.bias, self._rig)
-            given_up = self._last.before(time_s - self.config.motion.max_unseen_s)
-            unseen_s, known_m = (
-                time_s - self._last.person_s,
-                np.where(before.active[:, None], before.positions_m, np.nan),
-            )
-            if has_left(known_m, guess_m, unseen_s, self.config.tracking.coast_s):
-                given_up[:] = True
-                self._lengths.forget()
-            within = (np.abs(moved_m) < FARTHEST_M) & (np.abs(before.velocities_mps) < _FASTEST_MPS)
-            kept = before.active & within.all(axis=-1) & ~given_up
-            if self.config.motion.model != "none":
-                linked = kept
-            positions_m = np.where(kept[:, None], moved_m, guess_m)
-            velocities_mps = np.where(kept[:, None], before.velocities_mps, 0.0)
-        evidence = self._visibility.predicted(gathered, positions_m, self._rig)
-        gathered, evidence = self._sole_views.with_distances(gathered, evidence, positions_m, self._rig)
-        better = fits_better(guess_m, positions_m, evidence, self._rig, self.config.projection)
-        density, off_m = self._density.density(), evidence.off_path_m[0]
-        if before is not None:
-            # A step of one standard deviation to where the detections agree.
-            density = np.fmax(density, np.sum((off_m - positions_m) ** 2, axis=-1) / step_s**3)
-        positions_m = np.where(better[:, None], guess_m, positions_m)
-        positions_m = np.where(np.isnan(off_m), positions_m, off_m)
-        active = linked | evidence.located[0]
-        return FrameState(
-            at=FrameTime(0 if before is None else before.at.frame + 1, time_s),
-            step_s=step_s,
-            observations=frame,
-            image_time_s=image_time_s,
-            gathered=gathered,
-            evidence=evidence,
-            positions_m=positions_m,
-            velocities_mps=velocities_mps,
-            lengths_m=self._lengths.lengths_m.copy(),
-            active=active,
-            linked=linked,
-            process_density=density,
-            status=joint_status(active, evidence.observed[0]),
-            filtered=evidence.visibility[0],
-            unseen_before_s=time_s - self._last.seen_s,
-        )
-
-    def _marginalise_old(self, time_s: float) -> None:
-        """Marginalise the frames older than the lag, except the newest of them: that one is the smoothed result."""
-        while len(self._window) > 1 and self._is_lagged(self._window[1], time_s):
-            self._left = self._window.popleft()
-            self._graph.drop_oldest()
-            oldest = self._graph.read(self._window[0])
-            self._visibility.marginalise(oldest.as_gathered, oldest.positions_m, oldest.velocities_mps, self._rig)
-            if self.config.online.covariance:
-                self._covariances.learn(oldest, self._rig)
-            if is_adaptive(self.config.motion):
-                velocities_mps = np.where(oldest.active[:, None], oldest.velocities_mps, np.nan)
-                information = oldest.evidence.information(oldest.positions_m[None], self._rig)[0]
-                self._density.add(oldest.at.time_s, velocities_mps, information)
-            if self.config.online.estimate_time_offsets and np.isfinite(oldest.step_s):
-                self._learn_offsets(oldest)
-
-    def _is_lagged(self, state: FrameState, time_s: float) -> bool:
-        return state.at.time_s <= time_s - self.config.online.lag_s + TIME_ROUNDING_S
-
-    def _estimate(self) -> Estimate:
-        """Of the newest frame."""
-        state = self._window[-1]
-        residual_px = np.linalg.norm(self._rig.project(state.positions_m) - state.evidence.measured_px[0], axis=-1)
-        covariance_m2 = None
-        if self.config.online.covariance:
-            linear_m2 = self._graph.covariances_m2(state)
-            covariance_m2 = self._covariances.of_newest_m2(state, linear_m2, state.unseen_s, self._step_s, self._rig)
-        return Estimate(
-            skeleton=self.skeleton,
-            frame=state.at.frame,
-            time_s=state.at.time_s + self._late_s,
-            positions_m=state.positions_m,
-            status=state.status,
-            covariance_m2=covariance_m2,
-            residual_px=residual_px,
-            visibility=state.evidence.detection_visibility[0],
-            is_implausible=bool(state.evidence.implausible[0]),
-            smoothed=self._lagged(state.at.time_s),
-            n_repairs=self.repairs,
-        )
-
-    def _lagged(self, time_s: float) -> Estimate | None:
-        """The newest frame that is at least one lag old, with its present estimate."""
-        oldest = self._window[0]
-        if not self._is_lagged(oldest, time_s):
-            return None
-        oldest = self._graph.read(oldest)
-        covariance_m2 = self._lagged_covariance_m2(oldest) if self.config.online.smoothed_covariance else None
-        frame, taken_s = oldest.at.frame, oldest.at.time_s + self._late_s
-        return Estimate(self.skeleton, frame, taken_s, oldest.positions_m, oldest.status, covariance_m2)
-
-    def _lagged_covariance_m2(self, oldest: FrameState) -> np.ndarray:
-        later_s = [state.since_seen_s(oldest.at.time_s) for state in self._window]
-        linear_m2 = self._graph.lagged_covariances_m2(oldest)
-        unseen_s = np.min([oldest.unseen_s, *later_s], axis=0)
-        return self._covariances.of_lagged_m2(oldest, linear_m2, unseen_s, self._step_s, self._rig)
-
-    @property
-    def _step_s(self) -> float:
-        """Usual time from frame to frame."""
-        return usual_step_s(np.array([state.at.time_s for state in self._window]))

@@ -125,26 +125,3 @@ class FrameState:
             active=active,
             status=joint_status(active, evidence.observed[0]),
         )
-
-
-class LastSeen:
-    """When each joint was probably seen last, and triangulated last; -inf if it never was."""
-
-    def __init__(self, n_joints: int) -> None:
-        self.seen_s, self.triangulated_s = np.full(n_joints, -np.inf), np.full(n_joints, -np.inf)
-
-    def note(self, state: FrameState) -> None:
-        """Take a frame; a joint that enters the graph counts as seen."""
-        seen = state.evidence.seen[0] | (state.active & ~state.linked)
-        triangulated = np.isfinite(state.evidence.guess_m[0]).all(axis=-1)
-        for last_s, which in ((self.seen_s, seen), (self.triangulated_s, triangulated)):
-            last_s[which] = np.maximum(last_s[which], state.at.time_s)
-
-    @property
-    def person_s(self) -> float:
-        """When some joint was probably seen last."""
-        return float(self.seen_s.max())
-
-    def before(self, time_s: float) -> Bool[np.ndarray, " joint"]:
-        """Joints that were not seen, or not triangulated, since then."""
-        return np.minimum(self.seen_s, self.triangulated_s) < time_s

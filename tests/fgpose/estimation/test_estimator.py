@@ -145,7 +145,7 @@ def test_the_lagged_covariance_is_the_marginal_of_the_window(
     estimates = [estimator.update(frame) for frame in observations]
     assert estimates[-1].smoothed is not None
     keys = [position_key(joint, estimates[-1].smoothed.frame) for joint in range(17)]
-    smoother = estimator._graph._smoother
+    smoother = estimator._window._solver._smoother
     # Rounding of an inverse whose condition number is about 1e6.
     np.testing.assert_allclose(smoother.oldest_covariances(keys), smoother.covariances(keys), rtol=1e-6, atol=1e-12)
 

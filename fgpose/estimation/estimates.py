@@ -1,0 +1,69 @@
+"""What leaves the online estimator: poses of the window with their covariances."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from fgpose.config import Config
+from fgpose.estimation.covariances.online_covariance import OnlineCovariances
+from fgpose.estimation.frame_state import FrameState
+from fgpose.estimation.online.window import Window
+from fgpose.geometry.camera import CameraRig
+from fgpose.skeleton import Skeleton
+from fgpose.trajectory import Estimate
+
+
+class Estimates:
+    """Of one person.
+
+    Args:
+        n_cameras, skeleton, config: of the estimator.
+        late_s: by how much the times of the window are before those of its user.
+    """
+
+    def __init__(self, n_cameras: int, skeleton: Skeleton, config: Config, late_s: float) -> None:
+        self._skeleton, self._config, self._late_s = skeleton, config.online, late_s
+        self._covariances = OnlineCovariances(n_cameras, skeleton.n_joints, config)
+
+    def learn(self, oldest: FrameState, rig: CameraRig) -> None:
+        """Take a frame that is one lag old."""
+        if self._config.covariance:
+            self._covariances.learn(oldest, rig)
+
+    def newest(self, window: Window, rig: CameraRig) -> Estimate:
+        """Of the newest frame, and of the newest one that is at least one lag old."""
+        state, covariance_m2 = window[-1], None
+        residual_px = np.linalg.norm(rig.project(state.positions_m) - state.evidence.measured_px[0], axis=-1)
+        if self._config.covariance:
+            learned = state.unseen_s, window.usual_step_s, rig
+            covariance_m2 = self._covariances.of_newest_m2(state, window.newest_covariances_m2(), *learned)
+        return Estimate(
+            skeleton=self._skeleton,
+            frame=state.at.frame,
+            time_s=state.at.time_s + self._late_s,
+            positions_m=state.positions_m,
+            status=state.status,
+            covariance_m2=covariance_m2,
+            residual_px=residual_px,
+            visibility=state.evidence.detection_visibility[0],
+            is_implausible=bool(state.evidence.implausible[0]),
+            smoothed=self._lagged(window, rig),
+            n_repairs=window.repairs,
+        )
+
+    def _lagged(self, window: Window, rig: CameraRig) -> Estimate | None:
+        state = window.lagged
+        if state is None:
+            return None
+        covariance_m2 = self._lagged_covariance_m2(state, window, rig) if self._config.smoothed_covariance else None
+        time_s = state.at.time_s + self._late_s
+        return Estimate(self._skeleton, state.at.frame, time_s, state.positions_m, state.status, covariance_m2)
+
+    def _lagged_covariance_m2(
+        self, oldest: FrameState, window: Window, rig: CameraRig
+    ) -> Float[np.ndarray, "joint 3 3"]:
+        later_s = [state.since_seen_s(oldest.at.time_s) for state in window]
+        unseen_s = np.min([oldest.unseen_s, *later_s], axis=0)
+        linear_m2 = window.oldest_covariances_m2()
+        return self._covariances.of_lagged_m2(oldest, linear_m2, unseen_s, window.usual_step_s, rig)
