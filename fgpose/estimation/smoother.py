@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -20,9 +19,7 @@ from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
-from fgpose.estimation.solvers.gtsam_batch import GtsamBatch
-from fgpose.estimation.solvers.levenberg_marquardt import Problem, State, levenberg_marquardt
-from fgpose.estimation.solvers.normal_equations import NormalEquations
+from fgpose.estimation.solvers.optimum import optimum
 from fgpose.estimation.visibility.sole_views import with_distances
 from fgpose.estimation.visibility.visibility import judged
 from fgpose.estimation.windows import cut_windows
@@ -253,32 +250,11 @@ def informed(
     return judged(on_time, positions_m, rig, skeleton, config, visibility)
 
 
-@runtime_checkable
-class _SegmentProblem(Problem[State], Protocol):
-    """What NormalEquations and GtsamBatch have in common."""
-
-    def initial(self) -> State: ...
-
-    def positions_m(self, state: State) -> Float[np.ndarray, "frame joint 3"]: ...
-
-    def lengths_m(self, state: State) -> Float[np.ndarray, " length"]: ...
-
-
 def _optimum(segment: Segment) -> Solution:
-    """The optimum of the factor graph, by the backend that the configuration names."""
     if not segment.active.any():
         return Solution.of_nobody(segment)
-    solver = segment.config.solver
-    if solver.backend == "gtsam":
-        return _minimized(GtsamBatch(segment), segment)
-    return _minimized(NormalEquations(segment), segment)
-
-
-def _minimized(problem: _SegmentProblem[State], segment: Segment) -> Solution:
-    solution = levenberg_marquardt(problem, problem.initial(), segment.config.solver.max_iterations)
-    positions_m, lengths_m = problem.positions_m(solution.state), problem.lengths_m(solution.state)
-    evidence = segment.evidence
-    return Solution(positions_m, None, lengths_m, solution.convergence, evidence.visibility, evidence.sigma_px)
+    evidence, (positions_m, lengths_m, convergence) = segment.evidence, optimum(segment)
+    return Solution(positions_m, None, lengths_m, convergence, evidence.visibility, evidence.sigma_px)
 
 
 def _with_covariance(segment: Segment, solution: Solution) -> Solution:

@@ -12,10 +12,10 @@ import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config
-from fgpose.estimation.estimator import Estimator
 from fgpose.estimation.evidence import evidence as evidence_module
 from fgpose.estimation.evidence import fusion
 from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.online.window import Window
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed, smooth
 from fgpose.finding import Code
@@ -413,7 +413,7 @@ def test_failures_of_gtsam_are_said_where_there_were_some(
 
     assert findings(tracked) == []
     counts = iter(np.minimum(np.arange(20), 3).tolist())
-    monkeypatch.setattr(Estimator, "repairs", property(lambda _: next(counts)))
+    monkeypatch.setattr(Window, "repairs", property(lambda _: next(counts)))
     (reason,) = findings(run_track(source, SHORT_LAG))
     assert reason.startswith("GTSAM has failed 3 times")
 
