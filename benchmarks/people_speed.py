@@ -12,7 +12,7 @@ import numpy as np
 import fgpose
 from fgpose.association.follow import Sighting
 from fgpose.association.recording import associate
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.people import Detections
 from fgpose_benchmarks.people.recording import PeopleRecording
 from fgpose_benchmarks.people.variants import PeopleVariant, record

@@ -76,7 +76,7 @@ def _online(soak: Soak, n_frames: int, result: Result) -> None:
         longest = max(longest, len(estimator._window))
         result.slots = max(result.slots, _n_factors(estimator) / _most_factors(soak, longest))
         # QR takes several times the memory, but for a while only.
-        if number % _FRAMES_PER_LOOK == 0 and not estimator._graph._smoother._qr_frames:
+        if number % _FRAMES_PER_LOOK == 0 and not estimator._window._solver._smoother._qr_frames:
             held_mb[quarter].append(_held_mb())
     result.repairs, result.window_mb = estimator.repairs, _most_mb(soak, longest)
     usual_mb = [float(np.median(quarter)) for quarter in held_mb if quarter]
@@ -95,7 +95,7 @@ def _frames(soak: Soak, n_frames: int) -> Iterator[fgpose.Observations]:
 
 
 def _n_factors(estimator: fgpose.Estimator) -> int:
-    return estimator._graph._smoother._isam.getFactorsUnsafe().size()
+    return estimator._window._solver._smoother._isam.getFactorsUnsafe().size()
 
 
 def _most_factors(soak: Soak, longest: int) -> int:

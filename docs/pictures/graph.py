@@ -14,7 +14,7 @@ import tyro
 from drawing import BLUE, GREEN, GREY, VERMILLION, new_figure, save
 
 import fgpose
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.factors.kinds import factors_of
 from fgpose.estimation.keys import length_key, position_key, velocity_key
 from fgpose.estimation.segment import Segment

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations

@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float
 from fgpose.config import Config
 from fgpose.estimation.estimates import Estimates
 from fgpose.estimation.evidence.credibility import RunningCredibility
-from fgpose.estimation.evidence.evidence import Evidence, concatenated, gather_frame
+from fgpose.estimation.evidence.evidence import Evidence, concatenated
+from fgpose.estimation.evidence.gather import gather_frame
 from fgpose.estimation.evidence.images import corrected, fits_better
 from fgpose.estimation.evidence.plausibility import Bodies, RunningPlausibility
 from fgpose.estimation.factors.fading import maybe_unseen, with_references
@@ -21,8 +22,8 @@ from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.estimation.online.prediction import Prediction
 from fgpose.estimation.online.window import Window
+from fgpose.estimation.visibility.running_visibility import Filtered, RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
-from fgpose.estimation.visibility.visibility import Filtered, RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import refuse_changing
 from fgpose.observations import Observations

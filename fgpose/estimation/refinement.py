@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
 from fgpose.estimation.evidence.delays import of_one_moment
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.block_tridiagonal import one_blas_thread
 from fgpose.estimation.solvers.optimum import optimum

@@ -14,7 +14,8 @@ from fgpose.estimation.covariances.error_components import covariance_of_errors_
 from fgpose.estimation.covariances.few_view_errors import widened
 from fgpose.estimation.covariances.uncertainty import distrust_factor, with_swing
 from fgpose.estimation.evidence.delays import image_motion_px, motion_m, of_one_moment
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.initial_guess import time_to_known_s
 from fgpose.estimation.process_noise import process_density
 from fgpose.estimation.segment import Segment

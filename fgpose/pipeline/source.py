@@ -10,7 +10,8 @@ from fgpose.association.successive import Succession, successive
 from fgpose.calibration.moved_views import Recording
 from fgpose.config import Config
 from fgpose.diagnosis.diagnose import Diagnosis
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fgpose.association.common_clock import on_common_clock
 from fgpose.association.recording import Association, Progress, associate
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import PeopleObservations

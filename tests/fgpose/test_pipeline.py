@@ -12,9 +12,9 @@ import pytest
 
 from fgpose import pipeline
 from fgpose.config import Config
-from fgpose.estimation.evidence import evidence as evidence_module
 from fgpose.estimation.evidence import fusion
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence import gather as gather_module
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.online.window import Window
 from fgpose.estimation.residuals import whitened_residuals
 from fgpose.estimation.smoother import informed, smooth
@@ -154,7 +154,7 @@ def test_a_recording_is_undistorted_and_triangulated_once(
     """However many methods are compared and shown; the second run with the same parameters needs nothing anew."""
     undistorted: Counter[str] = Counter()
     triangulated: list[int] = []
-    undistort, triangulate_robust = Camera.undistort, evidence_module.triangulate_robust
+    undistort, triangulate_robust = Camera.undistort, gather_module.triangulate_robust
 
     def counting_undistort(camera: Camera, points_px: np.ndarray) -> np.ndarray:
         undistorted[camera.name] += points_px.size
@@ -165,7 +165,7 @@ def test_a_recording_is_undistorted_and_triangulated_once(
         return triangulate_robust(undistorted_px, *arguments)
 
     monkeypatch.setattr(Camera, "undistort", counting_undistort)
-    for module in (evidence_module, fusion):
+    for module in (gather_module, fusion):
         monkeypatch.setattr(module, "triangulate_robust", counting_triangulate)
     source = Source(source.rig, source.observations.frames(slice(0, 5)))
     for result in (run_smooth(source, Config()), run_refine(source, Config())):

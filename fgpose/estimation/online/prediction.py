@@ -13,8 +13,8 @@ from fgpose.estimation.frame_state import FrameState
 from fgpose.estimation.online.bone_lengths import RunningLengths
 from fgpose.estimation.process_noise import RunningDensity, is_adaptive
 from fgpose.estimation.segment import FrameTime
+from fgpose.estimation.visibility.running_visibility import RunningVisibility
 from fgpose.estimation.visibility.sole_views import RunningSoleViews
-from fgpose.estimation.visibility.visibility import RunningVisibility
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.trajectory import joint_status

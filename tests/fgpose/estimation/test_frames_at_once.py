@@ -9,7 +9,7 @@ import pytest
 
 import fgpose
 from fgpose.config import Config
-from fgpose.estimation.evidence import evidence
+from fgpose.estimation.evidence import gather
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, simulate, walking
 
 
@@ -23,9 +23,9 @@ def test_frames_at_once_change_nothing(
     points_px[20:, 2:] = np.nan
     observations = replace(scene.observations, points2d_px=points_px, covariance3d_m2=None)
     config = Config().replace(depth={"use": use})
-    whole = evidence.gather(observations, rig, config)
+    whole = gather.gather(observations, rig, config)
     assert np.isfinite(whole.depth_sigma_m).any()
-    monkeypatch.setattr(evidence, "_FRAMES_AT_ONCE", 7)
-    for name, array in vars(evidence.gather(observations, rig, config)).items():
+    monkeypatch.setattr(gather, "_FRAMES_AT_ONCE", 7)
+    for name, array in vars(gather.gather(observations, rig, config)).items():
         # Sums of matrix products may be ordered otherwise.
         np.testing.assert_allclose(array, getattr(whole, name), rtol=1e-9, atol=1e-9, err_msg=name)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 from tests.wrong_rigs import in_another_world
 

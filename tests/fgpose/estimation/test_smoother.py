@@ -10,7 +10,7 @@ import pytest
 import fgpose
 from fgpose.assessment.metrics import jitter_mps3
 from fgpose.config import config_from_dict
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.io.skeletons import load_skeleton
 from fgpose_benchmarks.synthetic import (
     NO_NOISE,

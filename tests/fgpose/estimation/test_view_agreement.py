@@ -7,7 +7,7 @@ import pytest
 
 import fgpose
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.visibility.agreement import Agreement, is_doubtful
 from fgpose.estimation.visibility.detection_residuals import DetectionResiduals
 from fgpose.geometry.camera import CameraRig

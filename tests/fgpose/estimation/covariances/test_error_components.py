@@ -11,7 +11,7 @@ import fgpose
 from fgpose.estimation.covariances import error_components
 from fgpose.estimation.covariances.error_components import covariance_of_errors_m2
 from fgpose.estimation.covariances.variance_components import correlation_after
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.segment import Segment
 from fgpose.estimation.solvers.levenberg_marquardt import levenberg_marquardt
 from fgpose.estimation.solvers.normal_equations import NormalEquations

@@ -11,7 +11,7 @@ from jaxtyping import Float
 import fgpose
 from fgpose.config import Config, config_from_dict
 from fgpose.estimation.evidence.delays import delays_s, image_motion_px, motion_m
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, motion_from_npz, ring_rig, simulate
 from tests.conftest import MOCAP
 

@@ -11,7 +11,8 @@ from jaxtyping import Float
 import fgpose
 from fgpose.config import Config
 from fgpose.estimation.evidence.detection_bias import ResidualSums, RunningBias
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.smoother import informed
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.evidence.images import fits_better
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton

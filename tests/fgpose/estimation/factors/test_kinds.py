@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from fgpose.config import Config, MotionConfig, ProjectionConfig, SymmetryConfig
-from fgpose.estimation.evidence.evidence import gather
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.factors.bone_length import bone_lengths
 from fgpose.estimation.factors.fading import Fading, maybe_unseen, with_references
 from fgpose.estimation.factors.kinds import KINDS, Factors, factors_of, graph_factors

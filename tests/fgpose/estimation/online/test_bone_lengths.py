@@ -10,7 +10,8 @@ import pytest
 from jaxtyping import Float
 
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.initial_guess import median_lengths
 from fgpose.estimation.online import bone_lengths
 from fgpose.estimation.online.bone_lengths import RunningLengths

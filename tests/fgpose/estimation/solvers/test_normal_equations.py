@@ -12,7 +12,8 @@ import pytest
 
 import fgpose
 from fgpose.config import Config, DepthConfig, MotionConfig, ProjectionConfig, SolverConfig, SymmetryConfig
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.factors.bone_length import SharedLengths
 from fgpose.estimation.factors.joint_rows import JointRows
 from fgpose.estimation.factors.kinds import factors_of, graph_factors

@@ -10,7 +10,8 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import Config
-from fgpose.estimation.evidence.evidence import Evidence, gather
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.visibility.agreement import Agreement
 from fgpose.estimation.visibility.detection_residuals import _PREDICTED_M, DetectionResiduals, with_spread
 from fgpose.estimation.visibility.visibility_chain import Chain

@@ -10,8 +10,10 @@ from jaxtyping import Float
 
 import fgpose
 from fgpose.config import Config, config_from_dict
-from fgpose.estimation.evidence.evidence import Evidence, gather
-from fgpose.estimation.visibility.visibility import RunningVisibility, judged
+from fgpose.estimation.evidence.evidence import Evidence
+from fgpose.estimation.evidence.gather import gather
+from fgpose.estimation.visibility.running_visibility import RunningVisibility
+from fgpose.estimation.visibility.visibility import judged
 from fgpose.estimation.visibility.visibility_chain import Chain
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton

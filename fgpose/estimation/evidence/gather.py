@@ -1,0 +1,199 @@
+"""From observations to evidence: everything is computed once, for every solver."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.config import Config, DepthConfig
+from fgpose.estimation.evidence.credibility import credible
+from fgpose.estimation.evidence.delays import by_mean_clock, delays_s
+from fgpose.estimation.evidence.evidence import FARTHEST_M, Evidence, concatenated
+from fgpose.estimation.evidence.fusion import fuse_undistorted
+from fgpose.estimation.evidence.plausibility import Bodies, far_outside_images
+from fgpose.estimation.evidence.weights import detection_weights
+from fgpose.geometry.camera import CameraRig
+from fgpose.geometry.changing_rig import refuse_changing
+from fgpose.geometry.triangulation import triangulate_robust
+from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
+from fgpose.observations import Observations
+from fgpose.skeleton import Skeleton
+
+_FRAMES_AT_ONCE = 1000  # bounds the memory of the triangulation's intermediate arrays to about 100 MB
+_FEW_VIEWS = 2  # three rays determine a joint even if one is wrong; see depth.use
+# So many depths of a view tell their spread: 17 joints for 30 frames. The depths of a body share most of their error,
+# which is correlated in time, so fewer would tell the error of that moment.
+_ENOUGH_DEPTHS = 500
+# Depths that were triangulated themselves fit better than any network's.
+_LEAST_RELATIVE_SIGMA = 0.01
+_SIGMAS_PER_MEDIAN = 1.4826  # of the absolute value of a normal error
+
+
+def gather(observations: Observations, rig: CameraRig, config: Config) -> Evidence:
+    """The evidence of all frames; the detections of frames that make no body are left out (Evidence.implausible).
+
+    Args:
+        observations: of one person.
+        rig: cameras of the observations, in their order. What all are late by counts as the time of the frames.
+        config: the parameters.
+
+    Raises:
+        ValueError: the cameras of observations and rig differ, or the calibration is in millimetres.
+    """
+    observations.check_cameras(rig.names)
+    refuse_changing(rig)
+    observations, rig = by_mean_clock(observations, rig)
+    said = credible(observations.confidence, observations.frame_time_s)
+    evidence = _gather(observations, rig, config, said)
+    bodies = _bodies(evidence, observations.skeleton)
+    bodies.refuse_millimetres()
+    if not bodies.implausible.any() or bodies.are_mostly_implausible:
+        return evidence
+    return _without(evidence, observations, bodies.implausible, rig, config)
+
+
+def gather_frame(
+    frame: Observations,
+    rig: CameraRig,
+    config: Config,
+    credible: Float[np.ndarray, "1 joint"],
+    *,
+    may_leave_out: bool = True,
+) -> tuple[Evidence, Bodies]:
+    """As gather, of one frame of a stream, which alone tells neither whether the calibration is wrong nor what is
+    credible."""
+    evidence = _gather(frame, rig, config, credible)
+    bodies = _bodies(evidence, frame.skeleton)
+    if may_leave_out and bodies.implausible.any():
+        evidence = _without(evidence, frame, bodies.implausible, rig, config)
+    return evidence, bodies
+
+
+def _bodies(evidence: Evidence, skeleton: Skeleton) -> Bodies:
+    return Bodies.of(evidence.guess_m, evidence.n_views, evidence.implausible, skeleton)
+
+
+def _without(
+    evidence: Evidence,
+    observations: Observations,
+    frames: Bool[np.ndarray, " frame"],
+    rig: CameraRig,
+    config: Config,
+) -> Evidence:
+    """The evidence of these observations with nothing detected in some frames."""
+
+    def emptied(array: np.ndarray) -> np.ndarray:
+        return np.full_like(array[frames], np.nan)
+
+    some = observations.frames(frames)
+    said = np.ones((some.n_frames, some.skeleton.n_joints))
+    nothing = _gather(replace(some, **observations.per_detection(emptied)), rig, config, said)
+    nothing = replace(nothing, implausible=np.ones_like(nothing.implausible))
+    if frames.all():
+        return nothing
+    values = {}
+    for name, array in vars(evidence).items():
+        values[name] = array.copy()
+        values[name][frames] = getattr(nothing, name)
+    return Evidence(**values)
+
+
+def _gather(
+    observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
+) -> Evidence:
+    starts = range(0, observations.n_frames, _FRAMES_AT_ONCE)
+    parts = [slice(start, start + _FRAMES_AT_ONCE) for start in starts]
+    gathered = [_without_depths(observations.frames(part), rig, config, credible[part]) for part in parts]
+    triangulated_m = np.concatenate([part_m for _, part_m in gathered])
+    evidence = concatenated([part for part, _ in gathered])
+    if config.depth.use == "never" or observations.points3d_m is None:
+        return evidence
+    # Of all frames together: the whole recording tells how good the depths are.
+    rays, depth_sigma_m = _depths(observations, observations.points3d_m, rig, triangulated_m, config.depth)
+    return replace(
+        evidence,
+        views_m=observations.points3d_m,
+        rays=rays,
+        depth_sigma_m=depth_sigma_m,
+        anchored=evidence.anchored & ~np.isfinite(depth_sigma_m).any(axis=1),
+    )
+
+
+def _without_depths(
+    observations: Observations, rig: CameraRig, config: Config, credible: Float[np.ndarray, "frame joint"]
+) -> tuple[Evidence, Float[np.ndarray, "frame joint 3"]]:
+    """The evidence but for the depths of the views, and the triangulated joints; frame by frame."""
+    far_outside = far_outside_images(observations.points2d_px, rig)
+    undistorted_px = rig.undistort(observations.points2d_px)
+    triangulated_m = triangulate_robust(
+        np.where(far_outside[..., None], np.nan, undistorted_px),
+        observations.confidence,
+        rig,
+        rig.in_own_px(config.fusion.inlier_px),
+    ).positions_m
+    triangulated_m[(np.abs(triangulated_m) > FARTHEST_M).any(axis=-1)] = np.nan
+    fusion = fuse_undistorted(observations, triangulated_m, undistorted_px, rig, config.fusion)
+    guessed = np.asarray(np.isnan(triangulated_m).any(axis=-1))
+    no_view = np.zeros((observations.n_frames, 0, observations.skeleton.n_joints))
+    nowhere = no_view[..., None].repeat(3, axis=-1)
+    evidence = Evidence(
+        time_s=observations.frame_time_s,
+        undistorted_px=undistorted_px,
+        bias_px=np.zeros_like(undistorted_px),
+        bias_share=np.ones(triangulated_m.shape[:2]),
+        weights=detection_weights(fusion, observations.confidence, rig, config.projection),
+        sigma_px=np.broadcast_to(rig.in_own_px(config.projection.sigma_px), observations.confidence.shape).copy(),
+        visibility=np.ones(observations.confidence.shape),
+        credible=credible,
+        n_views=observations.seen.sum(axis=1),
+        fused_m=fusion.positions_m,
+        guess_m=np.where(guessed[..., None], fusion.positions_m, triangulated_m),
+        off_path_m=np.full_like(triangulated_m, np.nan),
+        anchored=guessed & np.isfinite(fusion.positions_m).all(axis=-1),
+        views_m=nowhere,
+        rays=nowhere,
+        depth_sigma_m=no_view,
+        from_bones=np.zeros(triangulated_m.shape[:2], dtype=bool),
+        delay_s=delays_s(observations, rig),
+        implausible=2 * far_outside.sum(axis=(1, 2)) > observations.seen.sum(axis=(1, 2)),
+    )
+    return evidence, triangulated_m
+
+
+def _depths(
+    observations: Observations,
+    views_m: Float[np.ndarray, "frame camera joint 3"],
+    rig: CameraRig,
+    triangulated_m: Float[np.ndarray, "frame joint 3"],
+    config: DepthConfig,
+) -> tuple[Float[np.ndarray, "frame camera joint 3"], Float[np.ndarray, "frame camera joint"]]:
+    """Evidence.rays and depth_sigma_m of these observations with per-view 3D."""
+    position_m = np.array([camera.position_m for camera in rig.cameras])[:, None]
+    depth = ViewDepth.of(views_m, observations.covariance3d_m2, position_m)
+    rays, distance_m, sigma_m = depth.rays, depth.distance_m, depth.sigma_m
+    unstated = np.isnan(sigma_m) & np.isfinite(distance_m)
+    if unstated.any():
+        error_m = np.einsum("tcji,tcji->tcj", rays, views_m - triangulated_m[:, None])
+        sigma_m = np.where(unstated, distance_m * _relative_sigma(error_m / distance_m)[:, None], sigma_m)
+    if config.use == "few_views":
+        few = observations.seen.sum(axis=1, keepdims=True) <= _FEW_VIEWS
+        sigma_m = np.where(few, sigma_m, np.nan)
+    return rays, sigma_m
+
+
+def _relative_sigma(error: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:
+    """Standard deviation of the depths of each view that does not state any, relative to the distance.
+
+    From the recording, as far as it is long enough to tell; robust, for triangulated joints may be hallucinated.
+
+    Args:
+        error: of the depths against the triangulated joints, relative to the distance; NaN where either is missing.
+    """
+    sigma = np.full(error.shape[1], RELATIVE_SIGMA)
+    for view in range(error.shape[1]):
+        known = error[:, view][np.isfinite(error[:, view])]
+        if known.size >= _ENOUGH_DEPTHS:
+            sigma[view] = max(float(_SIGMAS_PER_MEDIAN * np.median(np.abs(known))), _LEAST_RELATIVE_SIGMA)
+    return sigma
