@@ -31,6 +31,8 @@ class Window:
         self._frames: deque[FrameState] = deque()
         self._left: FrameState | None = None
         self._solver, self._lag_s = WindowGraph(lengths, config), config.online.lag_s
+        self._read: set[int] = set()
+        """Numbers of the frames that have been read since the solver took anything."""
 
     def __len__(self) -> int:
         return len(self._frames)
@@ -69,29 +71,35 @@ class Window:
 
     def read(self, at: int) -> FrameState:
         """A frame with its present estimate."""
-        self._frames[at] = self._solver.read(self._frames[at])
+        if (number := self._frames[at].at.frame) not in self._read:
+            self._frames[at] = self._solver.read(self._frames[at])
+            self._read.add(number)
         return self._frames[at]
 
     def add(self, state: FrameState, rig: CameraRig, changes: Mapping[int, FrameState]) -> None:
         """Take the newest frame, and change others in the same update; see WindowGraph."""
         self._solver.add(state, rig, changes)
+        self._read.clear()
         self._frames.append(state)
         self.read(-1)
 
     def change(self, changes: Mapping[int, FrameState], rig: CameraRig) -> None:
         """Change frames; see WindowGraph."""
         self._solver.replace(changes, rig)
+        self._read.clear()
         self.read(-1)
 
     def join(self, at: int, state: FrameState, rig: CameraRig, entering: Bool[np.ndarray, " joint"]) -> None:
         """Change a frame that another image joins, by which these joints enter."""
         self._solver.replace({at: state}, rig, entering)
+        self._read.clear()
         self._frames[at] = state
         self.read(at)
 
     def move(self, at: int, joints: list[int], to_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> None:
         """Linearise joints of a frame anew at these positions."""
         self._solver.move(at, self._frames[at], joints, to_m, rig)
+        self._read.clear()
         self.read(at)
 
     def marginalise(self) -> Iterator[FrameState]:
