@@ -189,7 +189,7 @@ def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) ->
 
 
 # Folders that wait to be divided.
-LARGE = {"fgpose/association", "fgpose/diagnosis"}
+LARGE = {"fgpose/diagnosis"}
 
 
 def test_a_folder_is_seen_at_a_glance() -> None:

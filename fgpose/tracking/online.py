@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fgpose.association.follow import Follower
-from fgpose.association.track import TrackEvent
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig

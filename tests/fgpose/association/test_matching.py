@@ -161,7 +161,7 @@ def test_values_and_probabilities_of_the_matched_joints() -> None:
     log_ratio[0, :, 1, 3] = np.nan
     matches = matched(log_ratio)
     values = np.arange(2 * N_JOINTS, dtype=float).reshape(1, 2, N_JOINTS)
-    np.testing.assert_array_equal(matches.of(values, np.nan)[0], [[0, 1, 2, np.nan], [4, 5, 6, 3]])
+    np.testing.assert_array_equal(matches.of(values)[0], [[0, 1, 2, np.nan], [4, 5, 6, 3]])
     likelihood = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio)
     probability = matches.probability(likelihood)[0]
     assert probability[0, 3] == 0.0
