@@ -158,11 +158,11 @@ def _candidate(association: Association, person: int) -> Candidate:
     step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
     sizes_rad, images = [], np.argwhere(shown)
     for t, c in images[spread_evenly(len(images), _SOME_IMAGES)].tolist():
-        known = seen.detection[t, c] != NOBODY
-        points_px = people.image(seen.first_frame + t, c).points2d_px[
-            seen.detection[t, c, known], seen.joint[t, c, known]
-        ]
-        sizes_rad.append(np.linalg.norm(np.ptp(points_px, axis=0)) / association.rig.cameras[c].K[0, 0])
+        detection, known = seen.detection[t, c], seen.detection[t, c] != NOBODY
+        points_px = people.image(seen.first_frame + t, c).points2d_px[detection[known], seen.joint[t, c, known]]
+        found_px = points_px[np.isfinite(points_px).all(axis=-1)]  # joints of a detection may be missing
+        if len(found_px):
+            sizes_rad.append(np.linalg.norm(np.ptp(found_px, axis=0)) / association.rig.cameras[c].K[0, 0])
     n_frames = np.count_nonzero(shown.any(axis=1))
     return Candidate(
         person,
