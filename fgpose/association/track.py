@@ -14,6 +14,9 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.people import NOBODY
 from fgpose.trajectory import Estimate
 
+# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
+_RECOGNISED_WITHIN_S = 2.0
+
 
 class TrackState(Enum):
     """Where somebody is in the life of a track."""
@@ -36,10 +39,6 @@ class TrackEvent:
     what: str
     """confirmed, found again, lost, recognised or merged."""
     reason: str
-
-
-# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
-_RECOGNISED_WITHIN_S = 2.0
 
 
 @dataclass(eq=False)

@@ -6,8 +6,16 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.residuals import MEDIAN_LENGTH, SAMPLES, USUAL_ERROR_M, errors_m, together_px
-from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
+from fgpose.diagnosis.series import (
+    MEDIAN_LENGTH,
+    SAMPLES,
+    USUAL_ERROR_M,
+    errors_m,
+    known_quantile,
+    root_m,
+    sigma_m,
+    together_px,
+)
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly

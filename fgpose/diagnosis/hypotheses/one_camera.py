@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.agreement import STEADY, agreement, unsteadiness
 from fgpose.diagnosis.hypotheses.scene import Scene, View
-from fgpose.diagnosis.hypotheses.steadiness import STEADY, unsteadiness
 
 # Half of the rays of a camera that agrees pass the joints of the others by less (search.NORMAL_M).
 _FITS_M = 0.07
