@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.calibrated import Grade
 from fgpose.diagnosis.body.joint_names import in_words, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import USUAL_ERROR_M, errors_m, known_quantile, together_px
+from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import usual_step_s
@@ -66,11 +66,10 @@ def disagreeing_cameras(recording: FinishedRecording) -> list[Finding]:
     residual_px = together_px(recording)
     if residual_px is None or residual_px.shape[1] < 3:
         return []
-    median_px = np.array([known_quantile(of_camera, 0.5) for of_camera in np.moveaxis(residual_px, 1, 0)])
+    median_px = camera_medians(residual_px)
     compared, least = median_px, 0.0
     if recording.rig is not None:
-        parts_m = [errors_m(each, recording.rig) for each in recording.people.values()]
-        compared = np.array([known_quantile(own, 0.5) for own in np.moveaxis(np.concatenate(parts_m), 1, 0)])
+        compared = camera_medians(np.concatenate([errors_m(each, recording.rig) for each in recording.people.values()]))
         least = _MORE_THAN_USUAL * USUAL_ERROR_M
     found = []
     for camera, name in enumerate(recording.camera_names):
@@ -135,9 +134,7 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Finding]:
     judged = [each.visibility for each in recording.people.values() if each.visibility is not None]
     if not judged:
         return []
-    visibility = np.concatenate(judged)
-    known = np.isfinite(visibility)
-    shares = ((visibility < 0.5) & known).sum(axis=(0, 2)) / np.maximum(known.sum(axis=(0, 2)), 1)
+    shares = _hallucinated_share(np.concatenate(judged), (0, 2))
     found = []
     for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
         if share > max(_HALLUCINATING_RATIO * usual, _HALLUCINATING_SHARE):
@@ -158,6 +155,11 @@ def _share_of(residual_px: Float[np.ndarray, "frame camera joint"], camera: int)
     return float(known[:, camera].sum() / max(known.sum(), 1))
 
 
+def _hallucinated_share(visibility: Float[np.ndarray, "frame camera joint"], axes: tuple[int, ...]) -> np.ndarray:
+    """Of the detections along some axes, how many are more probably hallucinated than not."""
+    return (visibility < 0.5).sum(axis=axes) / np.maximum(np.isfinite(visibility).sum(axis=axes), 1)
+
+
 def _median_of_others(values: Float[np.ndarray, " camera"]) -> Float[np.ndarray, " camera"]:
     """NaN with one camera."""
     return np.array([known_quantile(np.delete(values, camera), 0.5) for camera in range(len(values))])
@@ -172,7 +174,7 @@ def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
             continue
         known = np.isfinite(trajectory.visibility)
         judged = known.sum(axis=0) * usual_step_s(trajectory.time_s) > _LEAST_S
-        shares = ((trajectory.visibility < 0.5) & known).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+        shares = _hallucinated_share(trajectory.visibility, (0,))
         elsewhere = (shares > _OFTEN) & judged
         wrong = elsewhere & (np.median(shares, axis=1, keepdims=True) < _HARDLY)
         nowhere = (wrong.sum(axis=0) >= 2) & ((judged & ~elsewhere).sum(axis=0) < 2)
@@ -194,7 +196,7 @@ def _seen_by_nobody(
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{_who(recording, person)}no two cameras agree where {in_words(names[joint] for joint in joints)} "
+        f"{recording.prefix(person)}no two cameras agree where {in_words(names[joint] for joint in joints)} "
         f"{'are' if len(joints) > 1 else 'is'}: they contradict each other in {100 * low:.0f} to {100 * high:.0f} % of "
         "the detections",
         "Look at the images: hidden from all, guessed by the network, or not there? Leave such detections out with "
@@ -215,7 +217,7 @@ def _misplaced(
     return Finding(
         Code.MISPLACED_JOINT,
         Severity.DOUBTFUL,
-        f"{_who(recording, person)}camera {name} shows {what} elsewhere than the others do in "
+        f"{recording.prefix(person)}camera {name} shows {what} elsewhere than the others do in "
         f"{100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
         "Look at its images: what does the network take for this? A coat, a chair, the other side?",
         0.3 * float(shares[worst]),
@@ -223,10 +225,6 @@ def _misplaced(
         joint=names[worst],
         person=recording.number(person),
     )
-
-
-def _who(recording: FinishedRecording, person: int) -> str:
-    return f"{recording.called(person)}: " if recording.called(person) else ""
 
 
 def _displacement(recording: FinishedRecording, person: int, camera: int, joint: int) -> str:

@@ -112,6 +112,10 @@ class FinishedRecording:
         """Of a person, where there are several."""
         return person if len(self.people) > 1 else None
 
+    def prefix(self, person: int) -> str:
+        """Before what is said of a person; nothing where there is only one."""
+        return f"{self.called(person)}: " if self.called(person) else ""
+
     def called(self, person: int) -> str:
         """How a person is named; nothing where there is only one."""
         return f"person {person}" if len(self.people) > 1 else ""

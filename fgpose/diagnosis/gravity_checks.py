@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.finding import Code, Finding, Severity
 from fgpose.kinematics.landmarks import Points, landmarks, points_of
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import stretches, usual_step_s
 from fgpose.trajectory import Trajectory
 
 _GRAVITY_MPS2 = 9.81
@@ -93,17 +93,10 @@ def flights(trajectory: Trajectory) -> list[Flight]:
     steady = np.append(np.diff(trajectory.time_s) < 1.5 * usual_step_s(trajectory.time_s), True)
     fits = [
         _fitted(trajectory.time_s[first:last], height_m[first:last])
-        for first, last in _runs(off_the_floor)
-        if seen[first:last].all() and steady[first:last].all()
+        for first, last in stretches(off_the_floor)
+        if first > 0 and last < len(seen) and seen[first:last].all() and steady[first:last].all()
     ]
     return [flight for flight in fits if flight is not None]
-
-
-def _runs(chosen: Bool[np.ndarray, " frame"]) -> list[tuple[int, int]]:
-    """First frame, and the one after the last, of each stretch that begins and ends within the recording."""
-    steps = np.flatnonzero(np.diff(chosen.astype(int))) + 1
-    starts = steps[1:] if len(steps) and chosen[0] else steps
-    return [(int(first), int(last)) for first, last in zip(starts[::2], starts[1::2], strict=False)]
 
 
 def _fitted(time_s: Float[np.ndarray, " frame"], height_m: Float[np.ndarray, " frame"]) -> Flight | None:

@@ -9,6 +9,7 @@ from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.finding import Code, Finding, Severity
+from fgpose.sampling import stretches
 from fgpose.trajectory import Status, Trajectory
 
 # As fgpose info lists them. A gap in which the joint becomes three times as uncertain as usual is one that harms.
@@ -56,7 +57,7 @@ def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_time
     return Finding(
         Code.GAP,
         Severity.NOTE,
-        f"{_of(recording, person, in_words(each for each, *_ in own))}: fewer than two cameras see "
+        f"{recording.prefix(person)}{in_words(each for each, *_ in own)}: fewer than two cameras see "
         f"{'them' if len(own) > 1 else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
         + (f", the longest of {n_times} times" if n_times > 1 else "")
         + (
@@ -81,8 +82,7 @@ def harmful_gaps(trajectory: Trajectory) -> list[_JointGap]:
     )  # where nothing stands nothing is predicted
     found = []
     for j, joint in enumerate(trajectory.skeleton.joints):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], seen[:, j], [True]]).astype(int)))
-        for first, last in edges.reshape(-1, 2).tolist():
+        for first, last in stretches(~seen[:, j]):
             duration_s = float(trajectory.time_s[last - 1] - trajectory.time_s[first])
             ratio = known_quantile(sigma[first:last, j], 1.0) / known_quantile(sigma[:, j], 0.5)
             if duration_s > _GAP_S and not ratio < _GAP_SIGMAS:
@@ -110,7 +110,7 @@ def unobservable(recording: FinishedRecording) -> list[Finding]:
         if joints:
             named = in_words(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
             where = f"in up to {100 * shares.max():.0f} % of the frames"
-            reason = f"{_of(recording, person, '')}nothing determines {named} {where}"
+            reason = f"{recording.prefix(person)}nothing determines {named} {where}"
             remedy = "There are no numbers there. Add cameras, or a skeleton without these joints."
             found.append(
                 Finding(
@@ -132,7 +132,7 @@ def contradicted(recording: FinishedRecording) -> list[Finding]:
         moments = trajectory.time_s[_contradicted_frames(trajectory)]
         if len(moments):
             reason = (
-                f"{_of(recording, person, '')}most cameras contradict the motion of most joints in {len(moments)} "
+                f"{recording.prefix(person)}most cameras contradict the motion of most joints in {len(moments)} "
                 f"frames, first at {moments[0]:.2f} s"
             )
             remedy = (
@@ -188,7 +188,7 @@ def turns(recording: FinishedRecording) -> list[Finding]:
         if fast.any():
             at_s = trajectory.time_s[int(np.argmax(fast))]
             reason = (
-                f"{_of(recording, person, '')}left and right change places {int(fast.sum())} times, first at "
+                f"{recording.prefix(person)}left and right change places {int(fast.sum())} times, first at "
                 f"{at_s:.2f} s: nobody turns faster than {_MAX_TURN_DEG_S:.0f} degrees a second"
             )
             remedy = "Most cameras have exchanged the sides there: look at the images, leave the moment out."
@@ -226,8 +226,3 @@ def short_lives(recording: FinishedRecording) -> list[Finding]:
         for person, life_s in lives_s.items()
         if life_s < _SHORT_LIFE_S < longest_s / 2
     ]
-
-
-def _of(recording: FinishedRecording, person: int, what: str) -> str:
-    called = recording.called(person)
-    return f"{called}: {what}" if called else what

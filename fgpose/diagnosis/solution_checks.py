@@ -10,6 +10,7 @@ from fgpose.diagnosis.series import (
     MEDIAN_LENGTH,
     SAMPLES,
     USUAL_ERROR_M,
+    camera_medians,
     errors_m,
     known_quantile,
     root_m,
@@ -121,10 +122,9 @@ def _sigma_ratios(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, "
     assert trajectory.residual_px is not None
     sampled = spread_evenly(trajectory.n_frames, SAMPLES)
     seen = np.isfinite(trajectory.residual_px[sampled])
-    by_camera = np.array([known_quantile(own, 0.5) for own in np.moveaxis(trajectory.residual_px, 1, 0)])
     # Three numbers are estimated from two of each camera, so residuals are smaller than errors.
     n_views = max(float(seen.sum(axis=1)[seen.sum(axis=1) >= 2].mean()) if seen.any() else 2.0, 2.0)
-    spread_px = by_camera / MEDIAN_LENGTH / np.sqrt(max(1 - 3 / (2 * n_views), 0.25))
+    spread_px = camera_medians(trajectory.residual_px) / MEDIAN_LENGTH / np.sqrt(max(1 - 3 / (2 * n_views), 0.25))
     information = _information(trajectory.positions_m[sampled], seen, spread_px, rig)
     known = seen.sum(axis=1) >= 2
     known &= np.isfinite(trajectory.positions_m[sampled]).all(axis=-1)

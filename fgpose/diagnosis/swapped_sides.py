@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from fgpose.diagnosis.body.sides import exchanged_limbs
 from fgpose.diagnosis.examined import Examined
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.series import known_quantile, together_px
+from fgpose.diagnosis.series import camera_medians, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.sampling import usual_step_s
 
@@ -96,8 +96,7 @@ def swapped_pairs(
     apart_px = np.linalg.norm(projected_px[:, :, left] - projected_px[:, :, right], axis=-1)
     errors_px = np.stack([residual_px[:, :, left], residual_px[:, :, right]])
     # A camera that was turned has errors everywhere that are as large as small pairs are apart.
-    usual_px = np.array([known_quantile(residual_px[:, c], 0.5) for c in range(residual_px.shape[1])])
-    least_px = np.fmax(_MIN_SWAP_PX, _SWAP_TO_USUAL * usual_px)
+    least_px = np.fmax(_MIN_SWAP_PX, _SWAP_TO_USUAL * camera_medians(residual_px))
     judged = np.isfinite(errors_px).all(axis=0) & (apart_px > least_px[:, None])
     like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
     return np.asarray(judged & like), np.asarray(judged)

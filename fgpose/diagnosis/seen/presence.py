@@ -15,7 +15,7 @@ from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.people import PeopleObservations
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import stretches, usual_step_s
 
 # Less is a detector that misses somebody in a few images.
 _LEAST_S, _LEAST_SHARE = 1.0, 0.02
@@ -96,8 +96,7 @@ def _alone(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " fra
 def _intervals(time_s: Float[np.ndarray, " frame"], chosen: Bool[np.ndarray, " frame"]) -> tuple[list[Interval], float]:
     """Of at least a second, and their share of the recording; none if it is small."""
     step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    found = [(float(time_s[a]), float(time_s[b - 1] + step_s)) for a, b in edges.reshape(-1, 2).tolist()]
+    found = [(float(time_s[a]), float(time_s[b - 1] + step_s)) for a, b in stretches(chosen)]
     found = [(a, b) for a, b in found if b - a >= _LEAST_S]
     duration_s = float(time_s[-1] - time_s[0]) + step_s
     share = sum(b - a for a, b in found) / max(duration_s, 1e-9)

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations
-from fgpose.sampling import frames_per_second
+from fgpose.sampling import frames_per_second, stretches
 
 _FEWEST_JOINTS = 5
 _LONGEST = 7  # frames: what stands still for longer is frozen
@@ -53,9 +53,9 @@ def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], 
 def _share(view: Observations) -> float:
     """Of the images of one camera, without the times in which they stand still: how many repeat the one before."""
     same, judged = (each[:, 0] for each in repeats(view))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
-    for first, end in edges[edges[:, 1] - edges[:, 0] > _LONGEST].tolist():
-        same[first:end] = judged[first:end] = False
+    for first, end in stretches(same):
+        if end - first > _LONGEST:
+            same[first:end] = judged[first:end] = False
     new = judged & ~same
     if same.sum() < _FEWEST or not new.any():
         return 0.0
@@ -100,8 +100,7 @@ def frozen_cameras(examined: Examined) -> list[Finding]:
 def _runs(
     same: Bool[np.ndarray, " frame"], others_new: Bool[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]
 ) -> list[tuple[float, float]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int)))
-    runs = [(first - 1, last - 1) for first, last in edges.reshape(-1, 2).tolist()]  # with the image that is repeated
+    runs = [(first - 1, last - 1) for first, last in stretches(same)]  # with the image that is repeated
     return [
         (float(time_s[first]), float(time_s[last]))
         for first, last in runs
