@@ -55,8 +55,6 @@ def probability_of(log_ratio: Float[np.ndarray, "*shape"]) -> Float[np.ndarray, 
 class Likelihood:
     """At most P detections in an image of each camera against K people; NaN where there is none."""
 
-    residual_px: Float[np.ndarray, "camera person detection joint 2"]
-    """Detected less expected, undistorted pixels."""
     log_ratio: Float[np.ndarray, "camera person detection joint"]
     """Density of the joint where this person is expected, over that of a joint anywhere in the image: those of somebody
     else may be anywhere."""
@@ -80,7 +78,7 @@ class Likelihood:
         image_px2 = np.array([float(np.prod(camera.size_px)) for camera in cameras.cameras])[:, None, None, None]
         log_ratio = -0.5 * distance2 + np.log(image_px2 / (2 * np.pi * np.sqrt(determinant)))
         near_px = _NEAR_M / SIGMA_M * expected.sigma_px
-        return Likelihood(residual_px, log_ratio, near_px[:, :, None] ** 2 / image_px2)
+        return Likelihood(log_ratio, near_px[:, :, None] ** 2 / image_px2)
 
     @cached_property
     def probability(self) -> Float[np.ndarray, "camera person detection joint"]:
@@ -129,13 +127,8 @@ class Likelihood:
         if self.distance_log_ratio is not None:
             exchanged = replace(exchanged, distance_log_ratio=self.distance_log_ratio)
         mirrored = exchanged.score > np.maximum(self.score, 0.0) + _MIRRORED_LOG_RATIO
-        better = Likelihood(
-            np.where(mirrored[..., None, None], exchanged.residual_px, self.residual_px),
-            np.where(mirrored[..., None], exchanged.log_ratio, self.log_ratio),
-            self.near_share,
-            self.distance_log_ratio,
-        )
-        return better, mirrored
+        log_ratio = np.where(mirrored[..., None], exchanged.log_ratio, self.log_ratio)
+        return replace(self, log_ratio=log_ratio), mirrored
 
 
 @dataclass(frozen=True, eq=False)
