@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.finding import Code, Finding, Severity
 from fgpose.kinematics.landmarks import Points, landmarks, points_of
 from fgpose.sampling import stretches, usual_step_s
@@ -47,26 +47,25 @@ class Flight(NamedTuple):
     """Acceleration of the centre of mass, downwards."""
 
 
-def wrong_falls(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def wrong_falls(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """Jumps in which the body does not fall as things do: frame rate or scale of the recording are wrong."""
-    found = []
-    for person, trajectory in recording.people.items():
-        jumps = flights(trajectory)
-        if not jumps:
-            continue
-        fall_mps2 = float(np.median([jump.fall_mps2 for jump in jumps]))
-        ratio = np.sqrt(fall_mps2 / _GRAVITY_MPS2)
-        if 1 / _RATE_RATIO <= ratio <= _RATE_RATIO or ratio < _LEAST_RATE_RATIO:
-            continue
-        who = recording.called(person) or "the person"
-        reason = (
-            f"in {len(jumps)} jump{'s' if len(jumps) > 1 else ''}, the first at {jumps[0].start_s:.2f} s, {who} falls "
-            f"with {fall_mps2:.1f} m/s² instead of {_GRAVITY_MPS2}: the frame rate is {ratio:.2f} times the true one, "
-            f"or lengths are {ratio**2:.2f} times the true ones"
-        )
-        remedy = "Check the frame rate (--fps) and the size of the calibration target, or what the scale is from."
-        found.append(Finding(Code.FRAME_RATE, Severity.WRONG, reason, remedy, 0.7, person=recording.number(person)))
-    return found
+    jumps = flights(trajectory)
+    if not jumps:
+        return None
+    fall_mps2 = float(np.median([jump.fall_mps2 for jump in jumps]))
+    ratio = np.sqrt(fall_mps2 / _GRAVITY_MPS2)
+    if 1 / _RATE_RATIO <= ratio <= _RATE_RATIO or ratio < _LEAST_RATE_RATIO:
+        return None
+    return Finding(
+        Code.FRAME_RATE,
+        Severity.WRONG,
+        f"in {len(jumps)} jump{'s' if len(jumps) > 1 else ''}, the first at {jumps[0].start_s:.2f} s, "
+        f"{recording.called(person) or 'the person'} falls with {fall_mps2:.1f} m/s² instead of {_GRAVITY_MPS2}: the "
+        f"frame rate is {ratio:.2f} times the true one, or lengths are {ratio**2:.2f} times the true ones",
+        "Check the frame rate (--fps) and the size of the calibration target, or what the scale is from.",
+        0.7,
+    )
 
 
 def flights(trajectory: Trajectory) -> list[Flight]:
