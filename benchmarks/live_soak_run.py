@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import fgpose
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraState, LiveFrame

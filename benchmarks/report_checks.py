@@ -25,7 +25,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import fgpose
-from fgpose.diagnosis.result_checks import RESULT_CHECKS
+from fgpose.diagnosis.diagnose import RESULT_CHECKS
 from fgpose.report import FinishedRecording
 from planted_faults import FAULTLESS, FAULTY, TEST_CLIPS, TUNING_CLIPS, Seen, real_recordings
 

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.track import TrackEvent, TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.people import Detections

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 TIME_ROUNDING_S = 1e-6
 """Times that differ by less are the same."""
@@ -32,6 +32,12 @@ def nearest(times_s: Float[np.ndarray, " time"], others_s: Float[np.ndarray, " o
 def spread_evenly(n_frames: int, at_most: int) -> Int[np.ndarray, " sample"]:
     """Frames spread evenly over a long recording; all of a short one."""
     return np.unique(np.linspace(0, n_frames - 1, min(n_frames, at_most)).round().astype(int))
+
+
+def stretches(chosen: Bool[np.ndarray, " frame"]) -> list[tuple[int, int]]:
+    """First and one past the last of each run of frames that are chosen."""
+    edges = np.flatnonzero(np.diff(chosen.astype(int), prepend=0, append=0)).reshape(-1, 2)
+    return [(first, end) for first, end in edges.tolist()]
 
 
 def fair_limits(wanted: Sequence[int] | Sequence[float], total: int | float) -> list[float]:

@@ -188,14 +188,10 @@ def test_every_module_has_its_floor(house: str, floors: tuple[set[str], ...]) ->
     assert not [name for name in sorted(inside) if floor(name, house, floors) is None]
 
 
-# Folders that wait to be divided.
-LARGE = {"fgpose/association", "fgpose/diagnosis"}
-
-
 def test_a_folder_is_seen_at_a_glance() -> None:
     """At most 15 files."""
     count = Counter(path.parent.relative_to(ROOT).as_posix() for path in SOURCES["fgpose"].rglob("*.py"))
-    assert {folder: n for folder, n in count.items() if n > 15 and folder not in LARGE} == {}
+    assert {folder: n for folder, n in count.items() if n > 15} == {}
 
 
 def test_only_the_top_knows_the_pipeline_and_the_command_line() -> None:

@@ -90,28 +90,18 @@ def chosen_person(people: PeopleObservations, rig: CameraRig, person: int | Pers
     association = _everybody(people, rig, person)
     if association is None:
         return Chosen(people.only())
-    n_frames, n_people = len(people.frames.image), len(association.people)
-    if isinstance(person, PersonRegion):
-        frame, camera, candidate = _in_region(people, rig, person)
-        whole = (seen.in_frames(n_frames) for seen in association.people.values())
-        wanted = next((seen for seen in whole if (seen.detection[frame, camera] == candidate).any()), None)
-        if wanted is None:
-            raise ValueError(f"region {person}: no other camera agrees on the person who is there")
-        return Chosen(wanted, n_people, f"the one in {person}")
-    if not 0 <= person < n_people:
-        raise ValueError(f"there is no person {person}: {n_people} were found, counted from 0")
-    order = ranked(association)
-    seen = association.people[order[person].person].in_frames(n_frames)
-    return Chosen(seen, n_people, _reason(order, rig.n_cameras) if person == 0 else f"number {person} of them")
+    return _in_region(association, person) if isinstance(person, PersonRegion) else _by_rank(association, person)
 
 
 def main_person(people: PeopleObservations, rig: CameraRig) -> Chosen:
     """The main person in all frames, see ranked; nobody if nobody is seen."""
     association = _everybody(people, rig, 0)
-    if association is not None and not association.people:
+    if association is None:
+        return Chosen(people.only())
+    if not association.people:
         n_frames, n_cameras = people.frames.image.shape
         return Chosen(Seen.nothing(n_frames, n_cameras, people.skeleton.n_joints), 0)
-    return chosen_person(people, rig)
+    return _by_rank(association, 0)
 
 
 def _everybody(people: PeopleObservations, rig: CameraRig, person: int | PersonRegion) -> Association | None:
@@ -158,11 +148,11 @@ def _candidate(association: Association, person: int) -> Candidate:
     step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
     sizes_rad, images = [], np.argwhere(shown)
     for t, c in images[spread_evenly(len(images), _SOME_IMAGES)].tolist():
-        known = seen.detection[t, c] != NOBODY
-        points_px = people.image(seen.first_frame + t, c).points2d_px[
-            seen.detection[t, c, known], seen.joint[t, c, known]
-        ]
-        sizes_rad.append(np.linalg.norm(np.ptp(points_px, axis=0)) / association.rig.cameras[c].K[0, 0])
+        detection, known = seen.detection[t, c], seen.detection[t, c] != NOBODY
+        points_px = people.image(seen.first_frame + t, c).points2d_px[detection[known], seen.joint[t, c, known]]
+        found_px = points_px[np.isfinite(points_px).all(axis=-1)]  # joints of a detection may be missing
+        if len(found_px):
+            sizes_rad.append(np.linalg.norm(np.ptp(found_px, axis=0)) / association.rig.cameras[c].K[0, 0])
     n_frames = np.count_nonzero(shown.any(axis=1))
     return Candidate(
         person,
@@ -171,6 +161,17 @@ def _candidate(association: Association, person: int) -> Candidate:
         float(shown.sum() / max(n_frames, 1)),
         float(np.median(sizes_rad)) if sizes_rad else 0.0,
     )
+
+
+def _by_rank(association: Association, rank: int) -> Chosen:
+    """Raises ValueError if there are fewer."""
+    n_people = len(association.people)
+    if not 0 <= rank < n_people:
+        raise ValueError(f"there is no person {rank}: {n_people} were found, counted from 0")
+    order = ranked(association)
+    seen = association.people[order[rank].person].in_frames(len(association.frames.image))
+    reason = f"number {rank} of them" if rank else _reason(order, association.rig.n_cameras)
+    return Chosen(seen, n_people, reason)
 
 
 def _reason(order: Sequence[Candidate], n_cameras: int) -> str:
@@ -213,7 +214,17 @@ def each_camera_alone(people: PeopleObservations, rig: CameraRig) -> Association
     return Association(people, rig, dict(enumerate(together)), ())
 
 
-def _in_region(people: PeopleObservations, rig: CameraRig, region: PersonRegion) -> tuple[int, int, int]:
+def _in_region(association: Association, region: PersonRegion) -> Chosen:
+    """Raises ValueError if nobody is there, or nobody is followed there."""
+    frame, camera, detection = _detection_in(association.observations, association.rig, region)
+    everybody = (seen.in_frames(len(association.frames.image)) for seen in association.people.values())
+    wanted = next((seen for seen in everybody if (seen.detection[frame, camera] == detection).any()), None)
+    if wanted is None:
+        raise ValueError(f"region {region}: no other camera agrees on the person who is there")
+    return Chosen(wanted, len(association.people), f"the one in {region}")
+
+
+def _detection_in(people: PeopleObservations, rig: CameraRig, region: PersonRegion) -> tuple[int, int, int]:
     """Frame, camera and detection that a region means. Raises ValueError if nobody is there."""
     rig.subset([region.camera])
     camera = rig.names.index(region.camera)

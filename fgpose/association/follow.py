@@ -14,12 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fgpose.association.appearance import MeanAppearance, Resemblance
-from fgpose.association.blind import Blind
-from fgpose.association.founding import MAX_GAIN, detection_probability, found, found_alone
+from fgpose.association.detectability import Blind, detection_probability
+from fgpose.association.founding import MAX_GAIN, found, found_alone
 from fgpose.association.identity import Likeness
 from fgpose.association.lost import Lost
-from fgpose.association.matching import Matches
-from fgpose.association.moment import Moment, follow
+from fgpose.association.matching import Matches, Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackEvent, TrackState
 from fgpose.geometry.camera import CameraRig

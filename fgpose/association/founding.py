@@ -8,10 +8,9 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fgpose.association.blind import Blind
-from fgpose.association.distances import Distances, log_ratio_of
-from fgpose.association.likelihood import score_of
-from fgpose.association.moment import Moment
+from fgpose.association.detectability import Blind, detection_probability
+from fgpose.association.likelihood import Distances, log_ratio_of, score_of
+from fgpose.association.matching import Moment
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people import NOBODY
@@ -26,9 +25,6 @@ _MIN_JOINTS = 4
 _LONGEST_BONE_M, _SMALLEST_BODY_M, _LARGEST_BODY_M = 0.75, 0.05, 1.3
 # A joint that fewer than two cameras see is somewhere around the middle of the body.
 _SOMEWHERE_M = 0.4
-# A camera that should see a person detects them so often; less often where somebody before them may hide them.
-_DETECTED, _DETECTED_BEHIND = 0.9, 0.5
-_HIDES_M = 0.4  # somebody whose middle is nearer than this to the line of sight
 # Views that agree by chance once in a thousand moments are worth following for a while.
 _MIN_SCORE = np.log(1e3)
 MAX_GAIN = 2.0
@@ -278,30 +274,13 @@ def _first_guess(joints_m: Float[np.ndarray, "joint 3"], time_s: float) -> PoseF
 
 
 def _updated(people: PoseFilters, chosen: Int[np.ndarray, "person camera"], moment: Moment) -> PoseFilters:
-    expected = people.seen_by(moment.cameras, moment.times_s)
-    own_px = moment.points_px[np.arange(moment.cameras.n_cameras)[:, None], np.maximum(chosen.T, 0)]
-    residual_px = np.where((chosen.T == NOBODY)[..., None, None], np.nan, own_px - expected.pixels)
-    distance = None if moment.distances is None else moment.distances.chosen(chosen.T).against(expected)
+    expected, chosen = people.seen_by(moment.cameras, moment.times_s), chosen.T
+    own = np.arange(len(chosen))[:, None], np.maximum(chosen, 0)
+
+    def of_chosen(array: np.ndarray) -> np.ndarray:
+        nothing = (chosen == NOBODY).reshape(*chosen.shape, *[1] * (array.ndim - 2))
+        return np.where(nothing, np.nan, array[own])
+
+    residual_px = of_chosen(moment.points_px) - expected.pixels
+    distance = None if moment.distances is None else moment.distances.taken(of_chosen).against(expected)
     return people.updated(residual_px, expected, np.ones(residual_px.shape[:-1]), distance)
-
-
-def detection_probability(
-    people: PoseFilters, others: PoseFilters | None, cameras: CameraRig
-) -> Float[np.ndarray, "person camera"]:
-    """How probable it is that each camera detects each person: not outside its image, less often behind others."""
-    pixels = cameras.project(people.positions_m)
-    size_px = np.array([camera.size_px for camera in cameras.cameras])[:, None]
-    share_inside = ((pixels >= 0) & (pixels < size_px)).all(axis=-1).mean(axis=-1)
-    hidden = _behind(people, others, cameras) if others is not None else np.zeros(share_inside.shape, dtype=bool)
-    return share_inside * np.where(hidden, _DETECTED_BEHIND, _DETECTED)
-
-
-def _behind(people: PoseFilters, others: PoseFilters, cameras: CameraRig) -> Bool[np.ndarray, "person camera"]:
-    """Whether somebody nearer to the camera is in the way."""
-    eye_m = np.stack([camera.position_m for camera in cameras.cameras])
-    to_person_m, to_other_m = (each.positions_m.mean(axis=1)[:, None] - eye_m for each in (people, others))
-    distance_m = np.linalg.norm(to_person_m, axis=-1)
-    along_m = np.einsum("kci,oci->koc", to_person_m / distance_m[..., None], to_other_m)
-    aside2_m2 = np.sum(to_other_m**2, axis=-1) - along_m**2
-    in_the_way = (aside2_m2 < _HIDES_M**2) & (along_m > 0) & (along_m < distance_m[:, None] - _HIDES_M)
-    return np.asarray(in_the_way.any(axis=1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,9 +10,8 @@ import numpy as np
 
 from fgpose.association.follow import Follower
 from fgpose.association.identity import Passage
-from fgpose.association.linking import EverybodyLost, links
-from fgpose.association.look_back import look_back
-from fgpose.association.moment import Moment
+from fgpose.association.lost import EverybodyLost, links
+from fgpose.association.matching import Moment, follow
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import TrackEvent
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
@@ -20,9 +19,14 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
 from fgpose.people import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
+from fgpose.skeleton import Skeleton
 
 Progress = Callable[[int, int], None]
 """Called with the number of frames done and the number of frames in all."""
+
+# Who is not detected for so long is not followed farther back: one camera alone does not tell the distance, and what it
+# shows after a gap may be somebody else.
+_GAP_S = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,10 +122,8 @@ def associate(
     # Who was founded on images of frames before has no image of the first.
     first = {track: first[track] for track in person_of if track in first}
     used = {(t, c, int(p)) for own in seen.values() for t, c, detection, _ in own for p in detection}
-    with_images = [frame for frame in range(len(recording)) if recording[frame][0]]
-    free = ((frame, recording.free(frame, used)) for frame in reversed(with_images))
-    for track, frame, c, detection, joint in look_back(free, first, observations.skeleton):
-        seen.setdefault(track, []).append((frame, recording[frame][0][c], detection, joint))
+    for track, image in _looked_back(recording, used, first, observations.skeleton):
+        seen.setdefault(track, []).append(image)
     by_person: dict[int, list[SeenInImage]] = {}
     for track, person in person_of.items():
         by_person.setdefault(person, []).extend(seen.get(track, []))
@@ -188,3 +190,39 @@ class _Frames:
         numbers = range(moment.points_px.shape[1])
         taken = [[(frame, c, p) in used for p in numbers] for c in cameras]
         return moment.without(np.array(taken, dtype=bool).reshape(len(cameras), len(numbers)))
+
+
+def _looked_back(
+    recording: _Frames,
+    used: set[tuple[int, int, int]],
+    first: Mapping[int, tuple[int, PoseFilters]],
+    skeleton: Skeleton,
+) -> Iterator[tuple[int, SeenInImage]]:
+    """Follow people back from where they were first found, to where one camera alone sees them: by track, what shows
+    them in images before.
+
+    Args:
+        recording: its frames.
+        used: frame, camera and number of the detections that are somebody's.
+        first: of each track the frame in which it begins, and the pose then.
+        skeleton: the joints.
+    """
+    poses: dict[int, PoseFilters] = {}
+    seen_s: dict[int, float] = {}
+    for frame in reversed(range(len(recording))):
+        cameras, _ = recording[frame]
+        if not cameras:
+            continue
+        moment = recording.free(frame, used)
+        now_s = -float(moment.times_s.min())
+        poses = {track: pose for track, pose in poses.items() if now_s - seen_s[track] <= _GAP_S}
+        if poses:
+            backwards = replace(moment, times_s=-moment.times_s)
+            tracks, equal = list(poses), np.zeros(len(poses), dtype=int)
+            people, matches = follow(PoseFilters.stacked(list(poses.values())), equal, backwards, skeleton.mirror)
+            poses = {track: people[k : k + 1] for k, track in enumerate(tracks)}
+            for c, k in np.argwhere((matches.detection != NOBODY).any(axis=-1)).tolist():
+                seen_s[tracks[k]] = now_s
+                yield tracks[k], (frame, cameras[c], matches.detection[c, k], matches.joint[c, k])
+        begun = {track: pose.reversed for track, (at, pose) in first.items() if at == frame}
+        poses, seen_s = poses | begun, seen_s | dict.fromkeys(begun, now_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -11,6 +12,10 @@ from jaxtyping import Float
 from fgpose.association.identity import Likeness, Passage
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.people import NOBODY
+from fgpose.trajectory import Estimate
+
+# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
+_RECOGNISED_WITHIN_S = 2.0
 
 
 class TrackState(Enum):
@@ -34,10 +39,6 @@ class TrackEvent:
     what: str
     """confirmed, found again, lost, recognised or merged."""
     reason: str
-
-
-# How long after being confirmed somebody may be recognised: by then the lengths of the bones are known.
-_RECOGNISED_WITHIN_S = 2.0
 
 
 @dataclass(eq=False)
@@ -89,3 +90,18 @@ class Track:
     def middle_m(self) -> Float[np.ndarray, 3]:
         """Median of the joints."""
         return self.pose.middle_m[0]
+
+
+@dataclass(frozen=True, eq=False)
+class Tracked:
+    """Somebody who is in the room, as the tracker gives them."""
+
+    person: int
+    """Their number. It changes at most once, when they are recognised as somebody who was here before; see events."""
+    state: TrackState
+    """CONFIRMED, or COASTING where no camera detects them at the moment."""
+    estimate: Estimate
+    """Its frame counts the updates since they were confirmed."""
+    seen: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    """By the camera of each of the newest images that show them: of every joint the number of the detection (or NOBODY)
+    and that of its joint there, as in people.Seen."""

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fgpose.calibration.from_people.calibrated import Grade
+from fgpose.diagnosis.body.joint_names import in_words, limb_of
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.residuals import USUAL_ERROR_M, errors_m, together_px
-from fgpose.diagnosis.series import known_quantile
-from fgpose.diagnosis.swapped_sides import swapped_sides
+from fgpose.diagnosis.series import USUAL_ERROR_M, camera_medians, errors_m, known_quantile, together_px
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.sampling import usual_step_s
@@ -22,16 +21,9 @@ _BLIND_RATIO = 0.5
 # property of the view. Below a twentieth they do no harm.
 _HALLUCINATING_RATIO, _HALLUCINATING_SHARE = 3.0, 0.05
 _MUCH_HALLUCINATED = 0.3
-# As fgpose.assessment.recording_info: lower, single errors of a good detector are reported.
-_SWAPPED_SHARE, _MIN_SWAP_PX = 0.02, 30.0
+# One joint that a view shows elsewhere more often than not, and hardly any other.
+_OFTEN, _HARDLY = 0.5, 0.1
 _LEAST_S = 1.0
-_MIN_PAIRS = 3  # that can be judged: one or two may look exchanged by chance
-# Hallucinations under occluders look like an exchange of one pair in up to 7 %, hips that a network misplaces in up to
-# 14 % (benchmarks/report_checks.py).
-_SWAPPED_PAIR_SHARE = 0.15
-_SWAP_TO_USUAL = 3.0  # the usual error of the camera is then no more than the tolerance
-# Swapped labels leave, at both joints, the distance between the two; to within what detections err usually.
-_SWAP_TOLERANCE = 0.25
 
 
 def few_cameras(recording: FinishedRecording) -> list[Finding]:
@@ -74,11 +66,10 @@ def disagreeing_cameras(recording: FinishedRecording) -> list[Finding]:
     residual_px = together_px(recording)
     if residual_px is None or residual_px.shape[1] < 3:
         return []
-    median_px = np.array([known_quantile(of_camera, 0.5) for of_camera in np.moveaxis(residual_px, 1, 0)])
+    median_px = camera_medians(residual_px)
     compared, least = median_px, 0.0
     if recording.rig is not None:
-        parts_m = [errors_m(each, recording.rig) for each in recording.people.values()]
-        compared = np.array([known_quantile(own, 0.5) for own in np.moveaxis(np.concatenate(parts_m), 1, 0)])
+        compared = camera_medians(np.concatenate([errors_m(each, recording.rig) for each in recording.people.values()]))
         least = _MORE_THAN_USUAL * USUAL_ERROR_M
     found = []
     for camera, name in enumerate(recording.camera_names):
@@ -143,9 +134,7 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Finding]:
     judged = [each.visibility for each in recording.people.values() if each.visibility is not None]
     if not judged:
         return []
-    visibility = np.concatenate(judged)
-    known = np.isfinite(visibility)
-    shares = ((visibility < 0.5) & known).sum(axis=(0, 2)) / np.maximum(known.sum(axis=(0, 2)), 1)
+    shares = _hallucinated_share(np.concatenate(judged), (0, 2))
     found = []
     for name, share, usual in zip(recording.camera_names, shares, _median_of_others(shares), strict=True):
         if share > max(_HALLUCINATING_RATIO * usual, _HALLUCINATING_SHARE):
@@ -160,71 +149,92 @@ def hallucinating_cameras(recording: FinishedRecording) -> list[Finding]:
     return found
 
 
-def swapping_cameras(recording: FinishedRecording) -> list[Finding]:
-    """A camera in which the network exchanges left and right, of the body or of one pair of joints."""
-    if recording.rig is None or together_px(recording) is None:
-        return []
-    judged_people = [swapped_pairs(recording, each.positions_m, each.residual_px) for each in recording.people.values()]
-    swapped, judged = (np.concatenate(each) for each in zip(*judged_people, strict=True))
-    shares: dict[str, dict[str, float]] = {}
-    for c, name in enumerate(recording.camera_names):
-        share, what = _swapped_share(recording, swapped[:, c], judged[:, c])
-        if share > 0:
-            shares.setdefault(what, {})[name] = share
-    severities = dict.fromkeys(recording.camera_names, Severity.DOUBTFUL)
-    return [
-        finding
-        for what, own in shares.items()
-        for finding in swapped_sides(
-            own, len(recording.camera_names), what=f"of {what}", of="the frames", severities=severities
-        )
-    ]
-
-
-def _swapped_share(
-    recording: FinishedRecording, swapped: Bool[np.ndarray, "frame pair"], judged: Bool[np.ndarray, "frame pair"]
-) -> tuple[float, str]:
-    """In which share of the frames that can be judged a camera exchanges the sides of what; 0 where it is too few."""
-    whole = judged.sum(axis=1) >= _MIN_PAIRS
-    poses = float(np.mean((2 * swapped.sum(axis=1) > judged.sum(axis=1))[whole])) if whole.any() else 0.0
-    if poses > _SWAPPED_SHARE:
-        return poses, "the body"
-    enough = judged.sum(axis=0) * usual_step_s(recording.main.time_s) > _LEAST_S
-    shares = np.where(enough, swapped.sum(axis=0) / np.maximum(judged.sum(axis=0), 1), 0.0)
-    worst = int(np.argmax(shares)) if len(shares) else 0
-    if len(shares) == 0 or shares[worst] <= _SWAPPED_PAIR_SHARE:
-        return 0.0, ""
-    left, right = recording.main.skeleton.left_right[worst]
-    return float(shares[worst]), " and ".join(recording.main.skeleton.joints[each] for each in (left, right))
-
-
-def swapped_pairs(
-    recording: FinishedRecording,
-    positions_m: Float[np.ndarray, "frame joint 3"],
-    residual_px: Float[np.ndarray, "frame camera joint"] | None,
-) -> tuple[Bool[np.ndarray, "frame camera pair"], Bool[np.ndarray, "frame camera pair"]]:
-    """Which pairs of left and right look exchanged, and which could be judged: both errors are the distance between the
-    two joints in the image."""
-    assert recording.rig is not None
-    assert residual_px is not None
-    left, right = np.array(recording.main.skeleton.left_right, dtype=int).reshape(-1, 2).T
-    projected_px = recording.rig.project(positions_m)
-    apart_px = np.linalg.norm(projected_px[:, :, left] - projected_px[:, :, right], axis=-1)
-    errors_px = np.stack([residual_px[:, :, left], residual_px[:, :, right]])
-    # A camera that was turned has errors everywhere that are as large as small pairs are apart.
-    usual_px = np.array([known_quantile(residual_px[:, c], 0.5) for c in range(residual_px.shape[1])])
-    least_px = np.fmax(_MIN_SWAP_PX, _SWAP_TO_USUAL * usual_px)
-    judged = np.isfinite(errors_px).all(axis=0) & (apart_px > least_px[:, None])
-    like = (np.abs(errors_px - apart_px) < _SWAP_TOLERANCE * apart_px).all(axis=0)
-    return np.asarray(judged & like), np.asarray(judged)
-
-
 def _share_of(residual_px: Float[np.ndarray, "frame camera joint"], camera: int) -> float:
     """Of the detections, those of a camera."""
     known = np.isfinite(residual_px)
     return float(known[:, camera].sum() / max(known.sum(), 1))
 
 
+def _hallucinated_share(visibility: Float[np.ndarray, "frame camera joint"], axes: tuple[int, ...]) -> np.ndarray:
+    """Of the detections along some axes, how many are more probably hallucinated than not."""
+    return (visibility < 0.5).sum(axis=axes) / np.maximum(np.isfinite(visibility).sum(axis=axes), 1)
+
+
 def _median_of_others(values: Float[np.ndarray, " camera"]) -> Float[np.ndarray, " camera"]:
     """NaN with one camera."""
     return np.array([known_quantile(np.delete(values, camera), 0.5) for camera in range(len(values))])
+
+
+def misplaced_joints(recording: FinishedRecording) -> list[Finding]:
+    """A joint that one view shows in another place than the others: its network takes something else for it. Where
+    no two views agree, none is right: it is the joint that is not to be seen."""
+    found = []
+    for person, trajectory in recording.people.items():
+        if trajectory.visibility is None or trajectory.n_frames < 2:
+            continue
+        known = np.isfinite(trajectory.visibility)
+        judged = known.sum(axis=0) * usual_step_s(trajectory.time_s) > _LEAST_S
+        shares = _hallucinated_share(trajectory.visibility, (0,))
+        elsewhere = (shares > _OFTEN) & judged
+        wrong = elsewhere & (np.median(shares, axis=1, keepdims=True) < _HARDLY)
+        nowhere = (wrong.sum(axis=0) >= 2) & ((judged & ~elsewhere).sum(axis=0) < 2)
+        if nowhere.any():
+            found.append(_seen_by_nobody(recording, person, np.flatnonzero(nowhere).tolist(), shares))
+        groups: dict[tuple[int, str], list[int]] = {}
+        for c, j in np.argwhere(wrong & ~nowhere).tolist():
+            groups.setdefault((c, limb_of(trajectory.skeleton.joints[j])), []).append(j)
+        found += [_misplaced(recording, person, c, joints, shares[c]) for (c, _), joints in groups.items()]
+    return found
+
+
+def _seen_by_nobody(
+    recording: FinishedRecording, person: int, joints: list[int], shares: Float[np.ndarray, "camera joint"]
+) -> Finding:
+    """Of joints of which no two views agree."""
+    names = recording.people[person].skeleton.joints
+    low, high = np.quantile(shares[:, joints][shares[:, joints] > _OFTEN], (0.0, 1.0))
+    return Finding(
+        Code.MISPLACED_JOINT,
+        Severity.DOUBTFUL,
+        f"{recording.prefix(person)}no two cameras agree where {in_words(names[joint] for joint in joints)} "
+        f"{'are' if len(joints) > 1 else 'is'}: they contradict each other in {100 * low:.0f} to {100 * high:.0f} % of "
+        "the detections",
+        "Look at the images: hidden from all, guessed by the network, or not there? Leave such detections out with "
+        "--min-confidence, or use a skeleton without these joints.",
+        0.3 * float(high),
+        joint=names[joints[0]],
+        person=recording.number(person),
+    )
+
+
+def _misplaced(
+    recording: FinishedRecording, person: int, camera: int, joints: list[int], shares: Float[np.ndarray, " joint"]
+) -> Finding:
+    """Of joints of one limb in one view."""
+    names = recording.people[person].skeleton.joints
+    worst = max(joints, key=lambda joint: float(shares[joint]))
+    what, name = in_words(names[joint] for joint in joints), recording.camera_names[camera]
+    return Finding(
+        Code.MISPLACED_JOINT,
+        Severity.DOUBTFUL,
+        f"{recording.prefix(person)}camera {name} shows {what} elsewhere than the others do in "
+        f"{100 * shares[worst]:.0f} % of its detections{_displacement(recording, person, camera, worst)}",
+        "Look at its images: what does the network take for this? A coat, a chair, the other side?",
+        0.3 * float(shares[worst]),
+        camera=name,
+        joint=names[worst],
+        person=recording.number(person),
+    )
+
+
+def _displacement(recording: FinishedRecording, person: int, camera: int, joint: int) -> str:
+    """By how far on the body, where the detections are known."""
+    seen = recording.observations.get(person)
+    if seen is None or recording.rig is None:
+        return ""
+    joint_m = recording.people[person].positions_m[:, [joint]]
+    pinhole = recording.rig.cameras[camera]
+    error_px = pinhole.undistort(seen.points2d_px[:, camera, [joint]]) - pinhole.project(joint_m)
+    error_m = error_px[:, 0] / recording.rig.px_per_m(joint_m)[:, camera]
+    distance_m = float(np.linalg.norm([known_quantile(axis_m, 0.5) for axis_m in error_m.T]))
+    return f", by {100 * distance_m:.0f} cm (median)" if np.isfinite(distance_m) else ""

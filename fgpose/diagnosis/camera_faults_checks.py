@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from fgpose.calibration.camera_faults import CameraFault, camera_faults
 from fgpose.calibration.changes.change import Change, Kind
 from fgpose.calibration.changes.find_changes import LEAST_S, MAX_LAG_S, Changes, find_changes
-from fgpose.calibration.changes.lenses import Lens, LensFit, distortion_of
 from fgpose.calibration.large_moves import BUMP_DEG, BUMP_M
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.one_camera import Why
-from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
-from fgpose.diagnosis.short_recordings import faults_of_short, if_by_hand
+from fgpose.diagnosis.other_lenses import or_the_other, other_lenses
+from fgpose.diagnosis.seen.presence import seen_elsewhere
 from fgpose.finding import Code, Finding, Severity
 
 # Nothing can be told of when such a camera saw what, or where it was then.
@@ -26,6 +26,10 @@ _AT_THE_END = 0.95  # of the lags that were tried
 _NTSC = (9e-4, 1.1e-3)
 # The time of a change is told to a second where somebody moves; what is known less well is said.
 _KNOWN_S = 2.5
+_CLOCKS, _POSES = "--estimate-time-offsets", "--refine-calibration"
+_TWICE = 2.0  # a second or two tell turns and moves apart no better
+# More than clocks differ that were ever set alike, and half of what --estimate-time-offsets finds.
+_FAR_APART_S = 0.12
 
 
 def moved_and_late_cameras(examined: Examined) -> list[Finding]:
@@ -63,111 +67,13 @@ def findings_of(found: Changes, names: Sequence[str]) -> list[Finding]:
     late = [each for each in of_kind[Kind.OFFSET] if each.camera not in jumped]
     together = also_clock and also_pose
     return [
-        *_shifted([each for each in found.lenses if each.lens.is_shift]),
-        *(_other_lens(each, names) for each in found.lenses if not each.lens.is_shift),
-        *(_late(each, found, names, together) for each in late),
-        *_lost(of_kind[Kind.JUMP], found, names, together),
+        *other_lenses(found.lenses, names),
+        *(_late_throughout(each, found, names, together) for each in late),
+        *(_lost(each, found, names, together) for each in of_kind[Kind.JUMP]),
         *(_rate(each, found, names, together) for each in of_kind[Kind.RATE]),
         *_moved_cameras(of_kind[Kind.MOVED], names, together),
         *_bumped_cameras(of_kind[Kind.BUMP], names, together),
     ]
-
-
-def _which(camera: int, names: Sequence[str]) -> str:
-    """Two cameras cannot tell which of them is wrong."""
-    return f" (or {names[1 - camera]}: with two cameras it cannot be told which)" if len(names) == 2 else ""
-
-
-_JUDGED = "with it, cameras agree better on somebody who walks about, in the seconds that were not used to find it"
-_OF_LENS = {
-    Lens.FOCAL_LENGTH: (
-        "The focal length of {who} is not that of the calibration, but about {factor:.2f} times as long",
-        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate {whose} anew, or "
-        "multiply the focal lengths by {factor:.2f}.",
-    ),
-    Lens.WIDTH: (
-        "The horizontal focal length (fx) of {who} is not the calibration's, but about {factor:.2f} times as long",
-        "Were images resized in one direction only? Multiply fx by {factor:.2f}, or calibrate {whose} anew.",
-    ),
-    Lens.HEIGHT: (
-        "The vertical focal length (fy) of {who} is not the calibration's, but about {factor:.2f} times as long",
-        "Were images resized in one direction only? Multiply fy by {factor:.2f}, or calibrate {whose} anew.",
-    ),
-    Lens.DISTORTION: (
-        "The lens of {who} distorts (k1 is about {k1:+.2f}), and the calibration has no distortion",
-        "Were the coefficients left out, or is it a fisheye lens? Give them with the calibration, or calibrate {whose} "
-        "anew; {k1:+.2f}, {k2:+.2f}, 0, 0 are nearer to it than none.",
-    ),
-    Lens.NONE_LEFT: (
-        "The keypoints of {who} have no distortion, and the calibration has",
-        "Were the images undistorted before? Then leave the distortion out of the calibration.",
-    ),
-    Lens.SIGN: (
-        "The distortion of {who} has the other sign than the calibration says",
-        "Some programs state the coefficients that undistort: give those of OpenCV, or change their signs.",
-    ),
-    Lens.ORDER: (
-        "The distortion of {who} suits if the coefficients are k1 k2 k3 p1 p2 and not k1 k2 p1 p2 k3",
-        "Write them in OpenCV's order: k1 k2 p1 p2 k3.",
-    ),
-    Lens.PINHOLE: (
-        "The lens of {who} is no fisheye lens, as the calibration says",
-        "Are the coefficients those of OpenCV's pinhole, k1 k2 p1 p2? Say so in the calibration.",
-    ),
-    Lens.FISHEYE: (
-        "The lens of {who} is a fisheye lens, and the calibration has it as a pinhole",
-        "Are the coefficients those of cv2.fisheye? Say so in the calibration (lens: fisheye), or calibrate {whose} "
-        "anew as one.",
-    ),
-}
-
-
-def _other_lens(fit: LensFit, names: Sequence[str]) -> Finding:
-    one = len(fit.cameras) == 1
-    who = f"{names[fit.cameras[0]]}{_which(fit.cameras[0], names)}" if one else "all cameras"
-    whose = "its lens" if one else "the lenses"
-    words = {"who": who, "whose": whose, "factor": fit.factor, **_numbers_of_lens(fit)}
-    reason, remedy = (text.format(**words) for text in _OF_LENS[fit.lens])
-    return Finding(
-        Code.WRONG_LENS,
-        Severity.WRONG,
-        f"{reason}: {_JUDGED}",
-        remedy,
-        0.9,
-        camera=names[fit.cameras[0]] if one else "",
-        numbers=_numbers_of_lens(fit),
-    )
-
-
-def _shifted(fits: Sequence[LensFit]) -> list[Finding]:
-    """Images of all cameras, in x, y or both."""
-    if not fits:
-        return []
-    by_px = {"x" if each.lens is Lens.CENTRE_X else "y": each.value * each.focal_px for each in fits}
-    return [
-        Finding(
-            Code.WRONG_LENS,
-            Severity.WRONG,
-            "The images of all cameras are shifted against those of the calibration, by "
-            f"{' and '.join(f'{px:.0f} px in {axis}' for axis, px in by_px.items())}: {_JUDGED}",
-            f"Were they cut, or stabilised? Add {' and '.join(f'{px:.0f} to c{axis}' for axis, px in by_px.items())}, "
-            "or give the calibration of these images.",
-            0.9,
-            numbers={f"c{axis}_px": px for axis, px in by_px.items()},
-        )
-    ]
-
-
-def _numbers_of_lens(fit: LensFit) -> dict[str, float]:
-    named = {
-        Lens.FOCAL_LENGTH: {"focal_factor": fit.factor},
-        Lens.WIDTH: {"fx_factor": fit.factor},
-        Lens.HEIGHT: {"fy_factor": fit.factor},
-        Lens.DISTORTION: dict(zip(("k1", "k2"), distortion_of(fit.value), strict=False)),
-        Lens.NONE_LEFT: {"distortion_factor": 0.0},
-        Lens.SIGN: {"distortion_factor": -1.0},
-    }
-    return named.get(fit.lens, {})
 
 
 def _remedy(option: str, other: str, *, together: bool) -> str:
@@ -176,32 +82,33 @@ def _remedy(option: str, other: str, *, together: bool) -> str:
     return f"Use {option} and {other} together." if together else f"Use {option}."
 
 
-_CLOCKS, _POSES = "--estimate-time-offsets", "--refine-calibration"
-
-
-def _late(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
-    frames = abs(change.offset_s) / found.step_s
-    one = " Is one file numbered from 0 and another from 1?" if abs(frames - 1) < 0.1 else ""
-    by = f"{frames:.1f} frames ({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
-    if abs(change.offset_s) > _AT_THE_END * MAX_LAG_S:
+def _late(
+    name: str, frames: float, offset_s: float, sigma_s: float, remedy: str, when: str = "", also: str = ""
+) -> Finding:
+    by = f"{abs(frames):.1f} frames ({1000 * abs(offset_s):.0f} +/- {1000 * sigma_s:.0f} ms)"
+    if abs(offset_s) > _AT_THE_END * MAX_LAG_S:
         by = f"{MAX_LAG_S:.1f} s or more"
+    by_hand = " Were the cameras started by hand? Then fgpose synchronise finds when each began."
     return Finding(
         Code.LATE_CAMERA,
         Severity.DOUBTFUL,
-        f"{names[change.camera]} takes its images {by} {'later' if change.offset_s > 0 else 'earlier'} than their "
-        "times say, measured by the clocks of the others, all through the recording",
-        f"{_remedy(_CLOCKS, _POSES, together=together)}{one}{if_by_hand(change.offset_s)}",
+        f"{name} takes its images {by} {'later' if offset_s > 0 else 'earlier'} than their times say, measured by the "
+        f"clocks of the others{when}",
+        f"{remedy}{also}{by_hand if abs(offset_s) > _FAR_APART_S else ''}",
         0.5,
-        camera=names[change.camera],
-        numbers={"offset_s": change.offset_s, "sigma_s": change.sigma},
+        camera=name,
+        numbers={"offset_s": offset_s, "sigma_s": sigma_s},
     )
 
 
-def _lost(changes: Sequence[Change], found: Changes, names: Sequence[str], together: bool) -> list[Finding]:
-    return [_lost_at(each, found, names, together) for each in changes]
+def _late_throughout(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
+    frames = change.offset_s / found.step_s
+    also = " Is one file numbered from 0 and another from 1?" if abs(abs(frames) - 1) < 0.1 else ""
+    remedy, when = _remedy(_CLOCKS, _POSES, together=together), ", all through the recording"
+    return _late(names[change.camera], frames, change.offset_s, change.sigma, remedy, when, also)
 
 
-def _lost_at(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
+def _lost(change: Change, found: Changes, names: Sequence[str], together: bool) -> Finding:
     name, frames = names[change.camera], change.offset_s / found.step_s
     number = f"{abs(frames):.0f} frame{'s' if abs(frames) >= 1.5 else ''}"
     sizes = f"({1000 * abs(change.offset_s):.0f} +/- {1000 * change.sigma:.0f} ms)"
@@ -232,9 +139,10 @@ def _rate(change: Change, found: Changes, names: Sequence[str], together: bool) 
     return Finding(
         Code.CLOCK_RATE,
         Severity.WRONG,
-        f"the images of {name}{_which(change.camera, names)} follow each other {100 * abs(change.rate):.2f} % more "
-        f"{'slowly' if change.rate > 0 else 'quickly'} than their times say, measured by the others{likely}; that adds "
-        f"up to {abs(total_s) / found.step_s:.1f} frames ({1000 * abs(total_s):.0f} +/- {1000 * change.sigma:.0f} ms)",
+        f"the images of {name}{or_the_other(change.camera, names)} follow each other {100 * abs(change.rate):.2f} % "
+        f"more {'slowly' if change.rate > 0 else 'quickly'} than their times say, measured by the others{likely}; that "
+        f"adds up to {abs(total_s) / found.step_s:.1f} frames ({1000 * abs(total_s):.0f} +/- "
+        f"{1000 * change.sigma:.0f} ms)",
         f"{_remedy(_CLOCKS, _POSES, together=together)} It finds the rate. Or give the true rate, or the times of the "
         "images.",
         0.8,
@@ -247,7 +155,7 @@ def _moved_cameras(changes: Sequence[Change], names: Sequence[str], together: bo
     """One by one, unless so many were moved that nothing is left that tells where the world is."""
     cameras = sorted({each.camera for each in changes})
     if len(cameras) < 2 or len(names) - len(cameras) > 1:
-        return [_moved(each, names, together) for each in changes]
+        return [_moved_throughout(each, names, together) for each in changes]
     most_deg = max(each.rotation_deg for each in changes)
     return [
         Finding(
@@ -282,18 +190,22 @@ def _bumped_cameras(changes: Sequence[Change], names: Sequence[str], together: b
     ]
 
 
-def _moved(change: Change, names: Sequence[str], together: bool) -> Finding:
-    name = names[change.camera]
+def _moved(name: str, or_another: str, by: str, remedy: str, numbers: dict[str, float]) -> Finding:
     return Finding(
         Code.MOVED_CAMERA,
         Severity.DOUBTFUL,
-        f"{name}{_which(change.camera, names)} seems to have been moved since it was calibrated, by about "
-        f"{_by(change)}",
-        _mended(change, together, f"{name} is not where the calibration says: calibrate again."),
+        f"{name}{or_another} seems to have been moved since it was calibrated, by about {by}",
+        remedy,
         0.6,
         camera=name,
-        numbers=_numbers(change),
+        numbers=numbers,
     )
+
+
+def _moved_throughout(change: Change, names: Sequence[str], together: bool) -> Finding:
+    name = names[change.camera]
+    remedy = _mended(change, together, f"{name} is not where the calibration says: calibrate again.")
+    return _moved(name, or_the_other(change.camera, names), _by(change), remedy, _numbers(change))
 
 
 def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
@@ -304,7 +216,7 @@ def _bumped(change: Change, names: Sequence[str], together: bool) -> Finding:
     return Finding(
         Code.BUMPED_CAMERA,
         Severity.WRONG,
-        f"{name}{_which(change.camera, names)} was moved {_when(change, at_s)}, while it filmed, by "
+        f"{name}{or_the_other(change.camera, names)} was moved {_when(change, at_s)}, while it filmed, by "
         f"about {_by(change)}{right}",
         _mended(change, together, by_hand, " It gives the camera one pose before and one after."),
         0.8,
@@ -343,3 +255,46 @@ def _numbers(change: Change) -> dict[str, float]:
         "translation_m": float(np.linalg.norm(change.translation_m)),
         "sigma_deg": float(np.rad2deg(change.sigma)),
     }
+
+
+def faults_of_short(examined: Examined) -> list[Finding]:
+    """By a quick self-calibration, which takes clocks and poses for constant."""
+    if examined.rig.n_cameras < 3:
+        raise NotJudgedError("fewer than three cameras, and too short for two")
+    recording = examined.association if examined.association is not None else examined.main
+    faults = camera_faults(recording, examined.rig)
+    if not faults:
+        raise NotJudgedError("no two cameras agree on any joint")
+    late, moved = [fault for fault in faults if fault.late], [fault for fault in faults if fault.moved]
+    if not late and not moved:
+        raise NotJudgedError(f"it lasts less than {LEAST_S:.0f} s")
+    several = len(moved) > 1
+    clocks = _remedy(_CLOCKS, _POSES, together=bool(moved))
+    return [
+        *(_late(each.name, each.offset_frames, each.offset_s, each.offset_sigma_s, clocks) for each in late),
+        *(_moved_of_short(fault, bool(late), several) for fault in moved),
+    ]
+
+
+def _moved_of_short(fault: CameraFault, also_late: bool, several: bool) -> Finding:
+    if fault.rotation_deg > _TWICE * BUMP_DEG or fault.translation_m > _TWICE * BUMP_M:
+        return _elsewhere(fault)
+    lenses = "; or the focal lengths are not those of the calibration, which a short recording does not tell"
+    by = f"{fault.rotation_deg:.1f} degrees and {100 * fault.translation_m:.0f} cm{lenses if several else ''}"
+    remedy = _remedy(_POSES, _CLOCKS, together=also_late)
+    numbers = {"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m}
+    return _moved(fault.name, "", by, remedy, numbers)
+
+
+def _elsewhere(fault: CameraFault) -> Finding:
+    return Finding(
+        Code.WRONG_CAMERA,
+        Severity.DOUBTFUL,
+        f"{fault.name} contradicts the others: it would have to be turned by {fault.rotation_deg:.1f} degrees and "
+        f"moved by {100 * fault.translation_m:.0f} cm to agree with them, further than a bump moves a camera",
+        "Was it put elsewhere since it was calibrated, or did it lose frames? Leave it out (--cameras), or calibrate "
+        "again.",
+        0.6,
+        camera=fault.name,
+        numbers={"rotation_deg": fault.rotation_deg, "translation_m": fault.translation_m},
+    )

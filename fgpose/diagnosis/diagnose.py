@@ -8,24 +8,31 @@ from dataclasses import dataclass, replace
 from fgpose.association.chosen_person import main_person
 from fgpose.association.recording import Association, associate
 from fgpose.config import Config
-from fgpose.diagnosis.body.mirrored import mirrored_body
-from fgpose.diagnosis.body.posture import wrong_up
+from fgpose.diagnosis.body.sides import mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
 from fgpose.diagnosis.body.tempo import slow_motion
-from fgpose.diagnosis.body.units import wrong_unit
+from fgpose.diagnosis.body.world import wrong_unit, wrong_up
+from fgpose.diagnosis.camera_checks import (
+    blind_cameras,
+    calibration_findings,
+    disagreeing_cameras,
+    few_cameras,
+    hallucinating_cameras,
+    misplaced_joints,
+)
 from fgpose.diagnosis.camera_faults_checks import moved_and_late_cameras
+from fgpose.diagnosis.clock_checks import drifting_cameras, late_cameras, missing_frames, undetermined_clocks
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.gravity_checks import wrong_falls
 from fgpose.diagnosis.hypotheses.findings import disagreements
-from fgpose.diagnosis.input_checks import blind, exchanged_sides, never_seen, off_centre, repaired, unusual_steps
-from fgpose.diagnosis.result_checks import RESULT_CHECKS
-from fgpose.diagnosis.seen.confidence import low_confidence
-from fgpose.diagnosis.seen.frozen import frozen_cameras
-from fgpose.diagnosis.seen.presence import nobody
-from fgpose.diagnosis.seen.repeated import repeated_images
-from fgpose.diagnosis.seen.smoothed import smoothed_keypoints
-from fgpose.diagnosis.seen.succession import somebody_else
-from fgpose.diagnosis.seen.zeros import without_zeros, zero_keypoints
+from fgpose.diagnosis.input_checks import off_centre, repaired, unusual_steps
+from fgpose.diagnosis.motion_checks import contradicted, gaps, impossible_speeds, short_lives, turns, unobservable
+from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints, without_zeros, zero_keypoints
+from fgpose.diagnosis.seen.presence import blind, never_seen, nobody, somebody_else
+from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
+from fgpose.diagnosis.solution_checks import equal_confidences, large_errors, not_converged, outside
+from fgpose.diagnosis.swapped_sides import exchanged_sides, swapping_cameras
 from fgpose.finding import EXPLAINS, Code, Finding, Severity, most_important
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
@@ -59,6 +66,31 @@ INPUT_CHECKS: Mapping[str, tuple[InputCheck, ...]] = {
 }
 """By what they judge, as it is printed."""
 
+RESULT_CHECKS: tuple[Callable[[FinishedRecording], list[Finding]], ...] = (
+    not_converged,
+    few_cameras,
+    calibration_findings,
+    large_errors,
+    disagreeing_cameras,
+    late_cameras,
+    drifting_cameras,
+    wrong_falls,
+    impossible_speeds,
+    undetermined_clocks,
+    swapping_cameras,
+    blind_cameras,
+    hallucinating_cameras,
+    misplaced_joints,
+    outside,
+    equal_confidences,
+    unobservable,
+    gaps,
+    contradicted,
+    turns,
+    short_lives,
+    missing_frames,
+)
+"""Of what came out."""
 
 _ESTIMATES = {"poses": "--refine-calibration", "clocks": "--estimate-time-offsets"}
 

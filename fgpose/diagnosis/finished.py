@@ -3,8 +3,9 @@ z up."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import wraps
 from pathlib import Path
 
 import numpy as np
@@ -112,9 +113,26 @@ class FinishedRecording:
         """Of a person, where there are several."""
         return person if len(self.people) > 1 else None
 
+    def prefix(self, person: int) -> str:
+        """Before what is said of a person; nothing where there is only one."""
+        return f"{self.called(person)}: " if self.called(person) else ""
+
     def called(self, person: int) -> str:
         """How a person is named; nothing where there is only one."""
         return f"person {person}" if len(self.people) > 1 else ""
+
+
+def of_each_person(
+    check: Callable[[FinishedRecording, int, Trajectory], Finding | None],
+) -> Callable[[FinishedRecording], list[Finding]]:
+    """A check of a recording from one of a person in it, by number, and their trajectory: None if nothing is found."""
+
+    @wraps(check)
+    def of_everybody(recording: FinishedRecording) -> list[Finding]:
+        found = ((person, check(recording, person, each)) for person, each in recording.people.items())
+        return [replace(each, person=recording.number(person)) for person, each in found if each is not None]
+
+    return of_everybody
 
 
 def _shape(trajectory: Trajectory) -> tuple[int, int, int]:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.finding import Code, Finding, Severity
 from fgpose.kinematics.landmarks import Points, landmarks, points_of
-from fgpose.sampling import usual_step_s
+from fgpose.sampling import stretches, usual_step_s
 from fgpose.trajectory import Trajectory
 
 _GRAVITY_MPS2 = 9.81
@@ -47,26 +47,25 @@ class Flight(NamedTuple):
     """Acceleration of the centre of mass, downwards."""
 
 
-def wrong_falls(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def wrong_falls(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """Jumps in which the body does not fall as things do: frame rate or scale of the recording are wrong."""
-    found = []
-    for person, trajectory in recording.people.items():
-        jumps = flights(trajectory)
-        if not jumps:
-            continue
-        fall_mps2 = float(np.median([jump.fall_mps2 for jump in jumps]))
-        ratio = np.sqrt(fall_mps2 / _GRAVITY_MPS2)
-        if 1 / _RATE_RATIO <= ratio <= _RATE_RATIO or ratio < _LEAST_RATE_RATIO:
-            continue
-        who = recording.called(person) or "the person"
-        reason = (
-            f"in {len(jumps)} jump{'s' if len(jumps) > 1 else ''}, the first at {jumps[0].start_s:.2f} s, {who} falls "
-            f"with {fall_mps2:.1f} m/s² instead of {_GRAVITY_MPS2}: the frame rate is {ratio:.2f} times the true one, "
-            f"or lengths are {ratio**2:.2f} times the true ones"
-        )
-        remedy = "Check the frame rate (--fps) and the size of the calibration target, or what the scale is from."
-        found.append(Finding(Code.FRAME_RATE, Severity.WRONG, reason, remedy, 0.7, person=recording.number(person)))
-    return found
+    jumps = flights(trajectory)
+    if not jumps:
+        return None
+    fall_mps2 = float(np.median([jump.fall_mps2 for jump in jumps]))
+    ratio = np.sqrt(fall_mps2 / _GRAVITY_MPS2)
+    if 1 / _RATE_RATIO <= ratio <= _RATE_RATIO or ratio < _LEAST_RATE_RATIO:
+        return None
+    return Finding(
+        Code.FRAME_RATE,
+        Severity.WRONG,
+        f"in {len(jumps)} jump{'s' if len(jumps) > 1 else ''}, the first at {jumps[0].start_s:.2f} s, "
+        f"{recording.called(person) or 'the person'} falls with {fall_mps2:.1f} m/s² instead of {_GRAVITY_MPS2}: the "
+        f"frame rate is {ratio:.2f} times the true one, or lengths are {ratio**2:.2f} times the true ones",
+        "Check the frame rate (--fps) and the size of the calibration target, or what the scale is from.",
+        0.7,
+    )
 
 
 def flights(trajectory: Trajectory) -> list[Flight]:
@@ -93,17 +92,10 @@ def flights(trajectory: Trajectory) -> list[Flight]:
     steady = np.append(np.diff(trajectory.time_s) < 1.5 * usual_step_s(trajectory.time_s), True)
     fits = [
         _fitted(trajectory.time_s[first:last], height_m[first:last])
-        for first, last in _runs(off_the_floor)
-        if seen[first:last].all() and steady[first:last].all()
+        for first, last in stretches(off_the_floor)
+        if first > 0 and last < len(seen) and seen[first:last].all() and steady[first:last].all()
     ]
     return [flight for flight in fits if flight is not None]
-
-
-def _runs(chosen: Bool[np.ndarray, " frame"]) -> list[tuple[int, int]]:
-    """First frame, and the one after the last, of each stretch that begins and ends within the recording."""
-    steps = np.flatnonzero(np.diff(chosen.astype(int))) + 1
-    starts = steps[1:] if len(steps) and chosen[0] else steps
-    return [(int(first), int(last)) for first, last in zip(starts[::2], starts[1::2], strict=False)]
 
 
 def _fitted(time_s: Float[np.ndarray, " frame"], height_m: Float[np.ndarray, " frame"]) -> Flight | None:

@@ -4,22 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fgpose.diagnosis.body.joint_names import in_words
-from fgpose.diagnosis.body.limb_sides import exchanged_limbs
 from fgpose.diagnosis.examined import Examined
-from fgpose.diagnosis.swapped_sides import swapped_sides
 from fgpose.finding import Code, Finding, Severity
-from fgpose.geometry.changing_rig import of_whole_cameras
 from fgpose.geometry.intrinsics import is_of_another_size
 from fgpose.sampling import usual_step_s
 
 # Times of cameras are 1/1000 to 1 s apart; that of time lapses tells no motion.
 _SHORTEST_STEP_S, _LONGEST_STEP_S = 5e-4, 2.0
-# Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
-_FEW_SEEN = 0.5
-# Hallucinations under occluders look like an exchange of one pair in up to 7 % (camera_checks); the estimator leaves
-# them out.
-_OFTEN_EXCHANGED = 0.1
 
 
 def repaired(examined: Examined) -> list[Finding]:
@@ -65,52 +56,5 @@ def off_centre(examined: Examined) -> list[Finding]:
             "or of a part of them?",
             1.0,
             camera=first.name if len(cameras) == 1 else "",
-        )
-    ]
-
-
-def exchanged_sides(examined: Examined) -> list[Finding]:
-    """Cameras that exchange left and right, of arms or legs throughout, or in some frames."""
-    throughout = exchanged_limbs(examined)
-    if throughout:
-        return throughout
-    info = examined.info
-    shares = {each.name: each.share_swapped for each in info.cameras if each.name in info.suspected_swaps}
-    severities = {
-        name: Severity.DOUBTFUL if share > _OFTEN_EXCHANGED else Severity.NOTE for name, share in shares.items()
-    }
-    return swapped_sides(shares, len(info.cameras), of="the pairs that can be judged", severities=severities)
-
-
-def blind(examined: Examined) -> list[Finding]:
-    """Cameras that see little."""
-    shares = of_whole_cameras(examined.rig.names, examined.seen.mean(axis=(0, 2)).tolist())
-    return [
-        Finding(
-            Code.BLIND_CAMERA,
-            Severity.NOTE,
-            f"{name} sees only {100 * share:.0f} % of the joints",
-            "Look at its images: is the person in them, and not hidden?",
-            0.2 * (1 - share),
-            camera=name,
-            numbers={"share": share},
-        )
-        for name, share in shares.items()
-        if share < _FEW_SEEN
-    ]
-
-
-def never_seen(examined: Examined) -> list[Finding]:
-    """Joints that two cameras never see at once."""
-    joints = examined.info.never_seen
-    if not joints:
-        return []
-    return [
-        Finding(
-            Code.NEVER_SEEN,
-            Severity.NOTE,
-            f"Never seen by two cameras at once, so not estimated: {in_words(joints)}",
-            "Add a camera that sees them, or use a skeleton without them.",
-            0.1,
         )
     ]

@@ -6,9 +6,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.body.joint_names import in_words
-from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.diagnosis.finished import FinishedRecording, of_each_person
 from fgpose.diagnosis.series import known_quantile, root_speed_mps, sigma_m
 from fgpose.finding import Code, Finding, Severity
+from fgpose.sampling import stretches
 from fgpose.trajectory import Status, Trajectory
 
 # As fgpose info lists them. A gap in which the joint becomes three times as uncertain as usual is one that harms.
@@ -56,7 +57,7 @@ def _gap(recording: FinishedRecording, person: int, own: list[_JointGap], n_time
     return Finding(
         Code.GAP,
         Severity.NOTE,
-        f"{_of(recording, person, in_words(each for each, *_ in own))}: fewer than two cameras see "
+        f"{recording.prefix(person)}{in_words(each for each, *_ in own)}: fewer than two cameras see "
         f"{'them' if len(own) > 1 else 'it'}, as far as they are believed, for {gap_s:.1f} s from {start_s:.1f} s on"
         + (f", the longest of {n_times} times" if n_times > 1 else "")
         + (
@@ -81,8 +82,7 @@ def harmful_gaps(trajectory: Trajectory) -> list[_JointGap]:
     )  # where nothing stands nothing is predicted
     found = []
     for j, joint in enumerate(trajectory.skeleton.joints):
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], seen[:, j], [True]]).astype(int)))
-        for first, last in edges.reshape(-1, 2).tolist():
+        for first, last in stretches(~seen[:, j]):
             duration_s = float(trajectory.time_s[last - 1] - trajectory.time_s[first])
             ratio = known_quantile(sigma[first:last, j], 1.0) / known_quantile(sigma[:, j], 0.5)
             if duration_s > _GAP_S and not ratio < _GAP_SIGMAS:
@@ -97,52 +97,41 @@ def _believed(trajectory: Trajectory) -> Bool[np.ndarray, "frame joint"]:
     return np.asarray(trajectory.observed & ((trajectory.visibility >= _BELIEVED).sum(axis=1) >= 2))
 
 
-def unobservable(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def unobservable(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """Joints that nothing determines for some of the time, while others are."""
-    found = []
-    for person, trajectory in recording.people.items():
-        missing = trajectory.status == Status.UNOBSERVABLE
-        somebody = ~missing.all(axis=1)
-        shares = missing[somebody].mean(axis=0) if somebody.any() else np.ones(missing.shape[1])
-        joints = [
-            joint for joint, share in zip(trajectory.skeleton.joints, shares, strict=True) if share > _FEW_FRAMES_SHARE
-        ]
-        if joints:
-            named = in_words(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
-            where = f"in up to {100 * shares.max():.0f} % of the frames"
-            reason = f"{_of(recording, person, '')}nothing determines {named} {where}"
-            remedy = "There are no numbers there. Add cameras, or a skeleton without these joints."
-            found.append(
-                Finding(
-                    Code.UNDETERMINED,
-                    Severity.NOTE,
-                    reason,
-                    remedy,
-                    float(shares.mean()),
-                    person=recording.number(person),
-                )
-            )
-    return found
+    missing = trajectory.status == Status.UNOBSERVABLE
+    somebody = ~missing.all(axis=1)
+    shares = missing[somebody].mean(axis=0) if somebody.any() else np.ones(missing.shape[1])
+    joints = [trajectory.skeleton.joints[j] for j in np.flatnonzero(shares > _FEW_FRAMES_SHARE)]
+    if not joints:
+        return None
+    named = in_words(joints[:6]) + (f" and {len(joints) - 6} more" if len(joints) > 6 else "")
+    where = f"in up to {100 * shares.max():.0f} % of the frames"
+    return Finding(
+        Code.UNDETERMINED,
+        Severity.NOTE,
+        f"{recording.prefix(person)}nothing determines {named} {where}",
+        "There are no numbers there. Add cameras, or a skeleton without these joints.",
+        float(shares.mean()),
+    )
 
 
-def contradicted(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def contradicted(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """Moments at which most cameras are believed to be wrong of most joints: not they are, but the motion."""
-    found = []
-    for person, trajectory in recording.people.items():
-        moments = trajectory.time_s[_contradicted_frames(trajectory)]
-        if len(moments):
-            reason = (
-                f"{_of(recording, person, '')}most cameras contradict the motion of most joints in {len(moments)} "
-                f"frames, first at {moments[0]:.2f} s"
-            )
-            remedy = (
-                "Look at the images of that moment: another person taken for this one, or images that are not of one "
-                "time? Cut the recording there."
-            )
-            found.append(
-                Finding(Code.CONTRADICTED, Severity.DOUBTFUL, reason, remedy, 0.5, person=recording.number(person))
-            )
-    return found
+    moments = trajectory.time_s[_contradicted_frames(trajectory)]
+    if not len(moments):
+        return None
+    return Finding(
+        Code.CONTRADICTED,
+        Severity.DOUBTFUL,
+        f"{recording.prefix(person)}most cameras contradict the motion of most joints in {len(moments)} frames, first "
+        f"at {moments[0]:.2f} s",
+        "Look at the images of that moment: another person taken for this one, or images that are not of one time? Cut "
+        "the recording there.",
+        0.5,
+    )
 
 
 def _contradicted_frames(trajectory: Trajectory) -> Bool[np.ndarray, " frame"]:
@@ -158,44 +147,39 @@ def _contradicted_frames(trajectory: Trajectory) -> Bool[np.ndarray, " frame"]:
     return np.asarray(found & (before | after))
 
 
-def impossible_speeds(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def impossible_speeds(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """A body that is faster than anybody runs."""
-    found = []
-    for person, trajectory in recording.people.items():
-        speed_mps = np.nan_to_num(root_speed_mps(trajectory))
-        if len(speed_mps) and speed_mps.max() > _MAX_SPEED_MPS:
-            at_s = trajectory.time_s[int(np.argmax(speed_mps))]
-            reason = (
-                f"{recording.called(person) or 'the person'} is {speed_mps.max():.0f} m/s fast at {at_s:.2f} s: nobody "
-                f"runs faster than {_MAX_SPEED_MPS:.0f} m/s"
-            )
-            remedy = (
-                "Check the frame rate (--fps) and the scale of the calibration; is it another person from there on?"
-            )
-            found.append(
-                Finding(Code.IMPOSSIBLE_SPEED, Severity.WRONG, reason, remedy, 0.6, person=recording.number(person))
-            )
-    return found
+    speed_mps = np.nan_to_num(root_speed_mps(trajectory))
+    if not len(speed_mps) or speed_mps.max() <= _MAX_SPEED_MPS:
+        return None
+    at_s = trajectory.time_s[int(np.argmax(speed_mps))]
+    return Finding(
+        Code.IMPOSSIBLE_SPEED,
+        Severity.WRONG,
+        f"{recording.called(person) or 'the person'} is {speed_mps.max():.0f} m/s fast at {at_s:.2f} s: nobody runs "
+        f"faster than {_MAX_SPEED_MPS:.0f} m/s",
+        "Check the frame rate (--fps) and the scale of the calibration; is it another person from there on?",
+        0.6,
+    )
 
 
-def turns(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def turns(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """A body that is turned round from one frame to the next: left and right exchanged in the result."""
-    found = []
-    for person, trajectory in recording.people.items():
-        angle_deg = _turn_deg(trajectory)
-        fast = angle_deg / np.diff(trajectory.time_s) > _MAX_TURN_DEG_S
-        fast &= angle_deg > _LEAST_TURN_DEG
-        if fast.any():
-            at_s = trajectory.time_s[int(np.argmax(fast))]
-            reason = (
-                f"{_of(recording, person, '')}left and right change places {int(fast.sum())} times, first at "
-                f"{at_s:.2f} s: nobody turns faster than {_MAX_TURN_DEG_S:.0f} degrees a second"
-            )
-            remedy = "Most cameras have exchanged the sides there: look at the images, leave the moment out."
-            found.append(
-                Finding(Code.IMPOSSIBLE_TURN, Severity.DOUBTFUL, reason, remedy, 0.6, person=recording.number(person))
-            )
-    return found
+    angle_deg = _turn_deg(trajectory)
+    fast = (angle_deg / np.diff(trajectory.time_s) > _MAX_TURN_DEG_S) & (angle_deg > _LEAST_TURN_DEG)
+    if not fast.any():
+        return None
+    at_s = trajectory.time_s[int(np.argmax(fast))]
+    return Finding(
+        Code.IMPOSSIBLE_TURN,
+        Severity.DOUBTFUL,
+        f"{recording.prefix(person)}left and right change places {int(fast.sum())} times, first at {at_s:.2f} s: "
+        f"nobody turns faster than {_MAX_TURN_DEG_S:.0f} degrees a second",
+        "Most cameras have exchanged the sides there: look at the images, leave the moment out.",
+        0.6,
+    )
 
 
 def _turn_deg(trajectory: Trajectory) -> Float[np.ndarray, " step"]:
@@ -226,8 +210,3 @@ def short_lives(recording: FinishedRecording) -> list[Finding]:
         for person, life_s in lives_s.items()
         if life_s < _SHORT_LIFE_S < longest_s / 2
     ]
-
-
-def _of(recording: FinishedRecording, person: int, what: str) -> str:
-    called = recording.called(person)
-    return f"{called}: {what}" if called else what

@@ -1,17 +1,32 @@
-"""Series over time that the checks and the figures share."""
+"""Numbers of a result that the checks and the figures share: quantiles, sigmas, speeds, reprojection errors."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
 
+from fgpose.diagnosis.finished import FinishedRecording
+from fgpose.geometry.camera import CameraRig
+from fgpose.sampling import spread_evenly
 from fgpose.trajectory import Trajectory
+
+MEDIAN_LENGTH = 1.1774
+"""Of a vector of two normal numbers of standard deviation one."""
+USUAL_ERROR_M = 0.018 * MEDIAN_LENGTH
+"""Median of networks on people whom they see (VisibilityConfig.sigma_m)."""
+SAMPLES = 200
+"""Frames; a median needs no more."""
 
 
 def known_quantile(values: Float[np.ndarray, "*shape"], q: float) -> float:
     """Of the values that are not NaN; NaN if there is none."""
     known = values[np.isfinite(values)]
     return float(np.quantile(known, q)) if known.size else np.nan
+
+
+def camera_medians(values: Float[np.ndarray, "frame camera joint"]) -> Float[np.ndarray, " camera"]:
+    """Of what is known of each camera."""
+    return np.array([known_quantile(own, 0.5) for own in np.moveaxis(values, 1, 0)])
 
 
 def sigma_m(trajectory: Trajectory) -> Float[np.ndarray, "frame joint"]:
@@ -51,3 +66,16 @@ def quantile_of_frames(values: Float[np.ndarray, " frame *shape"], q: float = 0.
     if rows.shape[1] == 0:
         return np.full(len(values), np.nan)
     return np.where(counts > 0, rows[np.arange(len(rows)), at], np.nan)
+
+
+def together_px(recording: FinishedRecording) -> Float[np.ndarray, "frame camera joint"] | None:
+    """Of everybody, one after the other; None where some have none."""
+    residuals = [each.residual_px for each in recording.people.values() if each.residual_px is not None]
+    return np.concatenate(residuals) if len(residuals) == len(recording.people) else None
+
+
+def errors_m(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, "frame camera joint"]:
+    """Of a sample of frames, across the ray, at the joint."""
+    assert trajectory.residual_px is not None
+    sampled = spread_evenly(trajectory.n_frames, SAMPLES)
+    return trajectory.residual_px[sampled] / rig.px_per_m(trajectory.positions_m[sampled])

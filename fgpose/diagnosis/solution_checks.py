@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.residuals import MEDIAN_LENGTH, SAMPLES, USUAL_ERROR_M, errors_m, together_px
-from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
+from fgpose.diagnosis.finished import FinishedRecording, of_each_person
+from fgpose.diagnosis.series import (
+    MEDIAN_LENGTH,
+    SAMPLES,
+    USUAL_ERROR_M,
+    camera_medians,
+    errors_m,
+    known_quantile,
+    root_m,
+    sigma_m,
+    together_px,
+)
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.sampling import spread_evenly
@@ -21,37 +30,31 @@ _LARGE_ERROR_M = 3 * USUAL_ERROR_M
 _JUMPY = 0.45
 
 
-def not_converged(recording: FinishedRecording) -> list[Finding]:
+@of_each_person
+def not_converged(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
     """The optimiser was stopped."""
-    found = []
-    for person, trajectory in recording.people.items():
-        convergence = trajectory.convergence
-        if convergence is not None and not convergence.converged:
-            reason = f"the optimiser has not converged after {convergence.iterations} iterations"
-            remedy = "Raise --solver.max-iterations; if it stays so, look for a wrong calibration below."
-            found.append(
-                Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, reason, remedy, 0.9, person=recording.number(person))
-            )
-    return found
+    convergence = trajectory.convergence
+    if convergence is None or convergence.converged:
+        return None
+    reason = f"the optimiser has not converged after {convergence.iterations} iterations"
+    remedy = "Raise --solver.max-iterations; if it stays so, look for a wrong calibration below."
+    return Finding(Code.NOT_CONVERGED, Severity.DOUBTFUL, reason, remedy, 0.9)
 
 
-def outside(recording: FinishedRecording) -> list[Finding]:
-    """People who are where fewer than two cameras look."""
-    if recording.rig is None or recording.rig.n_cameras < 2:
-        return []
-    found = []
-    for person, trajectory in recording.people.items():
-        known = np.isfinite(root_m(trajectory)).all(axis=-1)
-        if not known.any():
-            continue
-        share = float(np.mean(views_of(root_m(trajectory)[known], recording.rig) < 2))
-        if share > _OUTSIDE_SHARE:
-            who = recording.called(person) or "the person"
-            severity = Severity.DOUBTFUL if share > _OFTEN_OUTSIDE else Severity.NOTE
-            reason = f"{who} is outside of the volume that two cameras see in {100 * share:.0f} % of the frames"
-            remedy = "Leave these frames out; turn the cameras to where people walk, or keep people inside."
-            found.append(Finding(Code.OUTSIDE, severity, reason, remedy, share, person=recording.number(person)))
-    return found
+@of_each_person
+def outside(recording: FinishedRecording, person: int, trajectory: Trajectory) -> Finding | None:
+    """Somebody who is where fewer than two cameras look."""
+    known = np.isfinite(root_m(trajectory)).all(axis=-1)
+    if recording.rig is None or recording.rig.n_cameras < 2 or not known.any():
+        return None
+    share = float(np.mean(views_of(root_m(trajectory)[known], recording.rig) < 2))
+    if share <= _OUTSIDE_SHARE:
+        return None
+    who = recording.called(person) or "the person"
+    severity = Severity.DOUBTFUL if share > _OFTEN_OUTSIDE else Severity.NOTE
+    reason = f"{who} is outside of the volume that two cameras see in {100 * share:.0f} % of the frames"
+    remedy = "Leave these frames out; turn the cameras to where people walk, or keep people inside."
+    return Finding(Code.OUTSIDE, severity, reason, remedy, share)
 
 
 def views_of(points_m: Float[np.ndarray, "point 3"], rig: CameraRig) -> Float[np.ndarray, " point"]:
@@ -113,10 +116,9 @@ def _sigma_ratios(trajectory: Trajectory, rig: CameraRig) -> Float[np.ndarray, "
     assert trajectory.residual_px is not None
     sampled = spread_evenly(trajectory.n_frames, SAMPLES)
     seen = np.isfinite(trajectory.residual_px[sampled])
-    by_camera = np.array([known_quantile(own, 0.5) for own in np.moveaxis(trajectory.residual_px, 1, 0)])
     # Three numbers are estimated from two of each camera, so residuals are smaller than errors.
     n_views = max(float(seen.sum(axis=1)[seen.sum(axis=1) >= 2].mean()) if seen.any() else 2.0, 2.0)
-    spread_px = by_camera / MEDIAN_LENGTH / np.sqrt(max(1 - 3 / (2 * n_views), 0.25))
+    spread_px = camera_medians(trajectory.residual_px) / MEDIAN_LENGTH / np.sqrt(max(1 - 3 / (2 * n_views), 0.25))
     information = _information(trajectory.positions_m[sampled], seen, spread_px, rig)
     known = seen.sum(axis=1) >= 2
     known &= np.isfinite(trajectory.positions_m[sampled]).all(axis=-1)

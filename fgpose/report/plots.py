@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.report.blocks import Plot
+from fgpose.sampling import stretches
 
 # Okabe and Ito (2008): told apart by the colour-blind.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8c6d31", "#7b6bb2")
@@ -243,8 +244,7 @@ def lines(
 
 def parts(known: Bool[np.ndarray, " bin"]) -> list[tuple[int, int]]:
     """First and one past the last of each run of at least two."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2)
-    return [(first, last) for first, last in edges.tolist() if last - first > 1]
+    return [(first, last) for first, last in stretches(known) if last - first > 1]
 
 
 def _gathered(

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from fgpose.association.follow import Follower
-from fgpose.association.track import TrackEvent
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
@@ -17,11 +16,14 @@ from fgpose.people import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections
-from fgpose.tracking.jumps import Jumps
 from fgpose.tracking.parallel import ParallelEstimators
 
 _APPLY_OFFSETS_S = 0.5
 _MOST_EVENTS = 1000  # of hours, for those who never ask
+# Nobody who was followed is still there, and no camera is so slow.
+_FAR_S = 60.0
+# Where the other cameras give no images, so many of one are believed.
+_ENOUGH_OF_ONE = 10
 
 
 class Tracker:
@@ -51,7 +53,8 @@ class Tracker:
         self._follower = Follower(rig, skeleton, self.config.tracking)
         self._estimators = ParallelEstimators(rig, skeleton, self.config, answers_within_s)
         self._people: list[Tracked] = []
-        self._jumps = Jumps()
+        self._waiting: list[Detections] = []
+        """Images that are far later than all before."""
         self._image_s: dict[str, float] = {}
         self._has_covariance: bool | None = None
         """Whether per-view 3D comes with covariance; None: there was none yet."""
@@ -138,7 +141,7 @@ class Tracker:
                     f"{image}: {image.points2d_px.shape[1]} joints, skeleton {self.skeleton.name} has "
                     f"{self.skeleton.n_joints}"
                 )
-        images, jumps = self._jumps.taken(images, newest)
+        images, waiting = _believed(images, self._waiting, newest)
         for image in sorted(images, key=lambda image: image.time_s):
             if image.time_s <= newest.get(image.camera, -np.inf):
                 raise ValueError(f"{image}: not later than the camera's image before, {newest[image.camera]:.13g} s")
@@ -156,7 +159,7 @@ class Tracker:
         with_appearance = [*self._with_appearance, *(image for image in images if image.appearance is not None)]
         refuse_mixed_appearance(with_appearance)
         self._image_s, self._with_appearance = newest, with_appearance[:1]
-        self._has_covariance, self._jumps = has_covariance, jumps
+        self._has_covariance, self._waiting = has_covariance, waiting
         return images
 
     def _update(self, images: list[Detections]) -> list[Tracked]:
@@ -195,6 +198,29 @@ class Tracker:
             c = self.rig.names.index(images[0].camera)
             return NewDetections(images[0].camera, images[0].time_s, {name: each[c] for name, each in arrays.items()})
         return NewDetections(None, time_s, arrays)
+
+
+def _believed(
+    images: Sequence[Detections], waiting: Sequence[Detections], newest_s: Mapping[str, float]
+) -> tuple[list[Detections], list[Detections]]:
+    """Those that are to be used now, and those that wait: images that are far later than all before, for all others
+    would be too old for one wrong stamp. They are used when an image of another camera is of about their time, and
+    dropped when one of the former time comes.
+
+    Args:
+        images: the newest.
+        waiting: those that wait so far.
+        newest_s: of each camera that has given images, when it took the last that was used.
+    """
+    far_s = max(newest_s.values(), default=float("inf")) + _FAR_S
+    used = [image for image in images if image.time_s <= far_s]
+    ahead = [image for image in images if image.time_s > far_s]
+    together = [*waiting, *ahead]
+    for image in ahead:
+        near = [each for each in together if abs(each.time_s - image.time_s) <= _FAR_S]
+        if len({each.camera for each in near}) >= min(2, len(newest_s)) or len(near) >= _ENOUGH_OF_ONE:
+            return [*used, *near], []
+    return used, [] if used else together[-_ENOUGH_OF_ONE * len(newest_s) :]
 
 
 def _moments(images: Sequence[Detections]) -> Iterator[list[Detections]]:

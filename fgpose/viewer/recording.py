@@ -11,8 +11,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from fgpose.association.recording import Association
-from fgpose.association.track import TrackEvent
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people import Detections

@@ -11,7 +11,7 @@ import numpy as np
 from fgpose.association.common_clock import on_common_clock
 from fgpose.calibration.changes.lenses import distortion_of
 from fgpose.calibration.self_calibration import calibrate_cameras
-from fgpose.diagnosis.body.limb_sides import LIMBS
+from fgpose.diagnosis.body.sides import LIMBS
 from fgpose.finding import Code, Finding
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.intrinsics import stretched, zoomed

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from fgpose.calibration.changes.find_changes import LEAST_S
-from fgpose.diagnosis.hypotheses.agreeing import agreeing
+from fgpose.diagnosis.hypotheses.agreement import STEADY
+from fgpose.diagnosis.hypotheses.cameras import other_focal
 from fgpose.diagnosis.hypotheses.exchanged import side_hypotheses
 from fgpose.diagnosis.hypotheses.images import turned_hypotheses
-from fgpose.diagnosis.hypotheses.lenses import other_focal
 from fgpose.diagnosis.hypotheses.one_camera import OddCamera, clocks_differ, why_odd
 from fgpose.diagnosis.hypotheses.scene import Scene
 from fgpose.diagnosis.hypotheses.search import EXPLAINED, NORMAL_M, Explanation, State, explain
@@ -27,6 +28,11 @@ _FEW_NEAR = 0.4
 _NO_BODY = 0.8  # unsteadiness: limbs that change by nearly as much as they are long
 _DENSE_S, _DENSE_FRAMES = 60.0, 600
 _ZOOMS = (0.65, 0.8, 0.9, 1.1, 1.25, 1.5)
+# Two cameras agree on much. With a third that is wrong, the two right ones see a body that is so much steadier than the
+# other pairs do.
+_CLEARLY_STEADIER = 2.0
+# Times the cost of the next pair. Of a camera that was turned by 6 degrees one pair may still be normal.
+_CLEARLY_NEARER = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,3 +149,34 @@ def _dense(scene: Scene) -> Scene:
     middle_s = (scene.time_s[0] + scene.time_s[-1]) / 2
     within = np.flatnonzero(np.abs(scene.time_s - middle_s) <= _DENSE_S / 2)
     return scene.frames(within[spread_evenly(len(within), _DENSE_FRAMES)])
+
+
+def agreeing(scene: Scene) -> tuple[int, ...]:
+    """The largest part of the cameras that agree; none where that is not clear.
+
+    It is found by leaving out the worst one time after the other; of three, by which two alone agree, or see a body.
+    """
+    kept = tuple(range(scene.n_cameras))
+    while len(kept) >= 3:
+        state = State(scene.cameras(kept))
+        if state.is_normal:
+            return kept
+        if len(kept) == 3:
+            return _pair_that_sees_a_body(scene, kept)
+        costs = np.nan_to_num(state.agreement.costs, nan=-1.0)
+        kept = tuple(c for place, c in enumerate(kept) if place != int(np.argmax(costs)))
+    return ()
+
+
+def _pair_that_sees_a_body(scene: Scene, cameras: tuple[int, ...]) -> tuple[int, ...]:
+    states = {pair: State(scene.cameras(pair)) for pair in combinations(cameras, 2)}
+    ranked = sorted(states, key=lambda pair: np.nan_to_num(states[pair].unsteadiness, nan=np.inf))
+    best, second = states[ranked[0]], states[ranked[1]]
+    agree = [pair for pair in ranked if states[pair].is_normal]
+    if len(agree) == 1:
+        return agree[0]
+    nearest, next_nearest = sorted(states, key=lambda pair: states[pair].cost)[:2]
+    if states[nearest].is_normal and states[next_nearest].cost > _CLEARLY_NEARER * states[nearest].cost:
+        return nearest
+    clear = best.is_normal and second.unsteadiness > max(_CLEARLY_STEADIER * best.unsteadiness, STEADY)
+    return ranked[0] if clear else ()

@@ -10,9 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.diagnosis.hypotheses.agreement import agreement
+from fgpose.diagnosis.hypotheses.agreement import STEADY, agreement, unsteadiness
 from fgpose.diagnosis.hypotheses.scene import Scene, View
-from fgpose.diagnosis.hypotheses.steadiness import STEADY, unsteadiness
 
 # Half of the rays of a camera that agrees pass the joints of the others by less (search.NORMAL_M).
 _FITS_M = 0.07
@@ -60,15 +59,15 @@ def why_odd(sample: Scene, dense: Scene, camera: int, others: tuple[int, ...]) -
     view, joints_m = sample.views[camera], agreement(sample.cameras(others)).positions_m
     if _fits_for_a_while(_missed_m(view, joints_m)):
         return OddCamera(Why.FOR_A_WHILE)
-    if _fits_at_another_time(dense.views[camera], agreement(dense.cameras(others)).positions_m, dense.time_s):
+    dense_view, dense_m = dense.views[camera], agreement(dense.cameras(others)).positions_m
+    if _fits_at_another_time(dense_view, dense_m, dense.time_s):
         return OddCamera(Why.CLOCK)
-    rate = _rate_that_fits(dense.views[camera], agreement(dense.cameras(others)).positions_m, dense.time_s)
+    rate = _rate_that_fits(dense_view, dense_m, dense.time_s)
     if rate is not None:
         return OddCamera(Why.RATE, rate=rate)
     pose = _pose_that_fits(view, joints_m)
     if pose is None:
-        dense_m = agreement(dense.cameras(others)).positions_m
-        return OddCamera(Why.DISTORTED if _moves_alike(dense.views[camera], dense_m) else Why.UNKNOWN)
+        return OddCamera(Why.DISTORTED if _moves_alike(dense_view, dense_m) else Why.UNKNOWN)
     move = np.linalg.inv(view.camera.world_T_camera) @ pose
     cosine = np.clip((np.trace(move[:3, :3]) - 1) / 2, -1, 1)
     rotation_deg, translation_m = float(np.rad2deg(np.arccos(cosine))), float(np.linalg.norm(move[:3, 3]))

@@ -10,14 +10,12 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int
 
-from fgpose.diagnosis.hypotheses.agreement import SPREAD_M, Agreement, agreement
+from fgpose.diagnosis.hypotheses.agreement import SPREAD_M, STEADY, Agreement, agreement, unsteadiness
+from fgpose.diagnosis.hypotheses.cameras import lens_hypotheses, other_focal, pose_hypotheses
 from fgpose.diagnosis.hypotheses.exchanged import exchange_hypotheses, side_hypotheses
 from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
 from fgpose.diagnosis.hypotheses.images import image_hypotheses, is_common_size, is_part, resized, within_image
-from fgpose.diagnosis.hypotheses.lenses import lens_hypotheses, other_focal
-from fgpose.diagnosis.hypotheses.poses import pose_hypotheses
 from fgpose.diagnosis.hypotheses.scene import Scene
-from fgpose.diagnosis.hypotheses.steadiness import STEADY, unsteadiness
 from fgpose.finding import Code
 from fgpose.sampling import spread_evenly
 

@@ -1,20 +1,35 @@
-"""When nobody is seen, or by one camera only."""
+"""Who is seen, and when: nobody, by one camera only, somebody else than before, or far from where others are."""
 
 from __future__ import annotations
+
+import warnings
+from collections.abc import Collection
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from fgpose.association.identity import RECOGNISED
+from fgpose.association.successive import Change, successive
+from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
-from fgpose.sampling import usual_step_s
+from fgpose.geometry.changing_rig import of_whole_cameras
+from fgpose.people import PeopleObservations
+from fgpose.sampling import stretches, usual_step_s
 
 # Less is a detector that misses somebody in a few images.
 _LEAST_S, _LEAST_SHARE = 1.0, 0.02
 _FEWEST_JOINTS = 3  # fewer are no body
 _AT_MOST = 4  # intervals that are listed
+# Higher, cameras are named that only have the person partly hidden; lower, some of little use are not.
+_FEW_SEEN = 0.5
 
 Interval = tuple[float, float]
+_CUT = "With --people all each has a result of their own, with their own bone lengths; or cut the recording there."
+# Of undamaged recordings, occluded or not, one frame in a hundred at most has a camera most of whose joints are so far
+# from those of the others.
+_FAR_M, _OFTEN_FAR = 0.3, 0.04
+_LEAST_JOINTS = 4
 
 
 def nobody(examined: Examined) -> list[Finding]:
@@ -81,8 +96,7 @@ def _alone(time_s: Float[np.ndarray, " frame"], n_cameras: Int[np.ndarray, " fra
 def _intervals(time_s: Float[np.ndarray, " frame"], chosen: Bool[np.ndarray, " frame"]) -> tuple[list[Interval], float]:
     """Of at least a second, and their share of the recording; none if it is small."""
     step_s = usual_step_s(time_s) if len(time_s) > 1 else 0.0
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    found = [(float(time_s[a]), float(time_s[b - 1] + step_s)) for a, b in edges.reshape(-1, 2).tolist()]
+    found = [(float(time_s[a]), float(time_s[b - 1] + step_s)) for a, b in stretches(chosen)]
     found = [(a, b) for a, b in found if b - a >= _LEAST_S]
     duration_s = float(time_s[-1] - time_s[0]) + step_s
     share = sum(b - a for a, b in found) / max(duration_s, 1e-9)
@@ -94,3 +108,106 @@ def _listed(intervals: list[Interval]) -> str:
     more = len(intervals) - len(longest)
     listed = ", ".join(f"{a:.1f} to {b:.1f} s" for a, b in longest)
     return listed + (f" and {more} shorter ones" if more else "")
+
+
+def blind(examined: Examined) -> list[Finding]:
+    """Cameras that see little."""
+    shares = of_whole_cameras(examined.rig.names, examined.seen.mean(axis=(0, 2)).tolist())
+    return [
+        Finding(
+            Code.BLIND_CAMERA,
+            Severity.NOTE,
+            f"{name} sees only {100 * share:.0f} % of the joints",
+            "Look at its images: is the person in them, and not hidden?",
+            0.2 * (1 - share),
+            camera=name,
+            numbers={"share": share},
+        )
+        for name, share in shares.items()
+        if share < _FEW_SEEN
+    ]
+
+
+def never_seen(examined: Examined) -> list[Finding]:
+    """Joints that two cameras never see at once."""
+    joints = examined.info.never_seen
+    if not joints:
+        return []
+    return [
+        Finding(
+            Code.NEVER_SEEN,
+            Severity.NOTE,
+            f"Never seen by two cameras at once, so not estimated: {in_words(joints)}",
+            "Add a camera that sees them, or use a skeleton without them.",
+            0.1,
+        )
+    ]
+
+
+def somebody_else(examined: Examined) -> list[Finding]:
+    """Where several were told apart, each has a result of their own, and nothing is wrong.
+
+    With a calibration that does not fit nobody can be told from somebody else.
+    """
+    if examined.association is not None or examined.rig.n_cameras < 2 or examined.geometry.explanation is not None:
+        return []
+    found = successive(PeopleObservations.of_one(examined.main), examined.rig, examined.config.tracking)
+    changes = [] if found is None else found.changes
+    return [_comes_after(each) for each in changes if each.is_somebody_else or each.log_odds < RECOGNISED]
+
+
+def _comes_after(change: Change) -> Finding:
+    reason = str(change)
+    return Finding(
+        Code.SOMEBODY_ELSE,
+        Severity.WRONG if change.is_somebody_else else Severity.DOUBTFUL,
+        reason[0].upper() + reason[1:],
+        _CUT,
+        0.7,
+        from_s=change.come_s,
+        numbers={"away_m": change.away_m, "log_odds": change.log_odds},
+    )
+
+
+def seen_elsewhere(examined: Examined, explained: Collection[str]) -> list[Finding]:
+    """Somebody else, a reflection, a picture: in some images, where cameras agree in others.
+
+    Args:
+        examined: whose cameras agree as a rule.
+        explained: cameras of which it is known already why they see people elsewhere.
+    """
+    geometry, names = examined.geometry, examined.rig.names
+    found = geometry.state.agreement
+    if geometry.explanation is not None or geometry.odd or geometry.wrong or len(names) < 3:
+        return []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of images without anybody: NaN
+        of_body_m = np.nanmedian(np.where(found.judged, found.distance_m, np.nan), axis=1)
+    judged = found.judged.sum(axis=1) >= _LEAST_JOINTS
+    far = judged & (of_body_m > _FAR_M)
+    often = far.sum(axis=0) > _OFTEN_FAR * np.maximum(judged.sum(axis=0), 1)
+    cameras = [c for c in np.flatnonzero(often).tolist() if names[c] not in explained]
+    if not cameras:
+        return []
+    share, at_s = float(far[:, cameras].any(axis=1).mean()), geometry.state.scene.time_s
+    when = at_s[far[:, cameras].any(axis=1)]
+    who = ", ".join(names[c] for c in cameras)
+    outvoted = len(cameras) == 1
+    believed = (
+        "the others outvote it" if outvoted else "which of them is right is not told, and what comes out is wrong then"
+    )
+    return [
+        Finding(
+            Code.DISAGREEING_CAMERA,
+            Severity.DOUBTFUL if outvoted else Severity.WRONG,
+            f"{who} see{'s' if len(cameras) == 1 else ''} a body {_FAR_M:.1f} m or more from where others see it in "
+            f"{100 * share:.0f} % of the images: {believed}",
+            "Is somebody else in its images then, a reflection, a picture? Detect everybody and use --people all, or "
+            "leave such cameras out with --cameras.",
+            0.8,
+            camera=names[cameras[0]] if len(cameras) == 1 else "",
+            from_s=float(when[0]),
+            to_s=float(when[-1]),
+            numbers={"share": share},
+        )
+    ]

@@ -1,14 +1,14 @@
-"""Images that are given several times: a video of a lower rate, written at a higher one."""
+"""Images that are given several times: a video of a lower rate, written at a higher one, or a camera that hung."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.observations import Observations
-from fgpose.sampling import frames_per_second
+from fgpose.sampling import frames_per_second, stretches
 
 _FEWEST_JOINTS = 5
 _LONGEST = 7  # frames: what stands still for longer is frozen
@@ -19,6 +19,8 @@ _OFTEN = 0.1
 # somebody who stands still stay the same.
 _FEW_EQUAL = 0.2
 _REGULAR = 0.05  # from a whole number of times
+_FROZEN_FRAMES, _FROZEN_S = 8, 0.3
+_OTHERS_MOVE = 0.5  # in so many of these frames another camera shows something new
 
 
 def repeats(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera"], Bool[np.ndarray, "frame camera"]]:
@@ -36,8 +38,8 @@ def repeated_images(examined: Examined) -> list[Finding]:
     found = [c for c, share in enumerate(shares) if share > _OFTEN]
     rate_hz = frames_per_second(seen.frame_time_s)
     if len(found) == seen.n_cameras and np.ptp(shares) < _REGULAR:
-        return [_finding("", float(np.mean(shares)), rate_hz)]
-    return [_finding(seen.camera_names[c], shares[c], rate_hz) for c in found]
+        return [_repeated("", float(np.mean(shares)), rate_hz)]
+    return [_repeated(seen.camera_names[c], shares[c], rate_hz) for c in found]
 
 
 def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], Bool[np.ndarray, "frame camera joint"]]:
@@ -51,9 +53,9 @@ def _equal(seen: Observations) -> tuple[Bool[np.ndarray, "frame camera joint"], 
 def _share(view: Observations) -> float:
     """Of the images of one camera, without the times in which they stand still: how many repeat the one before."""
     same, judged = (each[:, 0] for each in repeats(view))
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], same, [False]]).astype(int))).reshape(-1, 2)
-    for first, end in edges[edges[:, 1] - edges[:, 0] > _LONGEST].tolist():
-        same[first:end] = judged[first:end] = False
+    for first, end in stretches(same):
+        if end - first > _LONGEST:
+            same[first:end] = judged[first:end] = False
     new = judged & ~same
     if same.sum() < _FEWEST or not new.any():
         return 0.0
@@ -61,7 +63,7 @@ def _share(view: Observations) -> float:
     return float(same.sum() / judged.sum()) if equal < _FEW_EQUAL * both else 0.0
 
 
-def _finding(camera: str, share: float, rate_hz: float) -> Finding:
+def _repeated(camera: str, share: float, rate_hz: float) -> Finding:
     """Of one camera; empty: of all."""
     times, often = 1 / (1 - share), f"{100 * share:.0f} % of the images are repeated"
     if times > 2 - _REGULAR and abs(times - round(times)) < _REGULAR:
@@ -78,4 +80,50 @@ def _finding(camera: str, share: float, rate_hz: float) -> Finding:
         0.4,
         camera=camera,
         numbers={"share": share, "true_hz": true_hz},
+    )
+
+
+def frozen_cameras(examined: Examined) -> list[Finding]:
+    """The same keypoints to the last digit for long."""
+    found = []
+    for person, seen in examined.people.items():
+        same, judged = repeats(seen)
+        for c, name in enumerate(seen.camera_names):
+            others = [o for o in range(seen.n_cameras) if o != c]
+            others_new = np.asarray((judged & ~same)[:, others].any(axis=1))
+            runs = _runs(same[:, c], others_new, seen.frame_time_s)
+            if runs:
+                found.append(_stands_still(name, runs, examined.number(person)))
+    return found
+
+
+def _runs(
+    same: Bool[np.ndarray, " frame"], others_new: Bool[np.ndarray, " frame"], time_s: Float[np.ndarray, " frame"]
+) -> list[tuple[float, float]]:
+    runs = [(first - 1, last - 1) for first, last in stretches(same)]  # with the image that is repeated
+    return [
+        (float(time_s[first]), float(time_s[last]))
+        for first, last in runs
+        if last - first >= _FROZEN_FRAMES
+        and time_s[last] - time_s[first] >= _FROZEN_S
+        and np.mean(others_new[first + 1 : last + 1]) > _OTHERS_MOVE
+    ]
+
+
+def _stands_still(name: str, runs: list[tuple[float, float]], person: int | None) -> Finding:
+    start_s, end_s = max(runs, key=lambda run: run[1] - run[0])
+    total_s = sum(b - a for a, b in runs)
+    more = f", the longest of {len(runs)} such times" if len(runs) > 1 else ""
+    return Finding(
+        Code.FROZEN_CAMERA,
+        Severity.WRONG,
+        f"The image of {name} stands still from {start_s:.2f} to {end_s:.2f} s{more}: its keypoints are the same to "
+        "the last digit while other cameras show motion",
+        "The camera or its recorder hung. Leave these images of it out, or record again.",
+        0.7,
+        camera=name,
+        person=person,
+        from_s=start_s,
+        to_s=end_s,
+        numbers={"total_s": total_s},
     )

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.association.track import TrackEvent
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent
 from fgpose.child_process import ChildProcess, parent
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson

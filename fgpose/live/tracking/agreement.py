@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked
 from fgpose.calibration.disagreement import Disagreement, allowed_third_view_mrad, disagreement
 from fgpose.calibration.from_people.verdict.cross_checks import third_view_of
 from fgpose.finding import Code

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from fgpose.association.track import TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackState
 from fgpose.calibration.disagreement import USUAL_MRAD
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY, Detections

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.association.track import TrackEvent
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fgpose.association.track import TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackState
 from fgpose.live.frame import LivePerson
 from fgpose.trajectory import Status
 

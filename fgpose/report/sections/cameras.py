@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
-from fgpose.diagnosis.residuals import together_px
-from fgpose.diagnosis.series import known_quantile, quantile_of_frames, root_m
+from fgpose.diagnosis.series import known_quantile, quantile_of_frames, root_m, together_px
 from fgpose.diagnosis.solution_checks import views_of
 from fgpose.geometry.camera import Camera
 from fgpose.report.blocks import Block, Cell, Note, Plot, Section, Table, number, percent

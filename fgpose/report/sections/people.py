@@ -10,6 +10,7 @@ from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, root_m, sigma_m
 from fgpose.report.blocks import Block, Cell, Note, OfPerson, Plot, Section, Table, number, percent
 from fgpose.report.plots import COLOURS, MAX_COLUMNS, models, time_figure
+from fgpose.sampling import stretches
 from fgpose.trajectory import Trajectory
 
 _AT_MOST_PEOPLE = 6
@@ -79,9 +80,8 @@ def _lives(recording: FinishedRecording) -> Plot:
     )
     bars: dict[str, list[object]] = {"y": [], "left": [], "right": [], "name": [], "colour": []}
     for n, (person, trajectory) in enumerate(recording.people.items()):
-        known = np.isfinite(root_m(trajectory)).all(axis=1)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2)
-        for first, last in edges.tolist():
+        known = np.asarray(np.isfinite(root_m(trajectory)).all(axis=1))
+        for first, last in stretches(known):
             values = (len(names) - 1 - n, float(trajectory.time_s[first]), float(trajectory.time_s[last - 1]))
             for key, value in zip(bars, (*values, f"person {person}", COLOURS[n % len(COLOURS)]), strict=True):
                 bars[key].append(value)

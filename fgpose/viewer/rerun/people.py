@@ -11,8 +11,7 @@ import rerun as rr
 from jaxtyping import Float, Int, UInt16
 
 from fgpose.association.recording import Association
-from fgpose.association.track import TrackEvent, TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people import NOBODY, Detections

@@ -10,8 +10,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, UInt8
 
 from fgpose.association.recording import Association
-from fgpose.association.track import TrackEvent
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.people import Detections

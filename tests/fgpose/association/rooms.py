@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 
 from fgpose.association.follow import Follower, Sighting
-from fgpose.association.moment import Moment
+from fgpose.association.matching import Moment
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from everybody import track_people
 
+from fgpose.association.chosen_person import ranked
+from fgpose.association.recording import associate
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import NOBODY
+from fgpose.people import NOBODY, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import walking
 
@@ -96,6 +98,15 @@ def test_a_view_of_another_person_alone_is_left_out(rig: CameraRig):
     assert (chosen[10:30, 1] == NOBODY).all()
     assert (chosen[:, [0, 2, 3]] == 0).all()
     assert (chosen[:10, 1] == 0).all()
+
+
+def test_hidden_joints_do_not_hide_how_large_somebody_is(rig: CameraRig):
+    """Somebody nearer to the cameras is the main person; a joint that no detector finds says nothing of sizes."""
+    points2d_px, confidence = two_people_walking(rig, np.random.default_rng(0))
+    confidence[..., BODY.index("left_wrist")] = 0.0
+    points2d_px[confidence == 0] = np.nan
+    people = PeopleObservations.of_frames(BODY, rig.names, np.arange(40) / FPS, points2d_px, confidence)
+    assert all(each.size_rad > 0.1 for each in ranked(associate(people, rig)))
 
 
 def test_nobody_is_nobody(rig: CameraRig):

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from rooms import FPS, body_m, image, moment_of, people_of
 
-from fgpose.association.distances import Distances, log_ratio_of
 from fgpose.association.follow import Follower
 from fgpose.association.founding import found, found_alone
-from fgpose.association.matching import match
-from fgpose.association.moment import Moment
+from fgpose.association.likelihood import Distances, log_ratio_of
+from fgpose.association.matching import Moment, match
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters, RayResidual
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.people import NOBODY, Detections

@@ -10,8 +10,9 @@ import pytest
 from rooms import body_m, image, moment_of
 
 from fgpose.association import founding
-from fgpose.association.founding import detection_probability, found, found_alone
-from fgpose.association.moment import Moment
+from fgpose.association.detectability import detection_probability
+from fgpose.association.founding import found, found_alone
+from fgpose.association.matching import Moment
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.geometry.camera import CameraRig
 from fgpose.people import NOBODY, Detections

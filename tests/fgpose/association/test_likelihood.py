@@ -87,7 +87,7 @@ def test_a_mirrored_detection_is_recognised(
     assert mirrored[:, own, own].sum() == 2
     truth = Likelihood.of(expected, straight, rig)
     np.testing.assert_allclose(likelihood.score[:, own, own], truth.score[:, own, own])
-    np.testing.assert_allclose(likelihood.residual_px[:, own, own], truth.residual_px[:, own, own])
+    np.testing.assert_allclose(likelihood.log_ratio[:, own, own], truth.log_ratio[:, own, own])
 
 
 def test_without_sides_nothing_is_mirrored(expected: Expected, points_px: np.ndarray, rig: CameraRig) -> None:

@@ -19,7 +19,7 @@ FITS, DOES_NOT = 8.0, -8.0
 
 def matched(log_ratio: np.ndarray, priority: list[int] | None = None, mirrored: np.ndarray | None = None) -> Matches:
     """Of log ratios (C, K, P, J)."""
-    likelihood = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio.astype(float))
+    likelihood = Likelihood(log_ratio.astype(float))
     mirrored = np.zeros(log_ratio.shape[:3], dtype=bool) if mirrored is None else mirrored
     return match(likelihood, mirrored, np.array(priority or [0] * log_ratio.shape[1], dtype=int), MIRROR)
 
@@ -47,7 +47,7 @@ def test_the_assignment_is_the_best_of_all(seed: int) -> None:
     log_ratio = rng.normal(1.0, 4.0, (2, n_people, n_detections, 1)) + rng.normal(
         0.0, 0.3, (2, n_people, n_detections, N_JOINTS)
     )
-    score = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio).score
+    score = Likelihood(log_ratio).score
     matches = matched(log_ratio)
     for of_camera, own, chosen in zip(score, matches.score, matches.chosen, strict=True):
         assert own[chosen != NOBODY].sum() == pytest.approx(largest_sum(of_camera))
@@ -161,8 +161,8 @@ def test_values_and_probabilities_of_the_matched_joints() -> None:
     log_ratio[0, :, 1, 3] = np.nan
     matches = matched(log_ratio)
     values = np.arange(2 * N_JOINTS, dtype=float).reshape(1, 2, N_JOINTS)
-    np.testing.assert_array_equal(matches.of(values, np.nan)[0], [[0, 1, 2, np.nan], [4, 5, 6, 3]])
-    likelihood = Likelihood(np.zeros((*log_ratio.shape, 2)), log_ratio)
+    np.testing.assert_array_equal(matches.of(values)[0], [[0, 1, 2, np.nan], [4, 5, 6, 3]])
+    likelihood = Likelihood(log_ratio)
     probability = matches.probability(likelihood)[0]
     assert probability[0, 3] == 0.0
     assert (np.delete(probability.ravel(), 3) > 0.99).all()

@@ -9,13 +9,11 @@ import pytest
 
 import fgpose
 from fgpose.diagnosis.body.joint_names import in_words, limb_of
-from fgpose.diagnosis.body.limb_sides import exchanged_limbs
-from fgpose.diagnosis.body.mirrored import mirrored_body
-from fgpose.diagnosis.body.posture import wrong_up
 from fgpose.diagnosis.body.proportions import stature_m, strangeness
+from fgpose.diagnosis.body.sides import exchanged_limbs, mirrored_body
 from fgpose.diagnosis.body.skeletons import wrong_skeleton
 from fgpose.diagnosis.body.tempo import slow_motion, velocities_kept_s
-from fgpose.diagnosis.body.units import wrong_unit
+from fgpose.diagnosis.body.world import wrong_unit, wrong_up
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.diagnosis.hypotheses.findings import disagreements
 from fgpose.finding import Code, Severity

@@ -10,13 +10,9 @@ from scipy.ndimage import gaussian_filter1d
 
 import fgpose
 from fgpose.diagnosis.examined import Examined
-from fgpose.diagnosis.input_checks import blind
-from fgpose.diagnosis.seen.confidence import low_confidence
-from fgpose.diagnosis.seen.elsewhere import seen_elsewhere
-from fgpose.diagnosis.seen.frozen import frozen_cameras
-from fgpose.diagnosis.seen.presence import nobody
-from fgpose.diagnosis.seen.repeated import repeated_images
-from fgpose.diagnosis.seen.smoothed import smoothed_keypoints
+from fgpose.diagnosis.seen.keypoints import low_confidence, smoothed_keypoints
+from fgpose.diagnosis.seen.presence import blind, nobody, seen_elsewhere
+from fgpose.diagnosis.seen.repeated import frozen_cameras, repeated_images
 from fgpose.finding import Code, Severity
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.association.track import TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fgpose.association.track import TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackState
 from fgpose.live.tracking.common_sightings import CommonSighting, CommonSightings
 from fgpose.people import Detections
 from fgpose.skeleton import Skeleton

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose.association.track import TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackState
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.processes.parts import Parts

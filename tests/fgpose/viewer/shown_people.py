@@ -9,8 +9,7 @@ import numpy as np
 from rrd_contents import rows
 
 from fgpose.association.recording import Association
-from fgpose.association.track import TrackEvent, TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fgpose.calibration.from_people.world.anatomy import Anatomy
+from fgpose.sampling import stretches
 
 # Statures per second: 0.35 m/s. A foot swings at 2 to 4 m/s; noise of 15 mm looks like 0.1 m/s over the window.
 _STANDS = 0.2
@@ -71,10 +72,9 @@ def _speed(points_m: Float[np.ndarray, "frame 3"], time_s: Float[np.ndarray, " f
 
 def _stances(stands: np.ndarray, time_s: Float[np.ndarray, " frame"]) -> list[tuple[int, int]]:
     """First frame and that after the last of each stance, in which no frames are missing; longer ones in parts."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], stands, [False]]).astype(int)))
     gaps = np.flatnonzero(np.diff(time_s) > _GAP_S) + 1
     stances = []
-    for first, last in edges.reshape(-1, 2).tolist():
+    for first, last in stretches(stands):
         ends = [first, *gaps[(gaps > first) & (gaps < last)].tolist(), last]
         for start, end in pairwise(ends):
             lasts_s = time_s[end - 1] - time_s[start]

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, camera, entities, rows, static_value, values, view_origins
 
-from fgpose.association.track import TrackEvent, TrackState
-from fgpose.association.tracked import Tracked
+from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.cli import viewers
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.atomic import NotWrittenError

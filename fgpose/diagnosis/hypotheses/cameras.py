@@ -1,23 +1,27 @@
-"""Conventions of camera poses that are mistaken for each other."""
+"""Cameras that are not as they are read: conventions of poses that are mistaken for each other, and other lenses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from fgpose.diagnosis.hypotheses.agreement import NEAR_M
-from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis
-from fgpose.diagnosis.hypotheses.scene import Scene
+from fgpose.diagnosis.hypotheses.hypothesis import Hypothesis, each_view
+from fgpose.diagnosis.hypotheses.scene import Scene, View
 from fgpose.finding import Code
+from fgpose.geometry.intrinsics import zoomed
 from fgpose.sampling import spread_evenly
 
 Pose = Float[np.ndarray, "4 4"]
 _BEST, _RAYS = 4, 60  # ways to take rotation vectors that are looked at; rays that tell them
 _LAST = 20  # preference: so many turns of each camera come near to much
 _OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+_FACTORS = (*np.exp(np.arange(np.log(0.4), np.log(2.5), 0.05)),)
+_UNCHANGED = 0.04
 
 
 class Convention(NamedTuple):
@@ -176,3 +180,48 @@ def _meeting(
     between = base_m[:, :, None] + depth_b[..., None] * b[None] - depth_a[..., None] * a[:, None]
     cost = np.minimum(np.sum(between**2, axis=-1) / NEAR_M**2, 1.0)
     return np.where((depth_a > 0) & (depth_b > 0), cost, 1.0).mean(axis=-1)
+
+
+def lens_hypotheses(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Another focal length, or no distortion."""
+    yield from _undistorted(scene, cameras)
+    for factor in _FACTORS:
+        if abs(factor - 1) > _UNCHANGED:
+            yield other_focal(scene, cameras, float(factor))
+
+
+def other_focal(scene: Scene, cameras: tuple[int, ...], factor: float) -> Hypothesis:
+    """A focal length that is so many times as long."""
+
+    def longer(view: View) -> View:
+        return View(zoomed(view.camera, factor), view.points_px)
+
+    given_px = float(np.median([scene.views[c].camera.K[0, 0] for c in cameras]))
+    return Hypothesis(
+        Code.WRONG_LENS,
+        cameras,
+        each_view(longer, cameras),
+        f"The focal length of {{cameras}} is not that of the calibration: about {factor * given_px:.0f} px instead of "
+        f"{given_px:.0f}",
+        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate its lens anew, or "
+        f"multiply its focal lengths by {factor:.3g}.",
+        {"focal_factor": factor},
+        preference=2,
+    )
+
+
+def _undistorted(scene: Scene, cameras: tuple[int, ...]) -> Iterator[Hypothesis]:
+    """Keypoints of images from which the distortion was removed already."""
+    if not any(scene.views[c].camera.distortion.any() for c in cameras):
+        return
+    yield Hypothesis(
+        Code.WRONG_LENS,
+        cameras,
+        each_view(
+            lambda view: View(replace(view.camera, distortion=np.zeros(0), lens="pinhole"), view.points_px), cameras
+        ),
+        "The distortion in the calibration of {cameras} is not that of the images that the keypoints are of",
+        "Were the images undistorted before? Then leave the distortion out of the calibration.",
+        {"distortion_factor": 0.0},
+        preference=2,
+    )

@@ -1,8 +1,9 @@
-"""Cameras that show nobody, whoever is there: something stands before them, or their detector does not work.
+"""Whom cameras should detect: not people outside of their images, and less often those behind others.
 
-A camera with an image that does not show somebody tells against that anybody is there, as long as it can be believed to
-see. Whether it does is decided as whether somebody is there: each time that two cameras agree on a body in its image
-tells, by whether it shows the body too.
+Some show nobody, whoever is there: something stands before them, or their detector does not work. A camera with an
+image that does not show somebody tells against that anybody is there, as long as it can be believed to see. Whether it
+does is decided as whether somebody is there: each time that two cameras agree on a body in its image tells, by whether
+it shows the body too.
 """
 
 from __future__ import annotations
@@ -12,6 +13,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fgpose.association.pose_filter import PoseFilters
+from fgpose.geometry.camera import CameraRig
+
+# A camera that should see a person detects them so often; less often where somebody before them may hide them.
+_DETECTED, _DETECTED_BEHIND = 0.9, 0.5
+_HIDES_M = 0.4  # somebody whose middle is nearer than this to the line of sight
 # A camera in fifty shows nobody, before anything is known; it then has as few false detections at a place.
 _BLIND = 0.02
 # Nobody is so certain that some seconds would not count.
@@ -61,3 +68,25 @@ class Blind:
             tells = np.log(_BLIND / 0.9) if is_hit else -np.log1p(-share)
             odds = self._log_odds[name] + tells * since_s / _MISSED_S
             self._log_odds[name], self._told_s[name] = float(np.clip(odds, _LOW, _HIGH)), time_s
+
+
+def detection_probability(
+    people: PoseFilters, others: PoseFilters | None, cameras: CameraRig
+) -> Float[np.ndarray, "person camera"]:
+    """How probable it is that each camera detects each person: not outside its image, less often behind others."""
+    pixels = cameras.project(people.positions_m)
+    size_px = np.array([camera.size_px for camera in cameras.cameras])[:, None]
+    share_inside = ((pixels >= 0) & (pixels < size_px)).all(axis=-1).mean(axis=-1)
+    hidden = _behind(people, others, cameras) if others is not None else np.zeros(share_inside.shape, dtype=bool)
+    return share_inside * np.where(hidden, _DETECTED_BEHIND, _DETECTED)
+
+
+def _behind(people: PoseFilters, others: PoseFilters, cameras: CameraRig) -> Bool[np.ndarray, "person camera"]:
+    """Whether somebody nearer to the camera is in the way."""
+    eye_m = np.stack([camera.position_m for camera in cameras.cameras])
+    to_person_m, to_other_m = (each.positions_m.mean(axis=1)[:, None] - eye_m for each in (people, others))
+    distance_m = np.linalg.norm(to_person_m, axis=-1)
+    along_m = np.einsum("kci,oci->koc", to_person_m / distance_m[..., None], to_other_m)
+    aside2_m2 = np.sum(to_other_m**2, axis=-1) - along_m**2
+    in_the_way = (aside2_m2 < _HIDES_M**2) & (along_m > 0) & (along_m < distance_m[:, None] - _HIDES_M)
+    return np.asarray(in_the_way.any(axis=1))

@@ -1,4 +1,4 @@
-"""Lengths in another unit than metres, by the size of the body."""
+"""The world of the calibration by the body in it: its unit, and which way is up."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ import numpy as np
 from fgpose.diagnosis.body.proportions import stature_m
 from fgpose.diagnosis.examined import Examined, NotJudgedError
 from fgpose.finding import Code, Finding, Severity
+from fgpose.geometry.up_axis import nearest_axis, up_vector
+from fgpose.kinematics.vertical import find_up
+from fgpose.trajectory import Status, Trajectory
 
 # A child of one year is 0.75 m tall, the tallest people 2.3 m (WHO Child Growth Standards; NCD-RisC 2020); the stature
 # is known to about 10 % from the lengths of limbs, to half of it from one or two of them.
@@ -16,6 +19,21 @@ _SMALLEST_M, _TALLEST_M = 0.65, 2.4
 _ROUGHLY = 1.5
 _USUAL_M = 1.7
 _LIKE = 0.15  # of a known factor: statures of adults, and the error of the measured one
+_SHORT = {
+    "millimetres": "mm",
+    "centimetres": "cm",
+    "decimetres": "dm",
+    "inches": "inch",
+    "feet": "ft",
+    "metres": "m",
+}
+# Grown-ups, with what limbs tell of the stature: 1 % of them are smaller than 1.5 m or larger than 2 m.
+_GROWN_UP_M = (1.4, 2.1)
+_STATURE_SIGMA = 0.06  # of grown-ups, as a share
+# Squares of the boards that people print, metres.
+_SQUARE_M = (0.012, 0.13)
+# As fgpose.kinematics.vertical: who leans by more than this does not stand.
+_UPRIGHT_DEG = 25.0
 
 
 class Mistake(NamedTuple):
@@ -39,19 +57,6 @@ _MISTAKES = (
     Mistake(304.8, "feet", "millimetres"),
     Mistake(1000.0, "metres", "millimetres"),
 )
-_SHORT = {
-    "millimetres": "mm",
-    "centimetres": "cm",
-    "decimetres": "dm",
-    "inches": "inch",
-    "feet": "ft",
-    "metres": "m",
-}
-# Grown-ups, with what limbs tell of the stature: 1 % of them are smaller than 1.5 m or larger than 2 m.
-_GROWN_UP_M = (1.4, 2.1)
-_STATURE_SIGMA = 0.06  # of grown-ups, as a share
-# Squares of the boards that people print, metres.
-_SQUARE_M = (0.012, 0.13)
 
 
 def wrong_unit(examined: Examined) -> list[Finding]:
@@ -125,3 +130,33 @@ def _tall(length_m: float) -> str:
     if length_m < 1:
         return f"{100 * length_m:.2g} cm"
     return f"{length_m:.3g} m" if length_m < 1000 else f"{length_m:,.0f} m"
+
+
+def wrong_up(examined: Examined) -> list[Finding]:
+    """A world in which another axis than z is up, or another than the one that was given."""
+    body_m = examined.body_m
+    status = np.where(np.isfinite(body_m).all(axis=-1), Status.OBSERVED, Status.UNOBSERVABLE).astype(np.int8)
+    body = Trajectory(examined.main.skeleton, np.arange(len(body_m), dtype=float), body_m, status)
+    found = find_up([body], examined.rig)
+    if not found.remark:
+        return []
+    if examined.world_up == "auto":
+        remedy = (
+            "TRC, C3D, BVH, .mot, angles and reports have it up; positions in parquet, npz and Python stay in the "
+            "calibration's world. If it is another, give --world-up."
+        )
+        return [Finding(Code.WORLD_UP, Severity.NOTE, found.remark, remedy, 0.3)]
+    away = np.clip(up_vector(found.world_up) @ up_vector(examined.world_up), -1, 1)
+    angle_deg = float(np.rad2deg(np.arccos(away)))
+    if angle_deg <= _UPRIGHT_DEG:
+        return []
+    return [
+        Finding(
+            Code.WORLD_UP,
+            Severity.WRONG,
+            f"--world-up {examined.world_up} was given, but {found.remark}",
+            f"Give --world-up {nearest_axis(found.world_up)}, or auto.",
+            0.8,
+            numbers={"angle_deg": angle_deg},
+        )
+    ]

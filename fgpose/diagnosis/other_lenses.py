@@ -1,0 +1,112 @@
+"""Lenses that are not those of the calibration, by the rays of a whole recording, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fgpose.calibration.changes.lenses import Lens, LensFit, distortion_of
+from fgpose.finding import Code, Finding, Severity
+
+_JUDGED = "with it, cameras agree better on somebody who walks about, in the seconds that were not used to find it"
+_OF_LENS = {
+    Lens.FOCAL_LENGTH: (
+        "The focal length of {who} is not that of the calibration, but about {factor:.2f} times as long",
+        "Was the lens zoomed, or a crop or stabilisation of the camera switched on? Calibrate {whose} anew, or "
+        "multiply the focal lengths by {factor:.2f}.",
+    ),
+    Lens.WIDTH: (
+        "The horizontal focal length (fx) of {who} is not the calibration's, but about {factor:.2f} times as long",
+        "Were images resized in one direction only? Multiply fx by {factor:.2f}, or calibrate {whose} anew.",
+    ),
+    Lens.HEIGHT: (
+        "The vertical focal length (fy) of {who} is not the calibration's, but about {factor:.2f} times as long",
+        "Were images resized in one direction only? Multiply fy by {factor:.2f}, or calibrate {whose} anew.",
+    ),
+    Lens.DISTORTION: (
+        "The lens of {who} distorts (k1 is about {k1:+.2f}), and the calibration has no distortion",
+        "Were the coefficients left out, or is it a fisheye lens? Give them with the calibration, or calibrate {whose} "
+        "anew; {k1:+.2f}, {k2:+.2f}, 0, 0 are nearer to it than none.",
+    ),
+    Lens.NONE_LEFT: (
+        "The keypoints of {who} have no distortion, and the calibration has",
+        "Were the images undistorted before? Then leave the distortion out of the calibration.",
+    ),
+    Lens.SIGN: (
+        "The distortion of {who} has the other sign than the calibration says",
+        "Some programs state the coefficients that undistort: give those of OpenCV, or change their signs.",
+    ),
+    Lens.ORDER: (
+        "The distortion of {who} suits if the coefficients are k1 k2 k3 p1 p2 and not k1 k2 p1 p2 k3",
+        "Write them in OpenCV's order: k1 k2 p1 p2 k3.",
+    ),
+    Lens.PINHOLE: (
+        "The lens of {who} is no fisheye lens, as the calibration says",
+        "Are the coefficients those of OpenCV's pinhole, k1 k2 p1 p2? Say so in the calibration.",
+    ),
+    Lens.FISHEYE: (
+        "The lens of {who} is a fisheye lens, and the calibration has it as a pinhole",
+        "Are the coefficients those of cv2.fisheye? Say so in the calibration (lens: fisheye), or calibrate {whose} "
+        "anew as one.",
+    ),
+}
+
+
+def other_lenses(fits: Sequence[LensFit], names: Sequence[str]) -> list[Finding]:
+    """One of each, shifts of images together."""
+    return [
+        *_shifted([each for each in fits if each.lens.is_shift]),
+        *(_other_lens(each, names) for each in fits if not each.lens.is_shift),
+    ]
+
+
+def or_the_other(camera: int, names: Sequence[str]) -> str:
+    """Two cameras cannot tell which of them is wrong."""
+    return f" (or {names[1 - camera]}: with two cameras it cannot be told which)" if len(names) == 2 else ""
+
+
+def _other_lens(fit: LensFit, names: Sequence[str]) -> Finding:
+    one = len(fit.cameras) == 1
+    who = f"{names[fit.cameras[0]]}{or_the_other(fit.cameras[0], names)}" if one else "all cameras"
+    whose = "its lens" if one else "the lenses"
+    words = {"who": who, "whose": whose, "factor": fit.factor, **_numbers_of_lens(fit)}
+    reason, remedy = (text.format(**words) for text in _OF_LENS[fit.lens])
+    return Finding(
+        Code.WRONG_LENS,
+        Severity.WRONG,
+        f"{reason}: {_JUDGED}",
+        remedy,
+        0.9,
+        camera=names[fit.cameras[0]] if one else "",
+        numbers=_numbers_of_lens(fit),
+    )
+
+
+def _shifted(fits: Sequence[LensFit]) -> list[Finding]:
+    """Images of all cameras, in x, y or both."""
+    if not fits:
+        return []
+    by_px = {"x" if each.lens is Lens.CENTRE_X else "y": each.value * each.focal_px for each in fits}
+    return [
+        Finding(
+            Code.WRONG_LENS,
+            Severity.WRONG,
+            "The images of all cameras are shifted against those of the calibration, by "
+            f"{' and '.join(f'{px:.0f} px in {axis}' for axis, px in by_px.items())}: {_JUDGED}",
+            f"Were they cut, or stabilised? Add {' and '.join(f'{px:.0f} to c{axis}' for axis, px in by_px.items())}, "
+            "or give the calibration of these images.",
+            0.9,
+            numbers={f"c{axis}_px": px for axis, px in by_px.items()},
+        )
+    ]
+
+
+def _numbers_of_lens(fit: LensFit) -> dict[str, float]:
+    named = {
+        Lens.FOCAL_LENGTH: {"focal_factor": fit.factor},
+        Lens.WIDTH: {"fx_factor": fit.factor},
+        Lens.HEIGHT: {"fy_factor": fit.factor},
+        Lens.DISTORTION: dict(zip(("k1", "k2"), distortion_of(fit.value), strict=False)),
+        Lens.NONE_LEFT: {"distortion_factor": 0.0},
+        Lens.SIGN: {"distortion_factor": -1.0},
+    }
+    return named.get(fit.lens, {})

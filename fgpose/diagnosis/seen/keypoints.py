@@ -1,0 +1,173 @@
+"""Keypoints that are not what a network saw: missing ones at (0, 0), guessed ones, and smoothed ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fgpose.diagnosis.body.joint_names import in_words
+from fgpose.diagnosis.examined import Examined
+from fgpose.diagnosis.hypotheses.agreement import SPREAD_M
+from fgpose.diagnosis.hypotheses.scene import limb_joints
+from fgpose.finding import Code, Finding, Severity
+from fgpose.observations import Observations, blanked
+from fgpose.sampling import frames_per_second
+
+# Of the detections of a joint in one camera. Where most are at (0, 0), that is where the joint is put; the estimator
+# leaves out a few, as it does outliers.
+_MOST = 0.5
+_FEW = 0.01  # of all detections
+_LISTED = 6
+# Of the usual confidence of the recording. Joints that a network sees have 0.7 to 1.2 times it, ears and toes that are
+# half of the time on the far side of the body 0.4 (balance_openpose). Throughout: three quarters of the time, as knees
+# and ankles behind occluders have 0.28 times it half of the time (fgpose_benchmarks/data/detection_errors).
+_LOW, _THROUGHOUT = 0.4, 0.75
+# Compared are images of about this rate: what passes is faster than 3 Hz. Slower recordings cannot tell.
+_RATE_HZ, _LOWEST_HZ = 12.0, 9.0
+_FAST = 0.75  # quantile of the speed: filters of networks for video follow what moves
+_FEWEST = 100
+# Of the spread of the joints: 0.024 to 0.13 of 107 recordings, 0.005 and more with filters of 4 Hz and more, which harm
+# little, or with that of MediaPipe for video; 0.0002 to 0.008 with a Gaussian of 0.2 s, 0.00003 to 0.0007 of 0.4 s.
+_TREMBLES = 0.005
+# Of the distance between rays. Where both are small, the keypoints have no errors: they are of no network.
+_OF_DISTANCE = 0.25
+_WHITE = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / np.sqrt(70)  # leaves white noise as it is, takes motion away
+_SIGMA_OF_MEDIAN = 1.4826
+
+
+def zero_keypoints(examined: Examined) -> list[Finding]:
+    """Detections in the corner of the image: to the last digit, no network finds a joint there."""
+    zero, seen = (
+        np.concatenate([each[person] for person in examined.people])
+        for each in (_zero(examined.people), {person: own.seen for person, own in examined.people.items()})
+    )
+    if not zero.any():
+        return []
+    share = float(zero.sum() / seen.sum())
+    shares = zero.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+    names = examined.main.skeleton.joints
+    joints = [names[j] for j in np.argsort(-shares.max(axis=0), kind="stable") if shares[:, j].any()]
+    listed = in_words(joints) if len(joints) <= _LISTED else f"{len(joints)} of the {len(names)} joints"
+    cameras = [name for name, own in zip(examined.rig.names, shares, strict=True) if own.any()]
+    where = "all cameras" if len(cameras) == examined.rig.n_cameras else ", ".join(cameras)
+    severity = Severity.WRONG if shares.max() > _MOST else Severity.DOUBTFUL if share > _FEW else Severity.NOTE
+    return [
+        Finding(
+            Code.ZERO_KEYPOINTS,
+            severity,
+            f"{100 * share:.2g} % of the detections stand at exactly (0, 0), with a confidence above 0: missing joints "
+            f"that were written as zero. They are of {listed}, in {where}",
+            "Write NaN, or confidence 0, for joints that were not found.",
+            min(1.0, 2 * share),
+            numbers={"share": share},
+        )
+    ]
+
+
+def without_zeros(examined: Examined) -> Examined:
+    """As if missing joints had been given as missing: what is looked at is what was seen."""
+    zero = _zero(examined.people)
+    people = {person: _blanked(seen, zero[person]) for person, seen in examined.people.items()}
+    return replace(examined, people=people)
+
+
+def _zero(people: Mapping[int, Observations]) -> dict[int, Bool[np.ndarray, "frame camera joint"]]:
+    return {person: np.asarray((seen.points2d_px == 0).all(axis=-1)) for person, seen in people.items()}
+
+
+def _blanked(seen: Observations, zero: Bool[np.ndarray, "frame camera joint"]) -> Observations:
+    if not zero.any():
+        return seen
+    return replace(seen, **seen.per_detection(lambda array: blanked(array, zero)))
+
+
+def low_confidence(examined: Examined) -> list[Finding]:
+    """Joints that are detected, but hardly believed by the network itself, in most views."""
+    confidence, seen = examined.confidence, examined.seen
+    if not seen.any():
+        return []
+    usual = float(np.median(confidence[seen]))
+    highest = [
+        np.quantile(own[mask], _THROUGHOUT) if mask.any() else np.nan for own, mask in _of_joints(confidence, seen)
+    ]
+    joints = examined.main.skeleton.joints
+    low = [joint for joint, level in zip(joints, highest, strict=True) if level < _LOW * usual]
+    if not low:
+        return []
+    level = max(float(level) for level in highest if level < _LOW * usual)
+    return [
+        Finding(
+            Code.LOW_CONFIDENCE,
+            Severity.DOUBTFUL,
+            f"The network is unsure of {in_words(low)} throughout: confidence up to {level:.2f} in three quarters "
+            f"of the detections, of all joints {usual:.2f} (median)",
+            f"It probably guesses what it cannot see. Give --min-confidence {_above(level):.2f} to leave them out, or "
+            "a skeleton without these joints.",
+            0.5 * len(low) / len(joints),
+            numbers={"confidence": level, "usual": usual},
+        )
+    ]
+
+
+def _above(level: float) -> float:
+    """A threshold that nearly all of these detections are below: in steps of 0.05."""
+    return math.ceil(1.3 * level / 0.05) * 0.05
+
+
+def _of_joints(confidence: np.ndarray, seen: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:
+    return ((confidence[..., j], seen[..., j]) for j in range(confidence.shape[-1]))
+
+
+def smoothed_keypoints(examined: Examined) -> list[Finding]:
+    """Cameras whose keypoints of fast limbs have none of the errors that networks have in each image anew."""
+    seen, rate_hz = examined.main, frames_per_second(examined.main.frame_time_s)
+    if not rate_hz > _LOWEST_HZ:
+        return []
+    step, joints = max(round(rate_hz / _RATE_HZ), 1), limb_joints(seen.skeleton)
+    trembling = [_trembling(seen.points2d_px[:, c][:, joints], step) for c in range(seen.n_cameras)]
+    alone = examined.rig.n_cameras < 2
+    distance_m = np.inf if alone else examined.geometry.state.agreement.median_m
+    smooth = [c for c, own in enumerate(trembling) if own < min(_TREMBLES, _OF_DISTANCE * distance_m / SPREAD_M)]
+    if not smooth:
+        return []
+    cameras = [""] if len(smooth) == seen.n_cameras else [seen.camera_names[c] for c in smooth]
+    largest_mm = 1000 * SPREAD_M * max(trembling[c] for c in smooth)
+    return [_smoothed(camera, largest_mm, Severity.NOTE if alone else Severity.DOUBTFUL) for camera in cameras]
+
+
+def _trembling(points_px: Float[np.ndarray, "frame joint 2"], step: int) -> float:
+    """Noise of joints that move fast, by fourth differences of every so many frames, as a share of the spread of the
+    joints in the image; NaN where there are too few. Images that are repeated tell nothing."""
+    n_frames = len(points_px) - 4 * step
+    if n_frames < 1:
+        return np.nan
+    parts_px = [points_px[k * step : k * step + n_frames] for k in range(5)]
+    noise_px = np.abs(sum(weight * part for weight, part in zip(_WHITE, parts_px, strict=True)))
+    speed = np.linalg.norm(parts_px[3] - parts_px[1], axis=-1)
+    known = np.isfinite(noise_px).all(axis=-1) & (noise_px > 0).any(axis=-1)
+    if known.sum() < _FEWEST:
+        return np.nan
+    fast = known & (speed >= np.quantile(speed[known], _FAST))
+    whole = points_px[np.isfinite(points_px).all(axis=(1, 2))]
+    spread_px = float(np.median(np.std(whole, axis=1))) if len(whole) else 0.0
+    return _SIGMA_OF_MEDIAN * float(np.median(noise_px[fast])) / spread_px if spread_px > 0 else np.nan
+
+
+def _smoothed(camera: str, trembling_mm: float, severity: Severity) -> Finding:
+    """Of one camera; empty: of all."""
+    who = camera or "all cameras"
+    return Finding(
+        Code.SMOOTHED_KEYPOINTS,
+        severity,
+        f"The keypoints of {who} were smoothed: where limbs move fast, they tremble by {trembling_mm:.1g} mm at the "
+        "body above 3 Hz, where networks have errors of 10 to 60 mm, new in each image",
+        "Give the keypoints as the network gave them. Smoothed ones cut off what is fast, by more than the estimate "
+        "claims; fgpose smooths by itself, and says how sure it is.",
+        0.6,
+        camera=camera,
+        numbers={"trembling_mm": trembling_mm},
+    )
