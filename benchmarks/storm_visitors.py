@@ -14,7 +14,7 @@ from fgpose.association.track import TrackEvent, TrackState
 from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.live_tracking import LiveTracking
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
 from simulated_visitors import Clip, Visitors
 

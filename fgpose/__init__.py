@@ -52,7 +52,7 @@ from fgpose.io.trajectories import load_people_trajectories, load_trajectory, sa
 from fgpose.io.trajectories.kinematics import load_angles, save_kinematics
 from fgpose.kinematics.angles import JointAngles, joint_angles
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import SmoothedPeople, Tracked, Tracker, smooth_people
 from fgpose.trajectory import Convergence, Estimate, Status, Trajectory

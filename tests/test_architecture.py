@@ -47,7 +47,7 @@ FLOORS = (
         "frame_matching",
         "observations",
         "parameters",
-        "people",
+        "people_observations",
         "sampling",
         "skeleton",
         "trajectory",

@@ -17,7 +17,7 @@ from fgpose.association.matching import Matches
 from fgpose.association.pose_filter import SIGMA_M, Expected, RayResidual
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.view_depth import RELATIVE_SIGMA, ViewDepth
-from fgpose.people import NOBODY, Detections
+from fgpose.people_observations import NOBODY, Detections
 
 
 @dataclass(frozen=True, eq=False)

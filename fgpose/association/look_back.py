@@ -9,7 +9,7 @@ import numpy as np
 
 from fgpose.association.moment import Moment, follow
 from fgpose.association.pose_filter import PoseFilters
-from fgpose.people import NOBODY
+from fgpose.people_observations import NOBODY
 from fgpose.skeleton import Skeleton
 
 # Who is not detected for so long is not followed farther back: one camera alone does not tell the distance, and what it

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.association.likelihood import Likelihood
-from fgpose.people import NOBODY
+from fgpose.people_observations import NOBODY
 
 _FITS, _DOES_NOT_FIT = 0.9, 0.1  # probabilities that a joint is of a person
 

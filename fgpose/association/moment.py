@@ -13,7 +13,7 @@ from fgpose.association.likelihood import Likelihood
 from fgpose.association.matching import Matches, match
 from fgpose.association.pose_filter import Expected, PoseFilters
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 
 @dataclass(frozen=True, eq=False)

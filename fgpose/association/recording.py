@@ -19,7 +19,7 @@ from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
 
 Progress = Callable[[int, int], None]
 """Called with the number of frames done and the number of frames in all."""

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from fgpose.association.identity import Likeness, Passage
 from fgpose.association.pose_filter import PoseFilters
-from fgpose.people import NOBODY
+from fgpose.people_observations import NOBODY
 
 
 class TrackState(Enum):

@@ -18,7 +18,7 @@ from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import is_changing
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 _WALK, _CUT = "walk about where all cameras see you", "or cut the recordings to begin at the same moment"
 

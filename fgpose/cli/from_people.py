@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
     from fgpose.monocular.sources import Sources
-    from fgpose.people import PeopleObservations
+    from fgpose.people_observations import PeopleObservations
 
 _INTRINSICS = (
     "Focal lengths, principal points and distortion: a calibration of any format (its poses are not used), the YAML, "

@@ -36,7 +36,7 @@ from fgpose.monocular.downloads.cache import cache_folder
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import Sources, find_clips, open_sources
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import AnySource, run_calibrate, run_smooth
 from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.pipeline.origin import calibration_from_people, synchronised, video_files

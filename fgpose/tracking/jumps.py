@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 # Nobody who was followed is still there, and no camera is so slow.
 _FAR_S = 60.0

@@ -17,7 +17,7 @@ from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import ring_rig, walking
 
 FPS = 20.0

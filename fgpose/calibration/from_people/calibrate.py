@@ -34,7 +34,7 @@ from fgpose.calibration.from_people.world.scale import MeasuredDistance, check_s
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 Focal = Literal["known", "shared", "each"]
 """Focal lengths are those of the intrinsics; are unknown, one for all cameras of a model; or one for each camera."""

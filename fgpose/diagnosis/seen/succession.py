@@ -6,7 +6,7 @@ from fgpose.association.identity import RECOGNISED
 from fgpose.association.successive import Change, successive
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 _REMEDY = "With --people all each has a result of their own, with their own bone lengths; or cut the recording there."
 

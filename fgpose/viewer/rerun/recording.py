@@ -14,7 +14,7 @@ from fgpose.association.track import TrackEvent
 from fgpose.association.tracked import Tracked
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer.pictures import PictureOptions

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from fgpose.calibration.from_people.calibrate import Parts
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CameraSigmas, Finding, Grade
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.calibration.figures import FIGURES, group_of
 from fgpose_benchmarks.calibration.methods import ABLATIONS, METHODS, Chain
 from fgpose_benchmarks.calibration.recording import CalibrationRecording, CalibrationResult

@@ -11,7 +11,7 @@ from everybody import track_people
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import NOBODY
+from fgpose.people_observations import NOBODY
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import walking
 

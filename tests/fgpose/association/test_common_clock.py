@@ -10,7 +10,7 @@ import fgpose
 from fgpose.association.common_clock import on_common_clock
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.tracking.batch import smooth_people
 
 LATE = np.array([0.0, 10.2, -7.013])

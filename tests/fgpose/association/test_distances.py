@@ -16,7 +16,7 @@ from fgpose.association.matching import match
 from fgpose.association.moment import Moment
 from fgpose.association.pose_filter import SIGMA_M, PoseFilters, RayResidual
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people import NOBODY, Detections
+from fgpose.people_observations import NOBODY, Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

@@ -14,7 +14,7 @@ from fgpose.association.founding import detection_probability, found, found_alon
 from fgpose.association.moment import Moment
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import NOBODY, Detections
+from fgpose.people_observations import NOBODY, Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

@@ -21,7 +21,7 @@ from fgpose.calibration.rig_problem import rig_problem
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.calibration.used_parts import best_seen_of_each, frames_of_each, seen_by_two
 from fgpose.config import CalibrationConfig, Config
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.sampling import fair_limits
 from fgpose_benchmarks.synthetic import CameraTimes, CrowdMotion, CrowdScene, Scene
 from tests.wrong_rigs import turned

@@ -20,7 +20,7 @@ from fgpose.cli import main
 from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig, save_rig
 from fgpose.io.calibration.calibration_origin import MovedCamera, Reason
 from fgpose.io.trajectories import load_trajectory
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from tests.wrong_rigs import turned
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import fgpose
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
 from fgpose.io.keypoints import check_sizes, likely_sizes_px, load_uncalibrated, save_observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.trajectories import load_trajectory
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.report import load_finished
 from fgpose.study import Plan, load_study, process
 

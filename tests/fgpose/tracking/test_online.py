@@ -8,7 +8,7 @@ from crowds import crowd
 
 import fgpose
 from fgpose.assessment.people import evaluate_people
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import CrowdScene
 from tests.states import state_of
 

@@ -13,7 +13,7 @@ from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, entities, rows, stati
 
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
 from fgpose.geometry.epipolar_distance import epipolar_distances_px, pairs_px
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.pipeline.calibration import show_calibrated, write_calibration
 from fgpose.pipeline.seen_walk import hips_m
 from fgpose.viewer import CalibrationScene, open_calibration_recording

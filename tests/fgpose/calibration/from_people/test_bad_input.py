@@ -17,7 +17,7 @@ from fgpose.calibration.from_people.starts.starts import find_starts
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose_benchmarks.synthetic import WalkScene, film, ring_rig, stature_m, walkers
 
 NAMES = ("ring_0", "ring_1", "ring_2")
