@@ -35,7 +35,7 @@ class Association:
     """By the number of the person, those seen most first."""
     events: tuple[TrackEvent, ...]
     """Every change in the life of a track, and why, in the order of time."""
-    passages: Mapping[int, tuple[Passage, ...]] = field(default_factory=dict, repr=False)
+    _passages: Mapping[int, tuple[Passage, ...]] = field(default_factory=dict, repr=False)
     """When and where each of them came and was lost, and what is known of their bodies."""
 
     def of(self, person: int) -> Observations:

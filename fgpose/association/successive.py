@@ -153,7 +153,7 @@ def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[
             gone_s = max(spans_s[own][1] for group in groups.values() for own in group)
             if gone_s - begin_s > (1 - _LEAST_ALONE) * (end_s - begin_s):
                 continue
-            odds = {who: _log_odds(association.passages, group, person) for who, group in groups.items()}
+            odds = {who: _log_odds(association._passages, group, person) for who, group in groups.items()}
             likely = max(odds, key=lambda who: odds[who])
             change = Change(gone_s, begin_s, newest, likely, False, places.away_m(gone_s, begin_s), odds[likely])
             # Who has just gone cannot be far away; somebody who was here before that may have come back.

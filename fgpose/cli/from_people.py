@@ -158,7 +158,7 @@ class FromPeopleOptions:
     ) -> CalibratedFromPeople:
         """The result, with a progress bar; what was assumed of the focal lengths is printed. If there is none, it is
         said on stderr that the file was not written."""
-        from fgpose.calibration.from_people.calibrate import calibrate
+        from fgpose.calibration.from_people.calibrate import calibrate_from_people
 
         focal = self._focal_of(intrinsics)
         if focal != "known":
@@ -168,7 +168,7 @@ class FromPeopleOptions:
             console.print(f"Focal lengths are estimated{alike}. They begin at {guesses} px.", soft_wrap=True)
         try:
             with progress_bar("calibrating", "steps") as progress:
-                return calibrate(
+                return calibrate_from_people(
                     people,
                     intrinsics,
                     focal=focal,

@@ -29,7 +29,7 @@ def recorded(rig: CameraRig, frames: range) -> PeopleObservations:
             before = int(at)
             joints = truth_m[before] + (at - before) * (truth_m[before + 1] - truth_m[before])
             points_px = camera.project(joints)[None]
-            images.append(fgpose.Detections(camera.name, n / FPS, points_px, np.ones(points_px.shape[:2])))
+            images.append(fgpose.people.Detections(camera.name, n / FPS, points_px, np.ones(points_px.shape[:2])))
     return PeopleObservations(SKELETON, rig.names, tuple(images))
 
 
