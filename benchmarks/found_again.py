@@ -17,7 +17,7 @@ import numpy as np
 
 import fgpose
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
 
 _STARTS, _LONGEST_S, _NEAR_M = 12, 3.0, 0.3

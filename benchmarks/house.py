@@ -48,7 +48,7 @@ def main() -> None:
         estimator.update(next(coming))
     print("Estimator.update: {} functions in {} files".format(*walked(lambda: estimator.update(next(coming)))))
     with tempfile.TemporaryDirectory() as folder:
-        fgpose.save_observations(scene.observations, f"{folder}/seen.npz")
+        fgpose.files.save_observations(scene.observations, f"{folder}/seen.npz")
         fgpose.save_rig(rig, f"{folder}/Calib.toml")
         command = f"smooth {folder}/seen.npz --rig {folder}/Calib.toml --skeleton h36m_17 -o {folder}/out".split()
         print("fgpose smooth: {} functions in {} files".format(*walked(lambda: run_command(command))))

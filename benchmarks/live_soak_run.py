@@ -20,7 +20,7 @@ from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.system import LiveSystem
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from live_soak_consumer import Consumer
 from live_soak_plan import Plan, Trouble
 from simulated_cameras import Fault, SimulatedCameras

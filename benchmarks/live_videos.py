@@ -28,7 +28,7 @@ import av
 import numpy as np
 import zmq
 
-from fgpose.cores import n_cores
+from fgpose.child_process import n_cores
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import decode_frame
 from fgpose.live.recording.live_recording import LiveRecording, load_live_recording

@@ -13,7 +13,7 @@ import fgpose
 from fgpose.association.follow import Sighting
 from fgpose.association.recording import associate
 from fgpose.estimation.evidence.gather import gather
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.people.recording import PeopleRecording
 from fgpose_benchmarks.people.variants import PeopleVariant, record
 from metric import Metric

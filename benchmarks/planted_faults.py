@@ -244,8 +244,8 @@ FAULTY: dict[str, Recordings] = {
 
 def real_recordings() -> Iterator[Seen]:
     """Those that come with fgpose, whole and in halves: a part of a recording has no fault that the whole has not."""
-    for name in fgpose.recordings():
-        rig, observations = fgpose.load_recording(name)
+    for name in fgpose.files.recordings():
+        rig, observations = fgpose.files.load_recording(name)
         half = observations.n_frames // 2
         for frames in (slice(None), slice(half), slice(half, None)):
             yield Seen(observations.frames(frames), rig)

@@ -19,7 +19,7 @@ from fgpose.live.clock import SimulatedClock
 from fgpose.live.frame import CameraStatus
 from fgpose.live.processes.arrivals import Arrivals
 from fgpose.live.sources import CameraSource
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from timeline import Timeline
 
 CameraFault = Literal[

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import LiveFrame
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import (
     CameraTimes,
     CrowdErrors,

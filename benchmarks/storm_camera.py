@@ -8,7 +8,7 @@ import numpy as np
 
 from fgpose.geometry.camera import Camera
 from fgpose.live.sources import CameraSource
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from storm_plan import Fault
 
 MOST_CONNECTIONS = 500

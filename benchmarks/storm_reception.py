@@ -18,7 +18,7 @@ from fgpose.live.reception.keypoint_checks import KeypointChecks
 from fgpose.live.reception.keypoint_messages import encode_keypoints
 from fgpose.live.reception.received import recorded_image
 from fgpose.live.reception.rejections import MessageError
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.robot.robot_poses import MAX_LOOKED_AT, RobotPoses
 from fgpose.skeleton import Skeleton
 from storm_camera import StormCamera

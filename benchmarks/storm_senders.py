@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from distance_truth import RESET_EVERY_S, world_T_arm
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.robot.distance_messages import encode_robot
 from storm_camera import MOST_CONNECTIONS, StormCamera, others
 from storm_plan import Fault, Session

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.live_tracking import LiveTracking
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
 from simulated_visitors import Clip, Visitors
 

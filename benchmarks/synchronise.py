@@ -1,4 +1,4 @@
-"""How well fgpose.synchronise finds when the cameras of a rig began: `python benchmarks/synchronise.py`.
+"""How well fgpose.calibration.synchronise finds when the cameras of a rig began: `python benchmarks/synchronise.py`.
 
 Takes of motion capture that is short for this purpose, each from another moment of a clip, through the synthetic rig
 and the simulated network of the calibration from people (bias of 20 to 40 mm by direction), cameras of 30 and 25 Hz

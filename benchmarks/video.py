@@ -88,7 +88,7 @@ def occluders_pasted(models: tuple[str, ...], rules: tuple[Occlusion, ...]) -> l
     for model in models:
         detected, cutouts = _detected(model), load_cutouts()
         clean, rig = _observations(detected), detected.rig
-        refined = fgpose.refine_rig(clean, rig)
+        refined = fgpose.calibration.refine_rig(clean, rig)
         for rule in rules:
             hidden = _observations(detect(occluded(detected, _SEED, cutouts, rule), open_network(model)))
             metrics += _moved(f"{model}, occluders {_RULES[rule]}", clean, hidden, rig, _MOVED_LIMITS_MM)

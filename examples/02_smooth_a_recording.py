@@ -1,7 +1,7 @@
 """Real detections of four cameras, each frame alone and then as one motion; the result as a file.
 
-What one learns: where recordings come from (fgpose.load_recording, or fgpose.load_rig and fgpose.load_observations for
-your own), the two batch methods, what smoothing changes in numbers, and how to save it.
+What one learns: where recordings come from (fgpose.files.load_recording, or fgpose.load_rig and
+fgpose.load_observations for your own), the two batch methods, what smoothing changes in numbers, and how to save it.
 
     python examples/02_smooth_a_recording.py --output out/balance.parquet
 """
@@ -39,7 +39,7 @@ def main(frames: int = 100, output: Path = Path("out/balance.parquet")) -> None:
         frames: how many of the recording's frames.
         output: where the trajectory goes; the extension is the format: .parquet, .npz, .trc, .c3d.
     """
-    rig, observations = fgpose.load_recording("balance_openpose")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
     observations = observations.frames(slice(0, frames))
     print(f"{observations.n_frames} frames, {rig.n_cameras} cameras, {observations.skeleton.name}")
 

@@ -26,7 +26,7 @@ def main(frames: int = 100, lag_s: float = 0.5) -> None:
         frames: how many of the recording's frames.
         lag_s: how far back a new image still changes the past, seconds.
     """
-    rig, observations = fgpose.load_recording("balance_openpose")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
     observations = observations.frames(slice(0, frames))
     estimator = fgpose.Estimator(rig, observations.skeleton, fgpose.Config(online={"lag_s": lag_s}))
     newest: list[fgpose.Estimate] = []

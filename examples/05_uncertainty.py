@@ -47,7 +47,7 @@ def main(frames: int = 60, hide: str = "cam_02") -> None:
         frames: how many of the recording's frames; the middle third is compared.
         hide: the camera that is covered in that time.
     """
-    rig, observations = fgpose.load_recording("balance_openpose")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
     observations = observations.frames(slice(0, frames))
     middle = slice(frames // 3, 2 * frames // 3)
 

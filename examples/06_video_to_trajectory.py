@@ -55,7 +55,7 @@ def main(
     for camera, flipped in zip(detected.rig.names, corrected.flipped.sum(axis=0).tolist(), strict=True):
         print(f"{camera}: left and right exchanged in {flipped} frames, corrected")
 
-    refined = fgpose.refine_rig(corrected.observations, detected.rig)
+    refined = fgpose.calibration.refine_rig(corrected.observations, detected.rig)
     alone = fgpose.refine(refined.observations, refined.rig)
     smoothed = fgpose.smooth(refined.observations, refined.rig)
     for name, trajectory in (("each frame alone", alone), ("one motion", smoothed)):

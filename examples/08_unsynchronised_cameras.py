@@ -45,7 +45,7 @@ def main(
     true_offsets_s = np.array([0.0, *offsets_ms]) / 1000
     seen = simulate(truth_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=true_offsets_s)
 
-    offsets = fgpose.estimate_time_offsets(seen.observations, rig)
+    offsets = fgpose.calibration.estimate_time_offsets(seen.observations, rig)
     for name, true_s, estimated_s, sigma_s in zip(
         rig.names, true_offsets_s, offsets.offsets_s, offsets.sigma_s, strict=True
     ):

@@ -1,7 +1,7 @@
 """Several people in one room: who is who in the images of all cameras, and the motion of each.
 
-What one learns: what an image of several people is (fgpose.Detections), smooth_people, what happened to each track,
-and how people who were told apart are measured against true ones.
+What one learns: what an image of several people is (fgpose.people.Detections), smooth_people, what happened to each
+track, and how people who were told apart are measured against true ones.
 
     python examples/10_several_people.py --output docs/people.png
 """
@@ -55,7 +55,7 @@ def main(people: int = 3, cameras: int = 4, duration_s: float = 8.0, output: Pat
 
     time_s = smoothed.association.frames.frame_time_s
     truth = scene.truth(time_s)
-    score = fgpose.evaluate_people(smoothed.trajectories, truth, time_s=time_s)
+    score = fgpose.people.evaluate_people(smoothed.trajectories, truth, time_s=time_s)
     print(f"recall {score.recall:.1%}, precision {score.precision:.1%}, IDF1 {score.idf1:.1%}, HOTA {score.hota:.1%}")
     print(f"{score.switches} identity switches, mean error {score.mpjpe_mm:.1f} mm")
 

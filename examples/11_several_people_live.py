@@ -36,7 +36,7 @@ def film(n_people: int, n_cameras: int, duration_s: float) -> CrowdScene:
     return simulate_crowd(motion, rig, DetectionNoise(), Occlusion(), CrowdErrors(), seed=1)
 
 
-def live_images(scene: CrowdScene) -> Iterator[list[fgpose.Detections]]:
+def live_images(scene: CrowdScene) -> Iterator[list[fgpose.people.Detections]]:
     """In a live system: whatever the cameras saw since the last time."""
     for _, images in groupby(scene.observations.images, key=lambda image: image.time_s):
         yield list(images)

@@ -17,8 +17,7 @@ import numpy as np
 import tyro
 
 import fgpose
-from fgpose.calibration.from_people.calibrate import calibrate
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
+from fgpose.calibration import CalibratedFromPeople, Grade, calibrate_from_people
 from fgpose.calibration.moved_views import moved_with_cameras
 from fgpose.geometry.intrinsics import without_pose
 from fgpose.pipeline.calibration import write_calibration
@@ -71,15 +70,15 @@ def main(
         stature_m: of the person; without it the scale is that of the network's 3D, which is off by some per cent.
         output: folder for the rig and the scene for the viewer.
     """
-    true, observations = fgpose.load_recording("balance_blazepose")
+    true, observations = fgpose.files.load_recording("balance_blazepose")
     if focal == "known":
         intrinsics = fgpose.CameraRig(tuple(without_pose(camera) for camera in true.cameras))
     else:
-        intrinsics = fgpose.guessed_intrinsics(true.names, [camera.size_px for camera in true.cameras])
+        intrinsics = fgpose.calibration.guessed_intrinsics(true.names, [camera.size_px for camera in true.cameras])
     # What uncalibrated cameras see: the network's 3D is in the frame of each camera, not in a common world.
-    people = fgpose.PeopleObservations.of_one(moved_with_cameras(observations, true, intrinsics))
+    people = fgpose.people.PeopleObservations.of_one(moved_with_cameras(observations, true, intrinsics))
 
-    result = calibrate(people, intrinsics, focal=focal, stature_m=stature_m, synchronised=True)
+    result = calibrate_from_people(people, intrinsics, focal=focal, stature_m=stature_m, synchronised=True)
     print_verdict(result)
     print_comparison(result.rig, true)
     for path in write_calibration(result, output / "rig.toml", rrd=output / "rig.rrd"):

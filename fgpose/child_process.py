@@ -241,3 +241,8 @@ def parent() -> Iterator[tuple[Callable[[], Any], Callable[[object], None]]]:
                 answers.flush()
 
         yield receive, send
+
+
+def n_cores() -> int:
+    """Of this computer, those that this process and its children may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,4 +1,9 @@
-"""Configuration: the parameters of all parts as one, from keywords or from TOML, checked alike."""
+"""Configuration: the parameters of all parts as one, from keywords or from TOML, checked alike.
+
+load_config reads a Config. Its sections are FusionConfig, ProjectionConfig, VisibilityConfig, DepthConfig,
+SymmetryConfig, MotionConfig, SwingConfig, PriorConfig, RefinementConfig, CalibrationConfig, SolverConfig, OnlineConfig
+and TrackingConfig. What may be given in place of one is a Section; of all, by name, Sections.
+"""
 
 from __future__ import annotations
 
@@ -18,45 +23,41 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack
 
 from fgpose.parameters import (
-    CalibrationConfig as CalibrationConfig,
-)
-from fgpose.parameters import (
-    DepthConfig as DepthConfig,
-)
-from fgpose.parameters import (
-    FusionConfig as FusionConfig,
-)
-from fgpose.parameters import (
-    MotionConfig as MotionConfig,
-)
-from fgpose.parameters import (
-    OnlineConfig as OnlineConfig,
-)
-from fgpose.parameters import (
-    PriorConfig as PriorConfig,
-)
-from fgpose.parameters import (
-    ProjectionConfig as ProjectionConfig,
-)
-from fgpose.parameters import (
-    RefinementConfig as RefinementConfig,
-)
-from fgpose.parameters import (
-    SolverConfig as SolverConfig,
-)
-from fgpose.parameters import (
-    SwingConfig as SwingConfig,
-)
-from fgpose.parameters import (
-    SymmetryConfig as SymmetryConfig,
-)
-from fgpose.parameters import (
-    TrackingConfig as TrackingConfig,
-)
-from fgpose.parameters import (
-    VisibilityConfig as VisibilityConfig,
+    CalibrationConfig,
+    DepthConfig,
+    FusionConfig,
+    MotionConfig,
+    OnlineConfig,
+    PriorConfig,
+    ProjectionConfig,
+    RefinementConfig,
+    SolverConfig,
+    SwingConfig,
+    SymmetryConfig,
+    TrackingConfig,
+    VisibilityConfig,
 )
 from fgpose.plain_files import MAX_SETTINGS_BYTES, naming, read_settings
+
+__all__ = [
+    "CalibrationConfig",
+    "Config",
+    "DepthConfig",
+    "FusionConfig",
+    "MotionConfig",
+    "OnlineConfig",
+    "PriorConfig",
+    "ProjectionConfig",
+    "RefinementConfig",
+    "Section",
+    "Sections",
+    "SolverConfig",
+    "SwingConfig",
+    "SymmetryConfig",
+    "TrackingConfig",
+    "VisibilityConfig",
+    "load_config",
+]
 
 _TOML_QUOTED = re.compile(r"\"[^\"\n]*\"|'[^'\n]*'")
 _TOML_SEPARATOR = re.compile(r"[\[\]{}=,\n]")

@@ -210,7 +210,7 @@ class Estimate:
     n_repairs: int = 0
     """How often GTSAM has failed so far, and the window was eliminated anew (Estimator.repairs)."""
 
-    def __getitem__(self, joint: str) -> Float[np.ndarray, 3]:
+    def __getitem__(self, joint: str) -> Float[np.ndarray, " 3"]:
         """Position of a joint by name, metres. Raises ValueError for an unknown name."""
         return self.positions_m[self.skeleton.index(joint)]
 

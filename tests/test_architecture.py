@@ -22,6 +22,7 @@ SOURCES = {
 
 # The house, from the top floor down. A module imports its own room and the floors below, never one above or beside it.
 FLOORS = (
+    {"people", "files", "deprecated"},
     {"cli"},
     {"robot"},
     {"live", "study"},
@@ -41,13 +42,12 @@ FLOORS = (
         "child_process",
         "plain_files",
         "config",
-        "cores",
         "extensions",
         "finding",
         "frame_matching",
         "observations",
         "parameters",
-        "people",
+        "people_observations",
         "sampling",
         "skeleton",
         "trajectory",

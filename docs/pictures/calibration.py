@@ -24,15 +24,17 @@ _FLOOR_M = (4.0, 4.0)
 _ENLARGED = 10.0
 
 
-def calibrated(behaviour: Behaviour, seconds: float) -> fgpose.CalibratedFromPeople:
+def calibrated(behaviour: Behaviour, seconds: float) -> fgpose.calibration.CalibratedFromPeople:
     """What the cameras find from somebody who behaves so."""
     motion = walkers(_FLOOR_M, seconds, seed=0, behaviour=behaviour)
     scene = film(motion, ring_rig(4, 5.0, 2.3, size_px=(1920, 1080)), seed=0)
     stature = stature_m(motion.truth_m[0], motion.skeleton)
-    return fgpose.calibrate(scene.observations, scene.intrinsics, stature_m=stature, synchronised=True)
+    return fgpose.calibration.calibrate_from_people(
+        scene.observations, scene.intrinsics, stature_m=stature, synchronised=True
+    )
 
 
-def draw_verdict(axes: Axes, found: fgpose.CalibratedFromPeople, title: str) -> None:
+def draw_verdict(axes: Axes, found: fgpose.calibration.CalibratedFromPeople, title: str) -> None:
     """Cameras with the ellipses of their places, the walk, and the verdict."""
     floor_m = np.nanmean(found.joints_m[..., :2], axis=1)
     axes.plot(*floor_m.T, color=PALE, linewidth=2, zorder=0)

@@ -31,7 +31,7 @@ def main(folder: Path | None = None) -> None:
     seen = simulate(
         truth_m, skeleton, rig, FPS, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=LATE_MS / 1000
     ).observations
-    offsets = fgpose.estimate_time_offsets(seen, rig)
+    offsets = fgpose.calibration.estimate_time_offsets(seen, rig)
     errors_mm = [1000 * mpjpe_m(fgpose.smooth(seen, r).positions_m, truth_m) for r in (rig, offsets.rig)]
 
     figure = new_figure(8.4, 3.6, "Four cameras of 50 Hz that claim to be synchronous")

@@ -36,7 +36,7 @@ def main(folder: Path | None = None) -> None:
     Args:
         folder: where it goes; default: docs/concepts.
     """
-    rig, observations = fgpose.load_recording("balance_openpose")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
     observations = observations.frames(slice(0, N_FRAMES))
     seen = fgpose.smooth(observations, rig)
     hidden = fgpose.smooth(without(observations, JOINT, HIDDEN), rig)

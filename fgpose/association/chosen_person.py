@@ -13,7 +13,7 @@ from fgpose.association.recording import Association, associate, total_confidenc
 from fgpose.association.successive import successive
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import NOBODY, PeopleObservations, Seen
+from fgpose.people_observations import NOBODY, PeopleObservations, Seen
 from fgpose.sampling import spread_evenly, usual_step_s
 
 # The person of a region has at least this share of its joints in it.

@@ -10,7 +10,7 @@ import numpy as np
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.changing_rig import held_by, in_pieces, is_changing, later_s, pieces_of
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.sampling import usual_step_s
 
 # Images whose stamps differ by more frames than this are not taken to be of one moment (match_frames); up to there the

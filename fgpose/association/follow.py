@@ -23,7 +23,7 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackEvent, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, Detections
+from fgpose.people_observations import NOBODY, Detections
 from fgpose.skeleton import Skeleton
 
 # Errors of detections are correlated over about so much time: images within it tell once.

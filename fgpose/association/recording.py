@@ -18,7 +18,7 @@ from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen, SeenInImage
 from fgpose.skeleton import Skeleton
 
 Progress = Callable[[int, int], None]
@@ -39,7 +39,7 @@ class Association:
     """By the number of the person, those seen most first."""
     events: tuple[TrackEvent, ...]
     """Every change in the life of a track, and why, in the order of time."""
-    passages: Mapping[int, tuple[Passage, ...]] = field(default_factory=dict, repr=False)
+    _passages: Mapping[int, tuple[Passage, ...]] = field(default_factory=dict, repr=False)
     """When and where each of them came and was lost, and what is known of their bodies."""
 
     def of(self, person: int) -> Observations:

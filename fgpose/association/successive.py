@@ -18,7 +18,7 @@ from fgpose.association.recording import Association, Progress, associate
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.parameters import TrackingConfig
-from fgpose.people import NOBODY, PeopleObservations, Seen
+from fgpose.people_observations import NOBODY, PeopleObservations, Seen
 
 # Who is located without such a gap, and never farther away than somebody can run meanwhile, is one person.
 _GAP_S, _RUNS_MPS, _NEAR_M = 0.25, 6.0, 0.5
@@ -153,7 +153,7 @@ def _grouped(association: Association, places: _Places) -> tuple[dict[int, list[
             gone_s = max(spans_s[own][1] for group in groups.values() for own in group)
             if gone_s - begin_s > (1 - _LEAST_ALONE) * (end_s - begin_s):
                 continue
-            odds = {who: _log_odds(association.passages, group, person) for who, group in groups.items()}
+            odds = {who: _log_odds(association._passages, group, person) for who, group in groups.items()}
             likely = max(odds, key=lambda who: odds[who])
             change = Change(gone_s, begin_s, newest, likely, False, places.away_m(gone_s, begin_s), odds[likely])
             # Who has just gone cannot be far away; somebody who was here before that may have come back.

@@ -1,1 +1,52 @@
-"""Poses and time offsets of the cameras, from the recording itself."""
+"""The cameras: where they stand, what their lenses are, and what their clocks say, from recordings of people.
+
+- From nothing but people who walk: calibrate_from_people, with guessed_intrinsics or fgpose.files.load_intrinsics. It
+  gives CalibratedFromPeople: the rig, CameraSigmas, and a Grade with each CalibrationFinding. GivenStart is what is
+  known of the start of a video, Walk what was used of the recording, Parts what of the chain can be turned off.
+- A rig that was calibrated, on the recording itself: refine_rig (RigRefinement) for the poses, estimate_time_offsets
+  (TimeOffsets) for the clocks, self_calibrate (SelfCalibration) for both at once.
+- A rig of which a camera was moved: refine_bumped (BumpedRig).
+- Cameras that began at different moments: synchronise (Synchronised), and on_common_clock for what they recorded.
+- Keypoints of images that are turned: turn_images.
+- Clocks as they are learned live: RunningOffsets (Tracker.offsets), from OffsetEvidence.
+"""
+
+from fgpose.association.common_clock import on_common_clock
+from fgpose.calibration.bumped import BumpedRig, refine_bumped
+from fgpose.calibration.from_people.calibrate import Parts, calibrate_from_people
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, CameraSigmas, Grade
+from fgpose.calibration.from_people.starts.starts import GivenStart
+from fgpose.calibration.from_people.walk import Walk
+from fgpose.calibration.rig_refinement import RigRefinement, refine_rig
+from fgpose.calibration.self_calibration import SelfCalibration, self_calibrate
+from fgpose.calibration.synchronisation import Synchronised, synchronise
+from fgpose.calibration.time_offsets import TimeOffsets, estimate_time_offsets
+from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
+from fgpose.geometry.intrinsics import guessed_intrinsics
+from fgpose.geometry.turned_images import turn_images
+
+__all__ = [
+    "BumpedRig",
+    "CalibratedFromPeople",
+    "CalibrationFinding",
+    "CameraSigmas",
+    "GivenStart",
+    "Grade",
+    "OffsetEvidence",
+    "Parts",
+    "RigRefinement",
+    "RunningOffsets",
+    "SelfCalibration",
+    "Synchronised",
+    "TimeOffsets",
+    "Walk",
+    "calibrate_from_people",
+    "estimate_time_offsets",
+    "guessed_intrinsics",
+    "on_common_clock",
+    "refine_bumped",
+    "refine_rig",
+    "self_calibrate",
+    "synchronise",
+    "turn_images",
+]

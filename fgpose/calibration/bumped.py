@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.disagreement import NEGLIGIBLE_MRAD, allowed_mrad
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.moved_views import Recording, moved_with_cameras
 from fgpose.calibration.rig_refinement import has_moved, moves, refine_rig
 from fgpose.config import Config
@@ -31,7 +31,7 @@ class BumpedRig(Generic[Recording]):
     residual_before_px: Float[np.ndarray, " camera"]
     """Median reprojection error, with the rig as it was and as it is now; NaN for a camera that sees nothing."""
     residual_after_px: Float[np.ndarray, " camera"]
-    findings: tuple[Finding, ...]
+    findings: tuple[CalibrationFinding, ...]
 
     @property
     def grade(self) -> Grade:
@@ -82,18 +82,18 @@ def _with_moved(given: CameraRig, refined: CameraRig, moved: Bool[np.ndarray, " 
 
 def _findings(
     rig: CameraRig, moved: Bool[np.ndarray, " camera"], error_px: Float[np.ndarray, " camera"]
-) -> tuple[Finding, ...]:
+) -> tuple[CalibrationFinding, ...]:
     """What is wrong with the result."""
     from_nothing = "calibrate from nothing: leave out --from"
     findings = [
-        Finding(name, Grade.COARSE, "it saw nothing that another camera saw", "walk where both see you")
+        CalibrationFinding(name, Grade.COARSE, "it saw nothing that another camera saw", "walk where both see you")
         for name in np.array(rig.names)[np.isnan(error_px)].tolist()
     ]
     if moved.any() and 2 * moved.sum() >= rig.n_cameras:
         reason = f"{moved.sum()} of {rig.n_cameras} cameras seem to have moved, so it is not certain which did"
-        findings.append(Finding("", Grade.COARSE, reason, from_nothing))
+        findings.append(CalibrationFinding("", Grade.COARSE, reason, from_nothing))
     error_mrad = 1000 * error_px / rig.focal_px
     for c in np.flatnonzero(error_mrad > allowed_mrad(float(np.nanmedian(error_mrad)), NEGLIGIBLE_MRAD)).tolist():
         reason = f"it still disagrees with the others by {error_px[c]:.0f} px ({error_mrad[c]:.0f} mrad)"
-        findings.append(Finding(rig.names[c], Grade.FAILED, reason, from_nothing))
+        findings.append(CalibrationFinding(rig.names[c], Grade.FAILED, reason, from_nothing))
     return tuple(findings)

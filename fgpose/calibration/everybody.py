@@ -15,7 +15,7 @@ from fgpose.calibration.used_parts import Adjusted
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import NOBODY, PeopleObservations
+from fgpose.people_observations import NOBODY, PeopleObservations
 
 # In simulated halls with cameras that are off by up to 2 degrees, a third changed nothing.
 _MAX_ROUNDS = 2

@@ -9,7 +9,7 @@ import numpy as np
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 Recording = TypeVar("Recording", Observations, PeopleObservations)
 

@@ -18,7 +18,7 @@ from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.changing_rig import is_changing
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def calibrate_cameras(
 
     What changes in time is found first (fgpose.calibration.changes): with clocks jumps and rates, and cameras that were
     started at another moment, with poses cameras that were bumped while they filmed. The recording is put together with
-    it (fgpose.on_common_clock), and what is constant is calibrated then.
+    it (fgpose.calibration.on_common_clock), and what is constant is calibrated then.
 
     Raises:
         ValueError: see refine_rig, estimate_time_offsets and self_calibrate.

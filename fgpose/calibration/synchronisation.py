@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.starts.start_findings import AMBIGUOUS_REMEDY, in_words
 from fgpose.calibration.from_people.starts.starts import Starts, find_starts
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 _WALK, _CUT = "walk about where all cameras see you", "or cut the recordings to begin at the same moment"
 
@@ -28,7 +28,7 @@ class Synchronised:
     """Of the cameras whose start is known. time_offset_s of each turns its clock into that of the first."""
     sigma_s: Float[np.ndarray, " camera"]
     """Standard deviation of the offsets; zero of the first camera."""
-    findings: tuple[Finding, ...]
+    findings: tuple[CalibrationFinding, ...]
     """Of each camera whose start is not known the reason (grade failed), and doubts about others."""
 
     @property
@@ -41,8 +41,8 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
     """Find when each camera of a rig began, however far apart that is, from the motion of the person who is seen most.
 
     At the right shift the joints of one camera lie on the epipolar lines of those of another; see
-    fgpose.calibration.from_people.starts.placed_joining. fgpose.estimate_time_offsets, which uses everybody, refines
-    offsets of less than a quarter of a second.
+    fgpose.calibration.from_people.starts.placed_joining. estimate_time_offsets, which uses everybody, refines offsets
+    of less than a quarter of a second.
 
     Args:
         people: what the cameras saw, each by its own clock.
@@ -66,7 +66,7 @@ def synchronise(people: PeopleObservations, rig: CameraRig) -> Synchronised:
     return Synchronised(own, starts.sigma_s[starts.trusted], findings)
 
 
-def _with_remedy(finding: Finding) -> Finding:
+def _with_remedy(finding: CalibrationFinding) -> CalibrationFinding:
     """What helps with a rig whose poses are known."""
     ambiguous = finding.remedy.startswith(AMBIGUOUS_REMEDY)
     return replace(finding, remedy=f"{AMBIGUOUS_REMEDY}; {_CUT}" if ambiguous else f"{_WALK}; {_CUT}")

@@ -13,7 +13,7 @@ from fgpose.calibration.search import Found, search
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from fgpose.diagnosis.diagnose import Diagnosis
     from fgpose.geometry.camera import CameraRig
-    from fgpose.people import PeopleObservations
+    from fgpose.people_observations import PeopleObservations
 
 PROBABLY_WRONG = 3
 """Exit code with --strict where a finding says that numbers are wrong."""

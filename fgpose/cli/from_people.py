@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.clips import Clip
     from fgpose.monocular.sources import Sources
-    from fgpose.people import PeopleObservations
+    from fgpose.people_observations import PeopleObservations
 
 _INTRINSICS = (
     "Focal lengths, principal points and distortion: a calibration of any format (its poses are not used), the YAML, "
@@ -158,7 +158,7 @@ class FromPeopleOptions:
     ) -> CalibratedFromPeople:
         """The result, with a progress bar; what was assumed of the focal lengths is printed. If there is none, it is
         said on stderr that the file was not written."""
-        from fgpose.calibration.from_people.calibrate import calibrate
+        from fgpose.calibration.from_people.calibrate import calibrate_from_people
 
         focal = self._focal_of(intrinsics)
         if focal != "known":
@@ -168,7 +168,7 @@ class FromPeopleOptions:
             console.print(f"Focal lengths are estimated{alike}. They begin at {guesses} px.", soft_wrap=True)
         try:
             with progress_bar("calibrating", "steps") as progress:
-                return calibrate(
+                return calibrate_from_people(
                     people,
                     intrinsics,
                     focal=focal,

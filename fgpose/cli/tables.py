@@ -16,7 +16,7 @@ from fgpose.calibration.self_calibration import CameraCalibration
 from fgpose.cli.console import new_table, number, print_written
 from fgpose.finding import Code
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import AnySource, Result
 from fgpose.sampling import frames_per_second
 from fgpose.trajectory import Status, Trajectory

@@ -38,7 +38,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp, z_up_R_world
 from fgpose.kinematics.vertical import find_up
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.trajectory import Trajectory
 
 InputCheck = Callable[[Examined], list[Finding]]

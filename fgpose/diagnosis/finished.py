@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.association.track import TrackEvent
-from fgpose.calibration.from_people.calibrated import Finding as CalibrationFinding
+from fgpose.calibration.from_people.calibrated import CalibrationFinding
 from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.finding import Finding
 from fgpose.geometry.camera import CameraRig

@@ -63,7 +63,7 @@ class Camera:
     """The part of time_offset_s that is not of the camera but of a recording: when that began."""
     clock_drift: float = 0.0
     """How much later still for each second of the time stamps: 0.001 if 29.97 Hz were taken for 30. What changes in
-    time is accounted for by fgpose.on_common_clock, which the commands call."""
+    time is accounted for by fgpose.calibration.on_common_clock, which the commands call."""
     clock_jumps: tuple[tuple[float, float], ...] = ()
     """Since when, by the time stamps, and how much later than before: 0.2 s where 6 images of 30 Hz were lost, and
     those after them numbered on."""
@@ -124,7 +124,7 @@ class Camera:
         size_px: tuple[int, int],
         K: Float[np.ndarray, "3 3"],
         R: Float[np.ndarray, "3 3"],
-        t_m: Float[np.ndarray, 3],
+        t_m: Float[np.ndarray, " 3"],
         distortion: Sequence[float] | np.ndarray = (),
         lens: LensModel = "pinhole",
     ) -> Camera:
@@ -135,7 +135,7 @@ class Camera:
         return cls(name, size_px, K, world_T_camera, np.asarray(distortion, dtype=float), lens)
 
     @property
-    def position_m(self) -> Float[np.ndarray, 3]:
+    def position_m(self) -> Float[np.ndarray, " 3"]:
         """Centre of projection in the world frame."""
         return self.world_T_camera[:3, 3]
 

@@ -26,7 +26,7 @@ def refuse_changing(rig: CameraRig) -> None:
         if camera.clock_drift or camera.clock_jumps or camera.moves:
             raise ValueError(
                 f"camera {camera.name}: its clock or pose changes while the recording lasts; take "
-                "observations, rig = fgpose.on_common_clock(observations, rig) first"
+                "observations, rig = fgpose.calibration.on_common_clock(observations, rig) first"
             )
 
 

@@ -9,7 +9,7 @@ from typing import TypeVar
 
 from fgpose.extensions import added
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory
 

@@ -1,5 +1,12 @@
-"""From joints to what a study is about: segments, joint angles, speeds and heights."""
+"""From joints to what a study is about: segments, joint angles, speeds and heights.
 
-from fgpose.kinematics.angles import JointAngles as JointAngles
-from fgpose.kinematics.angles import angle_names as angle_names
-from fgpose.kinematics.angles import joint_angles as joint_angles
+joint_angles gives JointAngles of a trajectory; angle_names says which there are of a skeleton.
+"""
+
+from fgpose.kinematics.angles import JointAngles, angle_names, joint_angles
+
+__all__ = [
+    "JointAngles",
+    "angle_names",
+    "joint_angles",
+]

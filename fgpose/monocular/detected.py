@@ -15,7 +15,7 @@ from fgpose.monocular.detection_cache import ViewDetections
 from fgpose.monocular.network import People
 from fgpose.monocular.sources import Sources
 from fgpose.observations import Observations
-from fgpose.people import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 

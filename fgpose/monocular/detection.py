@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fgpose.cores import n_cores
+from fgpose.child_process import n_cores
 from fgpose.geometry.camera import Camera
 from fgpose.io.atomic import check_writable
 from fgpose.monocular.clips import Clip, Picture

@@ -11,7 +11,7 @@ from fgpose.calibration.bumped import BumpedRig
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import CalibrationOrigin, RigFormat, save_rig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.origin import after_bumps, calibration_from_people
 from fgpose.pipeline.outputs import write_all
 from fgpose.pipeline.seen_walk import SeenWalk, of_bumped, of_calibrated, show_walk

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.calibration.bumped import BumpedRig
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 
 _GRADES = {
     Grade.GOOD: "good",
@@ -58,21 +58,21 @@ def summary(result: CalibratedFromPeople) -> list[str]:
     return lines
 
 
-def verdict(findings: Sequence[Finding], grade: Grade) -> list[str]:
+def verdict(findings: Sequence[CalibrationFinding], grade: Grade) -> list[str]:
     """The verdict, and the reasons with what helps, those that the same helps against together; the gravest first."""
-    together: dict[tuple[int, str], list[Finding]] = {}
+    together: dict[tuple[int, str], list[CalibrationFinding]] = {}
     for finding in findings:
         together.setdefault((-list(Grade).index(finding.grade), finding.remedy), []).append(finding)
     return [f"Verdict: {_GRADES[grade]}.", *(_sentence(together[key]) for key in sorted(together, key=lambda k: k[0]))]
 
 
-def _sentence(findings: Sequence[Finding]) -> str:
+def _sentence(findings: Sequence[CalibrationFinding]) -> str:
     grade, remedy = findings[0].grade.value, findings[0].remedy
     reasons = "; ".join(f"{_whose(finding)}: {finding.reason}" for finding in findings)
     return f"- {grade}, {reasons}." + (f" Remedy: {remedy}." if remedy else "")
 
 
-def _whose(finding: Finding) -> str:
+def _whose(finding: CalibrationFinding) -> str:
     return f"camera {finding.camera}" if finding.camera else "all cameras"
 
 

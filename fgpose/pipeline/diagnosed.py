@@ -17,7 +17,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.up_axis import UpChoice, WorldUp
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.result import Result
 from fgpose.trajectory import Trajectory
 

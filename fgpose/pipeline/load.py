@@ -13,7 +13,7 @@ from fgpose.io.calibration import Unit, load_rig
 from fgpose.io.keypoints import keypoint_cameras, load_people
 from fgpose.io.names import counted_otherwise, seen_cameras
 from fgpose.observations import check_confidence
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.detected_orientation import as_detected
 from fgpose.pipeline.origin import origin_of
 from fgpose.pipeline.source import AnySource, Source

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fgpose.calibration.bumped import BumpedRig
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.calibration.self_calibration import CameraCalibration
 from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
@@ -100,7 +100,7 @@ def after_bumps(known: CalibrationOrigin, found: BumpedRig[Any]) -> CalibrationO
     )
 
 
-def _reasons(findings: Sequence[Finding]) -> tuple[Reason, ...]:
+def _reasons(findings: Sequence[CalibrationFinding]) -> tuple[Reason, ...]:
     return tuple(Reason(each.camera, each.grade.value, each.reason, each.remedy) for each in findings)
 
 

@@ -21,7 +21,7 @@ from fgpose.io.origin import Origin
 from fgpose.io.trajectories import check_output, people_paths, save_people
 from fgpose.io.trajectories.upright import resolved_up
 from fgpose.kinematics.vertical import find_up
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.result import Result, show
 from fgpose.pipeline.source import AnySource
 from fgpose.skeleton import Skeleton

@@ -16,7 +16,7 @@ from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.origin import recalibrated
 from fgpose.pipeline.result import Result
 from fgpose.pipeline.source import AnySource, Source

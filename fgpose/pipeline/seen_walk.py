@@ -19,7 +19,7 @@ from fgpose.geometry.epipolar_distance import pairs_px
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline.calibration_report import bumped_markdown, markdown
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory, joint_status

@@ -16,7 +16,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.origin import Origin
 from fgpose.observations import Observations
 from fgpose.parameters import TrackingConfig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 
 @dataclass(frozen=True, eq=False)

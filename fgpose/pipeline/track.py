@@ -18,7 +18,7 @@ from fgpose.estimation.evidence.evidence import Evidence
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations, Seen, SeenInImage
+from fgpose.people_observations import Detections, PeopleObservations, Seen, SeenInImage
 from fgpose.pipeline.result import Result
 from fgpose.pipeline.source import AnySource
 from fgpose.sampling import nearest

@@ -22,7 +22,7 @@ from fgpose.geometry.changing_rig import is_changing
 from fgpose.io.keypoints import keypoint_cameras, load_people
 from fgpose.io.names import seen_cameras
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.sampling import nearest, usual_step_s
 from fgpose.trajectory import Trajectory

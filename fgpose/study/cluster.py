@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from multiprocessing import get_context
 from typing import TYPE_CHECKING, Any, cast
 
-from fgpose.cores import n_cores
+from fgpose.child_process import n_cores
 from fgpose.study.process import Outcome, failed, process
 from fgpose.study.recording import Recording
 from fgpose.study.study import Resources, Study

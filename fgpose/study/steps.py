@@ -10,8 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fgpose.calibration.from_people.calibrate import Focal, calibrate, unknown_focal
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.from_people.calibrate import Focal, calibrate_from_people, unknown_focal
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.calibration.synchronisation import synchronise
 from fgpose.diagnosis.finished import FinishedRecording, Mark
 from fgpose.geometry.camera import CameraRig
@@ -36,7 +36,7 @@ from fgpose.monocular.downloads.cache import cache_folder
 from fgpose.monocular.flips import correct_flips
 from fgpose.monocular.sources import Sources, find_clips, open_sources
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.pipeline import AnySource, run_calibrate, run_smooth
 from fgpose.pipeline.diagnosed import diagnosed
 from fgpose.pipeline.origin import calibration_from_people, synchronised, video_files
@@ -184,14 +184,16 @@ def from_people(study: Study, people: PeopleObservations, intrinsics: CameraRig)
     """Cameras calibrated from people. Raises ValueError, with the reasons, if that has failed."""
     known = study.from_people
     focal: Focal = "known" if known.intrinsics else unknown_focal(intrinsics)
-    result = calibrate(people, intrinsics, focal=focal, stature_m=known.stature_m, synchronised=known.synchronised)
+    result = calibrate_from_people(
+        people, intrinsics, focal=focal, stature_m=known.stature_m, synchronised=known.synchronised
+    )
     if result.grade is Grade.FAILED:
         reasons = "; ".join(_reason(finding) for finding in result.findings if finding.grade is Grade.FAILED)
         raise ValueError(f"the calibration from people has failed: {reasons}")
     return result
 
 
-def _reason(finding: Finding) -> str:
+def _reason(finding: CalibrationFinding) -> str:
     return f"{finding.camera}: {finding.reason}" if finding.camera else finding.reason
 
 

@@ -11,7 +11,7 @@ from fgpose.config import Config
 from fgpose.estimation.evidence.gather import gather
 from fgpose.estimation.smoother import smooth_evidence
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.trajectory import Trajectory
 
 

@@ -12,7 +12,7 @@ from fgpose.config import Config
 from fgpose.estimation.online.clock_offsets import RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import refuse_millimetres
-from fgpose.people import NOTHING, Detections, refuse_mixed_appearance
+from fgpose.people_observations import NOTHING, Detections, refuse_mixed_appearance
 from fgpose.skeleton import Skeleton
 from fgpose.tracking.estimator_process import ANSWERS_WITHIN_S
 from fgpose.tracking.estimators import NewDetections

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from contextlib import ExitStack
 
+from fgpose.child_process import n_cores
 from fgpose.config import Config
-from fgpose.cores import n_cores
 from fgpose.estimation.online.clock_offsets import OffsetEvidence, RunningOffsets
 from fgpose.geometry.camera import CameraRig
 from fgpose.skeleton import Skeleton

@@ -14,7 +14,7 @@ from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Trajectory
 
 UpAxis = Literal["+x", "-x", "+y", "-y", "+z", "-z"]

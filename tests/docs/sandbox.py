@@ -29,7 +29,7 @@ ROOM_FPS = 30.0
 
 def make_sandbox(folder: Path) -> None:
     """Calib.toml, pose/ and mocap.trc; a study in S01/ and events.csv; Room.toml, room/ and truth.parquet."""
-    rig, observations = fgpose.load_recording("balance_openpose")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
     observations = observations.frames(slice(0, N_FRAMES))
     fgpose.save_rig(rig, folder / "Calib.toml")
     for camera, name in enumerate(rig.names):
@@ -41,7 +41,7 @@ def make_sandbox(folder: Path) -> None:
     session = folder / "S01" / "morning"
     session.mkdir(parents=True)
     fgpose.save_rig(rig, session / "Calib.toml")
-    fgpose.save_observations(observations, session / "walk.parquet")
+    fgpose.files.save_observations(observations, session / "walk.parquet")
     (folder / "events.csv").write_text("subject,trial,event,time_s\nS01,walk,go,0.2\n")
 
     scene = room()
@@ -50,7 +50,7 @@ def make_sandbox(folder: Path) -> None:
         people = zip(image.points2d_px, image.confidence, strict=True)
         write_openpose(folder / "room" / f"{image.camera}_json", round(image.time_s * ROOM_FPS), people)
     frame_s = np.unique([image.time_s for image in scene.observations.images])
-    fgpose.save_people(scene.truth(frame_s), folder / "truth.parquet")
+    fgpose.files.save_people(scene.truth(frame_s), folder / "truth.parquet")
 
 
 def room() -> CrowdScene:

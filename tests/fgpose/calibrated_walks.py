@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CameraSigmas, Finding
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, CameraSigmas
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.cli import main
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import ring_rig, walking
 
 FPS = 20.0
@@ -59,7 +59,7 @@ def write_openpose(folder: Path, points_px: np.ndarray) -> Path:
 def calibrated(
     people: PeopleObservations,
     rig: CameraRig,
-    findings: Sequence[Finding] = (),
+    findings: Sequence[CalibrationFinding] = (),
     offsets_s: Sequence[float] = (),
 ) -> CalibratedFromPeople:
     """As the chain would give it: the true poses, lenses as in rig, and the walk."""
@@ -92,7 +92,7 @@ class Chain:
         self.given: dict[str, Any] = {}
         self.people: PeopleObservations | None = None
         self.intrinsics: CameraRig | None = None
-        self.findings: Sequence[Finding] = ()
+        self.findings: Sequence[CalibrationFinding] = ()
         self.result: Callable[[PeopleObservations, CameraRig], CalibratedFromPeople] | None = None
 
     def __call__(self, people: PeopleObservations, intrinsics: CameraRig, **given: Any) -> CalibratedFromPeople:

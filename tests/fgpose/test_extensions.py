@@ -54,7 +54,7 @@ def read(path, rig, skeleton):
     one = fgpose.Observations(
         skeleton=skeleton, camera_names=rig.names, time_s=np.arange(len(points2d_px)) / 30,
         points2d_px=points2d_px, confidence=np.ones(points2d_px.shape[:3]))
-    return fgpose.PeopleObservations.of_one(one)
+    return fgpose.people.PeopleObservations.of_one(one)
 
 
 def is_mine(path):

@@ -107,8 +107,8 @@ def test_damaged_files_say_nothing(tmp_path: Path):
 
 def _smoothed(folder: Path) -> list[str]:
     """The arguments of a command for a recording of which there is a smoothed result."""
-    rig, observations = fgpose.load_recording("balance_openpose")
-    fgpose.save_observations(observations.frames(slice(0, 5)), folder / "walk.npz")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
+    fgpose.files.save_observations(observations.frames(slice(0, 5)), folder / "walk.npz")
     fgpose.save_rig(rig, folder / "Calib.toml")
     source = [str(folder / "walk.npz"), "--rig", str(folder / "Calib.toml"), "--skeleton", "body_25b"]
     to = ["--output", str(folder / "out")]

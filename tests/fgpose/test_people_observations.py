@@ -5,7 +5,7 @@ import pytest
 
 from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.observations import Observations
-from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen
 from fgpose.skeleton import Skeleton
 
 BODY = Skeleton("body", ("hip", "knee", "foot"), ((0, 1), (1, 2)), (0,))

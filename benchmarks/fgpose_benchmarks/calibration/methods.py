@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from fgpose.calibration.from_people.calibrate import Parts, calibrate
+from fgpose.calibration.from_people.calibrate import Parts, calibrate_from_people
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
@@ -19,11 +19,11 @@ OURS = "fgpose"
 
 @dataclass(frozen=True)
 class Chain:
-    """fgpose.calibrate; a calibration that it refuses is one that failed."""
+    """fgpose.calibration.calibrate_from_people; a calibration that it refuses is one that failed."""
 
     parts: Parts = field(default_factory=Parts)
     """Which are turned on."""
-    calibrate: Callable[..., CalibratedFromPeople] = calibrate
+    calibrate: Callable[..., CalibratedFromPeople] = calibrate_from_people
 
     def __call__(self, recording: CalibrationRecording) -> CalibrationResult:
         given, start_s = recording.given, time.perf_counter()

@@ -16,7 +16,7 @@ from fgpose.io.calibration import load_rig
 from fgpose.io.recordings import load_recording, recordings
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import frames_per_second
 from fgpose_benchmarks.calibration.recording import CalibrationRecording, Given
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.calibrated import CameraSigmas
 from fgpose.calibration.from_people.walk import Walk
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.comparison.recording import Method
 from fgpose_benchmarks.synthetic import WalkScene
 

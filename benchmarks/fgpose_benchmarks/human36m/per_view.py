@@ -26,10 +26,10 @@ _MAX_FRAME_FRACTION = 0.02
 def load_views(folder: str | Path, sequences: Iterable[PoseSequence]) -> dict[SequenceKey, Observations]:
     """Per-view predictions of these sequences: a recording of fgpose for each, SUBJECT/ACTION.npz.
 
-    It is the npz of fgpose.save_observations: time_s (T,), the number of each frame in the 50 Hz video from 0, divided
-    by 50; points2d_px (T, C, 17, 2) in pixels of the original image, NaN = none; confidence (T, C, 17) in [0, 1];
-    points3d_m (T, C, 17, 3), if there are any, in the world frame, metres; camera_names (C,), as 54138969; joints
-    (17,), the names of h36m_17 in its order. Any frames will do, all of the video or only those that are scored.
+    It is the npz of fgpose.files.save_observations: time_s (T,), the number of each frame in the 50 Hz video from 0,
+    divided by 50; points2d_px (T, C, 17, 2) in pixels of the original image, NaN = none; confidence (T, C, 17) in
+    [0, 1]; points3d_m (T, C, 17, 3), if there are any, in the world frame, metres; camera_names (C,), as 54138969;
+    joints (17,), the names of h36m_17 in its order. Any frames will do, all of the video or only those that are scored.
 
     Raises:
         ValueError: a file is damaged, of another skeleton or other cameras, or a time is that of no frame; the message

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Trajectory, joint_status
 from fgpose_benchmarks.comparison.recording import Method

@@ -7,7 +7,7 @@ from jaxtyping import Bool
 
 from fgpose.association.recording import Association
 from fgpose.frame_matching import NO_IMAGE
-from fgpose.people import NOBODY, Seen
+from fgpose.people_observations import NOBODY, Seen
 from fgpose_benchmarks.people.recording import PeopleRecording
 
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 
 from fgpose.assessment.metrics import mean_known
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic.crowd.bodies import VISIBLE, Capsules, hidden_by
 from fgpose_benchmarks.synthetic.crowd.errors import CrowdErrors, spells

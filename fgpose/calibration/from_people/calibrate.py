@@ -34,7 +34,7 @@ from fgpose.calibration.from_people.world.scale import MeasuredDistance, check_s
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.fitted_camera import BLOCK_PX
 from fgpose.geometry.triangulation import triangulate_robust
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 
 Focal = Literal["known", "shared", "each"]
 """Focal lengths are those of the intrinsics; are unknown, one for all cameras of a model; or one for each camera."""
@@ -62,7 +62,7 @@ _INLIER_SHARE = 0.2  # of the body's radius: joints of views that are further ap
 _LEAST_HALF_S = 5.0  # a walk of less cannot be halved
 
 
-def calibrate(
+def calibrate_from_people(
     people: PeopleObservations,
     intrinsics: CameraRig,
     *,
@@ -78,7 +78,7 @@ def calibrate(
 
     Args:
         people: what the cameras saw, each by its own clock; per-view 3D, if there is any, in the frame of each camera.
-        intrinsics: K and lens of each camera; its poses are not used (fgpose.load_intrinsics, guessed_intrinsics).
+        intrinsics: K and lens of each camera (load_intrinsics, guessed_intrinsics); its poses are not used.
         focal: what is known of the focal lengths. Unknown ones are searched for within some tens of per cent.
         stature_m: of the walker, without shoes.
         distances: two cameras, and how far apart they are in metres.

@@ -23,7 +23,7 @@ class Grade(Enum):
 
 
 @dataclass(frozen=True)
-class Finding:
+class CalibrationFinding:
     """One reason for a verdict, and what helps."""
 
     camera: str
@@ -68,7 +68,7 @@ class CalibratedFromPeople:
     """Of the walk, world frame; NaN = not determined."""
     residual_px: Float[np.ndarray, "frame camera joint"]
     """Length of the reprojection errors; NaN = missing."""
-    findings: tuple[Finding, ...]
+    findings: tuple[CalibrationFinding, ...]
     scale_from: str
     """Which cue the scale is from, as "stature 1.78 m"."""
 

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from fgpose.calibration.from_people.body_size import body_radius
 from fgpose.calibration.from_people.left_right import with_steady_sides
 from fgpose.calibration.from_people.walk import Track
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 # Distances in radii of the body (body_radius, about 0.5 m): a joint is expected within 0.2 of where it is predicted, as

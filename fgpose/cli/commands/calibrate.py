@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from fgpose.calibration.from_people.calibrated import CalibratedFromPeople
     from fgpose.geometry.camera import CameraRig
     from fgpose.monocular.detected import Detected
-    from fgpose.people import PeopleObservations
+    from fgpose.people_observations import PeopleObservations
 
 FAILED = 1
 """Exit code when the calibration has failed."""

@@ -151,7 +151,7 @@ class VideoOptions(NetworkOptions):
         """Everybody, or the wanted person as each camera saw them, with left and right corrected; prints what was
         found."""
         from fgpose.monocular.flips import correct_flips
-        from fgpose.people import PeopleObservations
+        from fgpose.people_observations import PeopleObservations
         from fgpose.pipeline import Source
 
         region = wanted_region(self.people, self.person_region)
@@ -196,7 +196,7 @@ class Detect(VideoOptions, RigOption):
     def run(self) -> None:
         from fgpose.io.calibration import load_rig
         from fgpose.io.keypoints import save_observations, save_people_observations
-        from fgpose.people import PeopleObservations
+        from fgpose.people_observations import PeopleObservations
         from fgpose.pipeline import Outputs, write_all
 
         console = new_console()

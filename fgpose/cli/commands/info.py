@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fgpose.assessment.recording_info import CameraInfo, RecordingInfo
     from fgpose.association.recording import Association
     from fgpose.geometry.camera import CameraRig
-    from fgpose.people import PeopleObservations
+    from fgpose.people_observations import PeopleObservations
 
 # More would hide the rest of the report.
 _MAX_GAPS = 10
@@ -42,7 +42,7 @@ class Info(RecordingOptions):
         from fgpose.cli.delivery import print_findings
         from fgpose.cli.tables import print_association, print_presence
         from fgpose.diagnosis.diagnose import diagnose
-        from fgpose.people import PeopleObservations
+        from fgpose.people_observations import PeopleObservations
 
         source, console = self.load(), new_console()
         seen = source.observations

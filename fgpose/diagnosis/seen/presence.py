@@ -14,7 +14,7 @@ from fgpose.diagnosis.body.joint_names import in_words
 from fgpose.diagnosis.examined import Examined
 from fgpose.finding import Code, Finding, Severity
 from fgpose.geometry.changing_rig import of_whole_cameras
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.sampling import stretches, usual_step_s
 
 # Less is a detector that misses somebody in a few images.

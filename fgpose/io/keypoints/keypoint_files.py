@@ -21,7 +21,7 @@ from fgpose.io.keypoints.sources import freemocap_file, keypoint_sources
 from fgpose.io.names import match_cameras
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

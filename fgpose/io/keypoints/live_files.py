@@ -8,7 +8,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration.live_format import is_live as is_live
 from fgpose.io.live.recordings import LiveRecordingFile
 from fgpose.io.names import match_cameras
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

@@ -21,7 +21,7 @@ from fgpose.io.keypoints.recording_files import is_parquet, is_recording
 from fgpose.io.names import match_cameras
 from fgpose.io.tables import column_names, names, nullable, numbers, read_table, write_table
 from fgpose.observations import is_infinite, positive_definite
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

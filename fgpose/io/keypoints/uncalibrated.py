@@ -16,7 +16,7 @@ from fgpose.geometry.intrinsics import guessed_intrinsics
 from fgpose.io.keypoints import live_files, people_files, recording_files
 from fgpose.io.keypoints.keypoint_files import Points3dUnit, keypoint_cameras, load_people
 from fgpose.io.names import match_cameras, named_cameras
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 # Of videos, upright or not. Rarer ones between them would be taken where somebody stays near the middle.

@@ -6,7 +6,7 @@ A file of records (record_files), each a MessagePack document (packing) with a k
 - ``images``: detections that the tracker was given together, as ``images``. Of each the camera, ``time_s`` (when it
   was taken, Unix time), ``time_sigma_s`` (all times of the camera may be off by about so much; 0 if absent),
   ``stamp_s`` (by the camera's own clock; null: it gave none), ``arrived_s``, ``is_used`` (it was not too late for the
-  estimate, and no fault was seen in its picture), and the arrays of fgpose.Detections.
+  estimate, and no fault was seen in its picture), and the arrays of fgpose.people.Detections.
 - ``frame``: a message as it was published, see docs/live_messages.md.
 - ``lost``: ``n`` records are missing at about this place, as the disk was too slow or full.
 - ``end``: the recording was closed.
@@ -29,7 +29,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import live_format
 from fgpose.io.live.packing import unpacked
 from fgpose.io.live.record_files import RecordFile
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fgpose.finding import Code
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 # Somebody who stands still moves by fractions of a pixel, and so does noise: no network gives the same numbers twice.
 # One that looks at every second or third image only may send them again.

@@ -10,7 +10,7 @@ import numpy as np
 
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.clock_model import Stamp
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 
 @runtime_checkable

@@ -19,7 +19,7 @@ from fgpose.live.outputs.output import BackgroundOutput
 from fgpose.live.outputs.viewer_process import Shown, Sighting, ViewerJob, ViewerProcess
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import Update
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.viewer.recording import UpAxis
 

@@ -21,7 +21,7 @@ from fgpose.association.track import Tracked, TrackEvent
 from fgpose.child_process import ChildProcess, parent
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate
 from fgpose.viewer import open_system_recording

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from fgpose.child_process import n_cores
 from fgpose.config import OnlineConfig
-from fgpose.cores import n_cores
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.cameras.camera import CameraEvent, LiveCamera

@@ -11,7 +11,7 @@ from fgpose.live.clock import FUTURE_S
 from fgpose.live.reception.keypoint_messages import decode_keypoints
 from fgpose.live.reception.rejections import MessageError
 from fgpose.live.reception.senders import Senders
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 
 # The stamps of a camera must advance as the clock does, but for the jitter of network and detector.

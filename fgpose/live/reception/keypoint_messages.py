@@ -15,7 +15,7 @@ from fgpose.io.live.packing import packed
 from fgpose.live.reception.message_schema import PackedArray, Schema, shown
 from fgpose.live.reception.rejections import MessageError
 from fgpose.observations import positive_definite, refuse_millimetres
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 
 FORMAT, VERSION = "fgpose/keypoints", 1

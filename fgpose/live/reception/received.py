@@ -13,7 +13,7 @@ from fgpose.live.cameras.image import SourceImage
 from fgpose.live.processes.parts import Parts
 from fgpose.live.processes.worker import HANGS_S, Worker
 from fgpose.live.reception.keypoint_socket import KeypointSocket
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 _LOOKS_S = 0.2
 

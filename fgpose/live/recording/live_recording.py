@@ -13,7 +13,7 @@ from fgpose.io.keypoints import load_people
 from fgpose.io.live.recordings import LiveRecordingFile, RecordedImage
 from fgpose.live.frame import LiveFrame
 from fgpose.live.outputs.frame_messages import frame_of_document
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.skeleton import Skeleton
 

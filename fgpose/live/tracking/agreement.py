@@ -19,7 +19,7 @@ from fgpose.finding import Code
 from fgpose.geometry.camera import CameraRig
 from fgpose.live.tracking.common_sightings import CommonSighting, CommonSightings
 from fgpose.live.tracking.motion_lags import EVERY_S, MotionLags
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 _LOG = logging.getLogger("fgpose.live")
 # Errors of detections are correlated over less.

@@ -20,7 +20,7 @@ from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.moments import Moments
 from fgpose.live.tracking.observed import observed_share
 from fgpose.live.tracking.people import coasting, live_person
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.tracking import Tracker
 

@@ -12,7 +12,7 @@ from statistics import median
 
 import numpy as np
 
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 _FIRST_PERIOD_S = 1 / 30
 # So long the first of a moment waits. After one period it comes again and ends the wait, unless networks look at the

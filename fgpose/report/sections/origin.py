@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.config import Config, config_to_toml
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.io.origin import InputFile, Origin
@@ -95,11 +95,11 @@ def _size(n_bytes: int) -> str:
     return f"{n_bytes / 1e6:.1f} MB" if n_bytes >= 1e5 else f"{n_bytes / 1e3:.1f} kB"
 
 
-def findings_of(origin: Origin) -> tuple[Finding, ...]:
+def findings_of(origin: Origin) -> tuple[CalibrationFinding, ...]:
     """Of the calibration from people; those with a grade that this version does not know are left out."""
     known = {grade.value: grade for grade in Grade}
     return tuple(
-        Finding(each.camera, known[each.grade], each.reason, each.remedy)
+        CalibrationFinding(each.camera, known[each.grade], each.reason, each.remedy)
         for each in origin.calibration.findings
         if each.grade in known
     )

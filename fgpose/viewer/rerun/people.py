@@ -14,7 +14,7 @@ from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent, TrackState
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people import NOBODY, Detections
+from fgpose.people_observations import NOBODY, Detections
 from fgpose.sampling import nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory

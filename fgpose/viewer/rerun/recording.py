@@ -13,7 +13,7 @@ from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent
 from fgpose.geometry.camera import CameraRig
 from fgpose.observations import Observations
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Trajectory
 from fgpose.viewer.pictures import PictureOptions

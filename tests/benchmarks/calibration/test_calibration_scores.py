@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fgpose.calibration.from_people.calibrate import Parts
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CameraSigmas, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, CameraSigmas, Grade
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.calibration.figures import FIGURES, group_of
 from fgpose_benchmarks.calibration.methods import ABLATIONS, METHODS, Chain
 from fgpose_benchmarks.calibration.recording import CalibrationRecording, CalibrationResult
@@ -120,7 +120,7 @@ def test_focal_lengths_count_where_they_were_unknown():
     assert scored.focal_sigmas == pytest.approx((2.0,) * 4)
 
 
-def calibrated(rig: CameraRig, recording: CalibrationRecording, *findings: Finding) -> CalibratedFromPeople:
+def calibrated(rig: CameraRig, recording: CalibrationRecording, *findings: CalibrationFinding) -> CalibratedFromPeople:
     residual_px = np.zeros(recording.told.confidence.shape)
     joints_m = recording.joints_m
     return CalibratedFromPeople(rig, stated(4), recording.told, joints_m, residual_px, findings, "stature 1.78 m")
@@ -131,7 +131,9 @@ def test_the_chain_is_given_what_a_user_gives(recording: CalibrationRecording):
 
     def stand_in(people: PeopleObservations, intrinsics: CameraRig, **given: object) -> CalibratedFromPeople:
         seen.update(given, people=people, intrinsics=intrinsics)
-        return calibrated(recording.rig, recording, Finding("cam_2", Grade.COARSE, "seen on one line", "walk across"))
+        return calibrated(
+            recording.rig, recording, CalibrationFinding("cam_2", Grade.COARSE, "seen on one line", "walk across")
+        )
 
     found = Chain(Parts(bias=False), stand_in)(recording)
     assert seen == {

@@ -9,7 +9,7 @@ import numpy as np
 
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose_benchmarks.people.recording import PeopleRecording
 from fgpose_benchmarks.synthetic import (
     NO_CROWD_ERRORS,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fgpose.assessment.people import PeopleEvaluation, evaluate_people
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.people.baselines.cross_view import cross_view
 from fgpose_benchmarks.people.baselines.frame import Frame, NearestInTime

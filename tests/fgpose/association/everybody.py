@@ -6,7 +6,7 @@ import numpy as np
 
 from fgpose.association.chosen_person import associate_or_each_camera
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import NOBODY, PeopleObservations
+from fgpose.people_observations import NOBODY, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 

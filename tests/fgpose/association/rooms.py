@@ -10,7 +10,7 @@ import numpy as np
 from fgpose.association.follow import Follower, Sighting
 from fgpose.association.matching import Moment
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import walking
 

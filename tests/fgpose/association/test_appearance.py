@@ -13,7 +13,7 @@ from fgpose.association.appearance import MeanAppearance, Resemblance, Samples
 from fgpose.association.follow import Follower
 from fgpose.association.recording import associate
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 
 N_NUMBERS = 128

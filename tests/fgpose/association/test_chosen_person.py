@@ -13,7 +13,7 @@ from fgpose.association.recording import associate
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import NOBODY, PeopleObservations
+from fgpose.people_observations import NOBODY, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import walking
 

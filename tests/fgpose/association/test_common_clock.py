@@ -10,7 +10,7 @@ import fgpose
 from fgpose.association.common_clock import on_common_clock
 from fgpose.config import Config
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.tracking.batch import smooth_people
 
 LATE = np.array([0.0, 10.2, -7.013])
@@ -29,7 +29,7 @@ def recorded(rig: CameraRig, frames: range) -> PeopleObservations:
             before = int(at)
             joints = truth_m[before] + (at - before) * (truth_m[before + 1] - truth_m[before])
             points_px = camera.project(joints)[None]
-            images.append(fgpose.Detections(camera.name, n / FPS, points_px, np.ones(points_px.shape[:2])))
+            images.append(fgpose.people.Detections(camera.name, n / FPS, points_px, np.ones(points_px.shape[:2])))
     return PeopleObservations(SKELETON, rig.names, tuple(images))
 
 

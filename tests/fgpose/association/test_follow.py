@@ -12,7 +12,7 @@ from fgpose.association.pose_filter import PoseFilters
 from fgpose.association.track import Track, TrackState
 from fgpose.geometry.camera import CameraRig
 from fgpose.parameters import TrackingConfig
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

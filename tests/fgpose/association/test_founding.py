@@ -15,7 +15,7 @@ from fgpose.association.founding import found, found_alone
 from fgpose.association.matching import Moment
 from fgpose.association.pose_filter import PoseFilters
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import NOBODY, Detections
+from fgpose.people_observations import NOBODY, Detections
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

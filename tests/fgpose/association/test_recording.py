@@ -12,7 +12,7 @@ from fgpose.association.chosen_person import associate_or_each_camera, main_pers
 from fgpose.association.recording import associate
 from fgpose.frame_matching import MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 

@@ -7,7 +7,7 @@ import pytest
 from everybody import track_people
 
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import NOBODY
+from fgpose.people_observations import NOBODY
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig, walking
 

@@ -10,7 +10,7 @@ import pytest
 import fgpose
 from fgpose.calibration.bumped import refine_bumped
 from fgpose.calibration.from_people.calibrated import Grade
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import NO_OCCLUSION, DetectionNoise, Scene, simulate, walking
 from tests.wrong_rigs import turned
 

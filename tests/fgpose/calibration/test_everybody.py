@@ -21,7 +21,7 @@ from fgpose.calibration.rig_problem import rig_problem
 from fgpose.calibration.self_calibration import calibrate_cameras
 from fgpose.calibration.used_parts import best_seen_of_each, frames_of_each, seen_by_two
 from fgpose.config import CalibrationConfig, Config
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.sampling import fair_limits
 from fgpose_benchmarks.synthetic import CameraTimes, CrowdMotion, CrowdScene, Scene
 from tests.wrong_rigs import turned
@@ -50,8 +50,8 @@ def test_a_camera_that_sees_only_somebody_else_is_put_right_too(scene: CrowdScen
     wrong, points_m = bumped_hall(), motion.truth_m[:, ::10].reshape(-1, 17, 3)
     one = scene.observations.of_person(main_person(scene.observations, wrong).seen)
     assert not one.seen[:, RIGHT].any(), "the person who is seen most is in the left half"
-    alone = fgpose.refine_rig(one, wrong)
-    together = fgpose.refine_rig(scene.observations, wrong)
+    alone = fgpose.calibration.refine_rig(one, wrong)
+    together = fgpose.calibration.refine_rig(scene.observations, wrong)
     for c in RIGHT:
         np.testing.assert_array_equal(alone.rig.cameras[c].world_T_camera, wrong.cameras[c].world_T_camera)
     alone_px, together_px = off_px(alone.rig, hall(), points_m), off_px(together.rig, hall(), points_m)
@@ -75,10 +75,10 @@ def test_clocks_that_nobody_alone_tells(motion: CrowdMotion) -> None:
     """Cameras of 25 and 30 Hz, not synchronised, whose clocks are off by 30 ms."""
     times = CameraTimes(fps=(25.0, 30.0), random_phases=True)
     scene = filmed(motion, hall().with_time_offsets(OFFSETS_S), 0, times)
-    alone = fgpose.estimate_time_offsets(
+    alone = fgpose.calibration.estimate_time_offsets(
         scene.observations.of_person(main_person(scene.observations, hall()).seen), hall()
     )
-    together = fgpose.estimate_time_offsets(scene.observations, hall())
+    together = fgpose.calibration.estimate_time_offsets(scene.observations, hall())
     prior_s = CONFIG.calibration.offset_sigma_s
     np.testing.assert_allclose(alone.sigma_s[list(RIGHT)], prior_s, rtol=1e-3)
     error_s = together.offsets_s - OFFSETS_S
@@ -123,8 +123,8 @@ def test_one_person_is_calibrated_on_as_ever(walking_scene: Scene, rig: fgpose.C
     )
     wrong = turned(rig, 2, 1.0)
     config = Config(calibration=CalibrationConfig(max_rounds=2))
-    one = fgpose.self_calibrate(observations, wrong, config)
-    same = fgpose.self_calibrate(PeopleObservations.of_one(observations), wrong, config)
+    one = fgpose.calibration.self_calibrate(observations, wrong, config)
+    same = fgpose.calibration.self_calibrate(PeopleObservations.of_one(observations), wrong, config)
     assert one.objective == same.objective
     np.testing.assert_array_equal(one.rig.projection_matrices, same.rig.projection_matrices)
     np.testing.assert_array_equal(one.time_offsets.offsets_s, same.time_offsets.offsets_s)
@@ -215,14 +215,14 @@ def test_people_are_told_apart_again_as_long_as_that_changes_something(
 
     monkeypatch.setattr(everybody, "associate", forgetful)
     wrong = bumped_hall()
-    found = fgpose.refine_rig(scene.observations, wrong)
+    found = fgpose.calibration.refine_rig(scene.observations, wrong)
     np.testing.assert_array_equal(rigs[0].projection_matrices, wrong.projection_matrices)
     assert len(rigs) == 3
     # In the cameras of the right half everything is new.
     assert found.reassigned[0] == 1.0
     assert found.reassigned[1] < 0.05
     monkeypatch.undo()
-    straight = fgpose.refine_rig(scene.observations, wrong)
+    straight = fgpose.calibration.refine_rig(scene.observations, wrong)
     np.testing.assert_allclose(found.rig.projection_matrices, straight.rig.projection_matrices, rtol=1e-3, atol=1.0)
 
 
@@ -236,10 +236,10 @@ def test_nobody_to_learn_from(scene: CrowdScene) -> None:
     """As with one person of whom nothing is seen."""
     nobody = without_people(scene.observations)
     with pytest.raises(ValueError, match="no joint is seen by two cameras that agree"):
-        fgpose.refine_rig(nobody, hall())
+        fgpose.calibration.refine_rig(nobody, hall())
     with pytest.raises(ValueError, match="no joint is seen by two cameras that agree"):
-        fgpose.self_calibrate(nobody, hall())
-    offsets = fgpose.estimate_time_offsets(nobody, hall())
+        fgpose.calibration.self_calibrate(nobody, hall())
+    offsets = fgpose.calibration.estimate_time_offsets(nobody, hall())
     np.testing.assert_array_equal(offsets.offsets_s, 0.0)
     np.testing.assert_allclose(offsets.sigma_s[1:], CONFIG.calibration.offset_sigma_s)
 
@@ -249,8 +249,8 @@ def test_one_camera_tells_nothing(scene: CrowdScene) -> None:
     seen, rig = scene.observations.subset([name]).first_frames(20), hall().subset([name])
     assert seen.n_most > 1
     with pytest.raises(ValueError, match="no joint is seen by two cameras that agree"):
-        fgpose.refine_rig(seen, rig)
-    offsets = fgpose.estimate_time_offsets(seen, rig)
+        fgpose.calibration.refine_rig(seen, rig)
+    offsets = fgpose.calibration.estimate_time_offsets(seen, rig)
     np.testing.assert_array_equal(offsets.offsets_s, [0.0])
     np.testing.assert_array_equal(offsets.sigma_s, [0.0])
 
@@ -259,7 +259,7 @@ def test_one_camera_tells_nothing(scene: CrowdScene) -> None:
 def test_people_who_stand_still_tell_no_time(motion: CrowdMotion) -> None:
     still_m = np.repeat(motion.truth_m[:, :1], 100, axis=1)
     still = filmed(replace(motion, truth_m=still_m), hall().with_time_offsets(OFFSETS_S), seed=0)
-    standing = fgpose.estimate_time_offsets(still.observations, hall())
+    standing = fgpose.calibration.estimate_time_offsets(still.observations, hall())
     # The errors of detections look like motion, a little: as of one person, the sigmas are near the prior's and the
     # offsets within them.
     assert (standing.sigma_s[1:] > 0.3 * CONFIG.calibration.offset_sigma_s).all()
@@ -274,8 +274,12 @@ def test_people_who_stand_still_tell_no_time(motion: CrowdMotion) -> None:
     ],
 )
 def test_cameras_must_match(scene: CrowdScene, names: list[str], message: str) -> None:
-    for calibrate in (fgpose.refine_rig, fgpose.estimate_time_offsets, fgpose.self_calibrate):
+    for calibrate in (
+        fgpose.calibration.refine_rig,
+        fgpose.calibration.estimate_time_offsets,
+        fgpose.calibration.self_calibrate,
+    ):
         with pytest.raises(ValueError, match=message):
             calibrate(scene.observations, hall().subset(names))
     with pytest.raises(ValueError, match="right_1 of the calibration has no keypoints"):
-        fgpose.refine_rig(scene.observations.subset(hall().names[:5]), hall())
+        fgpose.calibration.refine_rig(scene.observations.subset(hall().names[:5]), hall())

@@ -40,14 +40,14 @@ def test_exchanged_cameras_are_not_refined_away(seen: Observations, rig: CameraR
     order = [1, 0, 2]
     exchanged = replace(seen, points2d_px=seen.points2d_px[:, order], confidence=seen.confidence[:, order])
     with pytest.raises(ValueError, match="exchanged cameras") as refused:
-        fgpose.refine_rig(exchanged, rig)
+        fgpose.calibration.refine_rig(exchanged, rig)
     moves_cm = [float(found) for found in re.findall(r"by (\d+) cm and", str(refused.value))]
     assert max(moves_cm) > 15
 
 
 @pytest.mark.parametrize("degrees", [1.0, 8.0])
 def test_a_bump_is_refined(seen: Observations, rig: CameraRig, degrees: float) -> None:
-    found = fgpose.refine_rig(seen, turned(rig, 1, degrees))
+    found = fgpose.calibration.refine_rig(seen, turned(rig, 1, degrees))
     # Half a degree, 4 cm at 4.5 m, is left of 5 px of correlated errors and the prior.
     assert found.rotation_deg[1] == pytest.approx(degrees, abs=0.7)
     assert np.delete(found.rotation_deg, 1).max() < 0.5

@@ -52,7 +52,7 @@ def error_m(observations: fgpose.Observations, rig: fgpose.CameraRig, scene: Sce
 @pytest.mark.slow
 def test_a_late_camera_and_a_bumped_one(filmed: Scene, rig: fgpose.CameraRig) -> None:
     wrong = turned(rig, BUMPED, 1.0)
-    found = fgpose.self_calibrate(filmed.observations, wrong)
+    found = fgpose.calibration.self_calibrate(filmed.observations, wrong)
     # A fifth of a frame of 50 Hz was measured; 20 ms are a third of the delay.
     np.testing.assert_allclose(found.time_offsets.offsets_s, OFFSETS_S, atol=0.02)
     assert direction_error_deg(found.rig, rig, BUMPED) < 0.6
@@ -69,7 +69,7 @@ def test_a_late_camera_and_a_bumped_one(filmed: Scene, rig: fgpose.CameraRig) ->
 @pytest.mark.slow
 def test_per_view_3d_moves_with_its_camera(filmed: Scene, rig: fgpose.CameraRig) -> None:
     """Seen from the cameras nothing moved; and where no camera was touched, hardly any is moved."""
-    found = fgpose.self_calibrate(filmed.observations, rig)
+    found = fgpose.calibration.self_calibrate(filmed.observations, rig)
     np.testing.assert_allclose(found.time_offsets.offsets_s, OFFSETS_S, atol=0.02)
     assert found.refinement.rotation_deg.max() < 0.1
     assert found.refinement.translation_m.max() < 0.005
@@ -100,12 +100,12 @@ def test_at_most_eight_motions_are_smoothed_and_without_covariances(
 ) -> None:
     observations = filmed.observations.frames(slice(0, 12))
     config = Config(solver=SolverConfig(covariance=True))
-    assert fgpose.self_calibrate(observations, turned(rig, BUMPED, 1.0), config).converged
+    assert fgpose.calibration.self_calibrate(observations, turned(rig, BUMPED, 1.0), config).converged
     assert 2 <= len(smoothed) <= 8
     smoothed.clear()
     monkeypatch.setattr(search, "_TOLERANCE_SIGMAS", 0.0)  # never done
     monkeypatch.setattr(search, "_TOLERANCE_FRAMES", 0.0)
-    assert not fgpose.self_calibrate(observations, turned(rig, BUMPED, 1.0), config).converged
+    assert not fgpose.calibration.self_calibrate(observations, turned(rig, BUMPED, 1.0), config).converged
     assert len(smoothed) == 8
     assert not any(config.solver.covariance for config in smoothed)
 
@@ -123,9 +123,9 @@ def test_never_worse_than_what_was_given(filmed: Scene, rig: fgpose.CameraRig, m
         return replace(solution, state=replace(solution.state, changes=changes))
 
     given = Config(calibration=CalibrationConfig(max_rounds=1))
-    objective = fgpose.self_calibrate(observations, rig, given).objective
+    objective = fgpose.calibration.self_calibrate(observations, rig, given).objective
     monkeypatch.setattr(BundleProblem, "solve", astray)
-    found = fgpose.self_calibrate(observations, rig, Config(calibration=CalibrationConfig(max_rounds=3)))
+    found = fgpose.calibration.self_calibrate(observations, rig, Config(calibration=CalibrationConfig(max_rounds=3)))
     assert found.objective == objective
     assert not found.converged
     np.testing.assert_array_equal(found.rig.time_offsets_s, rig.time_offsets_s)
@@ -136,15 +136,15 @@ def test_never_worse_than_what_was_given(filmed: Scene, rig: fgpose.CameraRig, m
 @pytest.mark.slow
 def test_a_better_calibration_has_a_lower_objective(filmed: Scene, rig: fgpose.CameraRig) -> None:
     observations, wrong = filmed.observations.frames(slice(0, 12)), turned(rig, BUMPED, 1.0)
-    given = fgpose.self_calibrate(observations, wrong, Config(calibration=CalibrationConfig(max_rounds=1)))
-    found = fgpose.self_calibrate(observations, wrong)
+    given = fgpose.calibration.self_calibrate(observations, wrong, Config(calibration=CalibrationConfig(max_rounds=1)))
+    found = fgpose.calibration.self_calibrate(observations, wrong)
     assert found.objective < given.objective
     assert found.refinement.residual_after_px[BUMPED] < 0.7 * given.refinement.residual_after_px[BUMPED]
 
 
 def test_a_smoother_that_has_not_converged_is_told(filmed: Scene, rig: fgpose.CameraRig) -> None:
     observations = filmed.observations.frames(slice(0, 12))
-    hasty = fgpose.self_calibrate(observations, rig, Config(solver=SolverConfig(max_iterations=1)))
+    hasty = fgpose.calibration.self_calibrate(observations, rig, Config(solver=SolverConfig(max_iterations=1)))
     assert not hasty.converged
     assert not hasty.refinement.converged
     assert not hasty.time_offsets.converged
@@ -187,4 +187,4 @@ def test_of_a_long_recording_the_part_is_used_in_which_most_is_seen(filmed: Scen
 def test_nothing_to_learn_from(skeleton: fgpose.Skeleton, rig: fgpose.CameraRig) -> None:
     observations = fgpose.Observations(skeleton, np.arange(3) / 50, np.full((3, 4, 17, 2), np.nan))
     with pytest.raises(ValueError, match="no joint is seen by two cameras"):
-        fgpose.self_calibrate(observations, rig)
+        fgpose.calibration.self_calibrate(observations, rig)

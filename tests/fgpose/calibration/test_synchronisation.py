@@ -8,7 +8,7 @@ import pytest
 
 from fgpose.calibration.synchronisation import synchronise
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
 from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, WalkScene, film

@@ -49,7 +49,7 @@ def filmed(
 
 @pytest.mark.slow
 def test_offsets_of_a_moving_person(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
-    found = fgpose.estimate_time_offsets(late, rig)
+    found = fgpose.calibration.estimate_time_offsets(late, rig)
     error_s = found.offsets_s - OFFSETS_S
     assert found.offsets_s[0] == found.sigma_s[0] == 0.0
     assert np.abs(error_s).max() < 0.2 * STEP_S
@@ -62,19 +62,21 @@ def test_offsets_of_a_moving_person(late: fgpose.Observations, rig: fgpose.Camer
 @pytest.mark.slow
 def test_the_offsets_of_a_rig_are_where_the_search_begins(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     """From the right offsets and from none: the same, to the tolerance at which the search ends."""
-    from_none = fgpose.estimate_time_offsets(late, rig).offsets_s
-    from_right = fgpose.estimate_time_offsets(late, rig.with_time_offsets(OFFSETS_S)).offsets_s
+    from_none = fgpose.calibration.estimate_time_offsets(late, rig).offsets_s
+    from_right = fgpose.calibration.estimate_time_offsets(late, rig.with_time_offsets(OFFSETS_S)).offsets_s
     np.testing.assert_allclose(from_right, from_none, atol=0.06 * STEP_S)
 
 
 @pytest.mark.slow
 def test_a_person_who_stands_still_tells_nothing(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     standing_m = np.repeat(walking(1, 50.0, skeleton), 60, axis=0)
-    exact = fgpose.estimate_time_offsets(filmed(standing_m, skeleton, rig, 50.0, OFFSETS_S, NO_NOISE), rig)
+    exact = fgpose.calibration.estimate_time_offsets(filmed(standing_m, skeleton, rig, 50.0, OFFSETS_S, NO_NOISE), rig)
     np.testing.assert_allclose(exact.offsets_s, 0.0, atol=1e-9)
     np.testing.assert_allclose(exact.sigma_s[1:], PRIOR_S, rtol=1e-6)
     # The errors of detections look like motion, a little: the offsets stay within what is claimed.
-    noisy = fgpose.estimate_time_offsets(filmed(standing_m, skeleton, rig, 50.0, OFFSETS_S, DetectionNoise()), rig)
+    noisy = fgpose.calibration.estimate_time_offsets(
+        filmed(standing_m, skeleton, rig, 50.0, OFFSETS_S, DetectionNoise()), rig
+    )
     assert (noisy.sigma_s[1:] > 0.4 * PRIOR_S).all()
     assert (np.abs(noisy.offsets_s[1:]) < 2 * noisy.sigma_s[1:]).all()
 
@@ -84,7 +86,7 @@ def test_offsets_that_are_known_stay_where_nobody_moves(rig: fgpose.CameraRig, s
     known_s = np.array([0.0, 0.2, -0.1, 0.05])
     standing_m = np.repeat(walking(1, 50.0, skeleton), 60, axis=0)
     seen = filmed(standing_m, skeleton, rig, 50.0, known_s, NO_NOISE)
-    found = fgpose.estimate_time_offsets(seen, rig.with_time_offsets(known_s))
+    found = fgpose.calibration.estimate_time_offsets(seen, rig.with_time_offsets(known_s))
     np.testing.assert_allclose(found.offsets_s, known_s, atol=1e-6)  # the smoother moves by 1e-7 m
     np.testing.assert_allclose(found.sigma_s, [0.0, PRIOR_S, PRIOR_S, PRIOR_S], rtol=1e-6)
     assert found.converged
@@ -96,39 +98,43 @@ def test_the_error_of_what_is_correlated_is_what_is_claimed(rig: fgpose.CameraRi
     truth_m, fps = motion_from_npz(MOCAP / "cmu_03_03_b.npz")
     scene = simulate(truth_m[150:230], skeleton, rig, fps, DetectionNoise(), NO_OCCLUSION, seed=0, offsets_s=OFFSETS_S)
     seen = replace(scene.observations, points3d_m=None, covariance3d_m2=None)
-    fast, slow = (fgpose.estimate_time_offsets(seen.frames(slice(None, None, each)), rig) for each in (1, 2))
+    fast, slow = (
+        fgpose.calibration.estimate_time_offsets(seen.frames(slice(None, None, each)), rig) for each in (1, 2)
+    )
     # The kernel and the motion's ends differ a little; were frames independent it would be a factor of 0.7.
     np.testing.assert_allclose(fast.sigma_s[1:], slow.sigma_s[1:], rtol=0.1)
     # A prior that is narrow is felt as much at both rates: with 5 ms it holds three quarters or more of each offset.
     config = Config(calibration=CalibrationConfig(offset_sigma_s=0.005))
-    fast, slow = (fgpose.estimate_time_offsets(seen.frames(slice(None, None, each)), rig, config) for each in (1, 2))
+    fast, slow = (
+        fgpose.calibration.estimate_time_offsets(seen.frames(slice(None, None, each)), rig, config) for each in (1, 2)
+    )
     np.testing.assert_allclose(fast.offsets_s, slow.offsets_s, atol=0.005)
 
 
 @pytest.mark.slow
 def test_a_smoother_that_has_not_converged_is_told(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
-    assert fgpose.estimate_time_offsets(late, rig).converged
+    assert fgpose.calibration.estimate_time_offsets(late, rig).converged
     hasty = Config(solver=SolverConfig(max_iterations=1))
-    assert not fgpose.estimate_time_offsets(late, rig, hasty).converged
+    assert not fgpose.calibration.estimate_time_offsets(late, rig, hasty).converged
     once = Config(calibration=CalibrationConfig(max_rounds=1))
-    unchanged = fgpose.estimate_time_offsets(late, rig, once)
+    unchanged = fgpose.calibration.estimate_time_offsets(late, rig, once)
     assert not unchanged.converged
     np.testing.assert_array_equal(unchanged.offsets_s, 0.0)
 
 
 def test_one_frame_and_one_camera_tell_nothing(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
-    one_frame = fgpose.estimate_time_offsets(late.frames(slice(0, 1)), rig)
+    one_frame = fgpose.calibration.estimate_time_offsets(late.frames(slice(0, 1)), rig)
     np.testing.assert_array_equal(one_frame.offsets_s, 0.0)
     np.testing.assert_allclose(one_frame.sigma_s, [0.0, PRIOR_S, PRIOR_S, PRIOR_S])
     name = rig.names[1]
-    one_camera = fgpose.estimate_time_offsets(late.frames(slice(0, 10)).subset([name]), rig.subset([name]))
+    one_camera = fgpose.calibration.estimate_time_offsets(late.frames(slice(0, 10)).subset([name]), rig.subset([name]))
     np.testing.assert_array_equal(one_camera.offsets_s, [0.0])
     np.testing.assert_array_equal(one_camera.sigma_s, [0.0])
 
 
 def test_cameras_must_match(late: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     with pytest.raises(ValueError, match=f"lacks camera {rig.names[3]}"):
-        fgpose.estimate_time_offsets(late, rig.subset(rig.names[:3]))
+        fgpose.calibration.estimate_time_offsets(late, rig.subset(rig.names[:3]))
 
 
 @pytest.mark.parametrize("kernel", ["none", "cauchy"])

@@ -15,27 +15,27 @@ from calibrated_walks import FPS, N_FRAMES, Chain, calibrated, failure, named, s
 from rrd_contents import entities, rows, static_value
 
 import fgpose
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.cli import main
 from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig, save_rig
 from fgpose.io.calibration.calibration_origin import MovedCamera, Reason
 from fgpose.io.trajectories import load_trajectory
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from tests.wrong_rigs import turned
 
 if TYPE_CHECKING:
     from tests.fgpose.conftest import SquaresNetwork, SquaresScene
 
 NAMES = ("cam1", "cam2", "cam3")
-COARSE = Finding("cam3", Grade.COARSE, "the person was on one line only", "walk across its view")
+COARSE = CalibrationFinding("cam3", Grade.COARSE, "the person was on one line only", "walk across its view")
 WHOLE = Reason("", "coarse", "few people", "walk longer")
-BAD = Finding("", Grade.FAILED, "the cameras do not agree", "walk where all cameras see you")
+BAD = CalibrationFinding("", Grade.FAILED, "the cameras do not agree", "walk where all cameras see you")
 
 
 @pytest.fixture
 def chain(monkeypatch: pytest.MonkeyPatch, without_search_for_faults: None) -> Chain:
     chain = Chain()
-    monkeypatch.setattr("fgpose.calibration.from_people.calibrate.calibrate", chain)
+    monkeypatch.setattr("fgpose.calibration.from_people.calibrate.calibrate_from_people", chain)
     return chain
 
 
@@ -171,7 +171,7 @@ def network(squares_network: SquaresNetwork, monkeypatch: pytest.MonkeyPatch, tm
 
 
 def squares_result(
-    squares: SquaresScene, offsets_s: Sequence[float] = (0.0, 0.0, 0.0), findings: Sequence[Finding] = ()
+    squares: SquaresScene, offsets_s: Sequence[float] = (0.0, 0.0, 0.0), findings: Sequence[CalibrationFinding] = ()
 ) -> Callable[[PeopleObservations, fgpose.CameraRig], CalibratedFromPeople]:
     """The true rig of the squares. The walk in it is somebody else's, which only the picture shows."""
 

@@ -21,7 +21,7 @@ NAMES = ("cam1", "cam2", "cam3")
 @pytest.fixture
 def chain(monkeypatch: pytest.MonkeyPatch) -> Chain:
     chain = Chain()
-    monkeypatch.setattr("fgpose.calibration.from_people.calibrate.calibrate", chain)
+    monkeypatch.setattr("fgpose.calibration.from_people.calibrate.calibrate_from_people", chain)
     return chain
 
 

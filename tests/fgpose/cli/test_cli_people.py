@@ -21,7 +21,7 @@ from fgpose.io.keypoints import load_observations, load_people, save_observation
 from fgpose.io.skeletons import load_skeleton
 from fgpose.io.trajectories import load_origin, load_people_trajectories, load_trajectory, save_people
 from fgpose.observations import Observations
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.pipeline import Outputs, Source, run_smooth, run_track, write_outputs
 from fgpose.tracking import Tracked, Tracker
 from fgpose_benchmarks.synthetic import (

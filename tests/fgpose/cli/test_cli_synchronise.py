@@ -10,7 +10,7 @@ from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import load_rig, save_rig
 from fgpose.io.keypoints import load_people, save_people_observations
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose_benchmarks.synthetic import embedded_motion, ring_rig
 from fgpose_benchmarks.synthetic.crowd.motion import CrowdMotion
 from fgpose_benchmarks.synthetic.uncalibrated import Clocks, Network, film

@@ -56,7 +56,7 @@ def lying(truth_m: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
 def test_nothing_is_told_of_real_recordings(name: str) -> None:
-    rig, seen = fgpose.load_recording(name)
+    rig, seen = fgpose.files.load_recording(name)
     examined = Examined.of(seen, rig)
     assert [finding for check in CHECKS for finding in check(examined)] == []
 
@@ -276,7 +276,7 @@ def test_limbs_that_turn_round_too_slowly(
 
 @pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
 def test_the_tempo_of_real_detections(name: str) -> None:
-    rig, balance = fgpose.load_recording(name)
+    rig, balance = fgpose.files.load_recording(name)
     # 0.16 and 0.17 s: as in motion capture, the noise of networks notwithstanding.
     assert 0.1 < velocities_kept_s(Examined.of(balance, rig)) < 0.3
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import fgpose
-from fgpose import Code, Severity
 from fgpose.cli import main
+from fgpose.diagnosis import Code, Severity
 from fgpose.io.trajectories import load_origin
 from fgpose_benchmarks.synthetic import Scene
 from tests.wrong_rigs import turned
@@ -60,7 +60,7 @@ def damaged(walking_scene: Scene, tmp_path: Path) -> list[str]:
     mirror = seen.skeleton.mirror
     exchanged = replace(seen, points2d_px=seen.points2d_px[:, :, mirror], points3d_m=None, covariance3d_m2=None)
     fgpose.save_rig(walking_scene.rig, tmp_path / "rig.toml")
-    fgpose.save_observations(exchanged, tmp_path / "walk.npz")
+    fgpose.files.save_observations(exchanged, tmp_path / "walk.npz")
     return [str(tmp_path / "walk.npz"), "--rig", str(tmp_path / "rig.toml"), "--skeleton", seen.skeleton.name]
 
 
@@ -103,7 +103,7 @@ def test_nothing_determined_is_an_error_and_no_file(
     alone = fgpose.Observations(
         seen.skeleton, seen.time_s, points2d_px, confidence, camera_names=walking_scene.rig.names
     )
-    fgpose.save_observations(alone, tmp_path / "walk.npz")
+    fgpose.files.save_observations(alone, tmp_path / "walk.npz")
     fgpose.save_rig(walking_scene.rig, tmp_path / "rig.toml")
     arguments = ["--rig", str(tmp_path / "rig.toml"), "--skeleton", seen.skeleton.name]
     out = ["-o", str(tmp_path / "out"), "--formats", "parquet"]

@@ -67,7 +67,7 @@ def test_nothing_is_told_of_cameras_that_agree(n_cameras: int) -> None:
 
 @pytest.mark.parametrize("name", ["balance_openpose", "balance_blazepose"])
 def test_nothing_is_told_of_real_recordings(name: str) -> None:
-    rig, seen = fgpose.load_recording(name)
+    rig, seen = fgpose.files.load_recording(name)
     assert found(seen, rig) == []
 
 

@@ -48,7 +48,7 @@ def test_nothing_is_told_of_somebody_who_is_always_seen(seen, rig) -> None:
 
 
 def test_nothing_is_told_of_a_real_recording() -> None:
-    rig, seen = fgpose.load_recording("balance_openpose")
+    rig, seen = fgpose.files.load_recording("balance_openpose")
     examined = Examined.of(seen, rig)
     assert [
         *nobody(examined),
@@ -95,7 +95,7 @@ def test_an_image_that_stands_still(seen, rig) -> None:
 def test_a_camera_that_was_bumped_is_not_blind(seen, rig) -> None:
     """On the common clock it is two, each of which sees its part of the time."""
     moved = replace(rig.cameras[0], moves=((2.5, rig.cameras[0].world_T_camera),))
-    pieces, in_pieces = fgpose.on_common_clock(seen, fgpose.CameraRig((moved, *rig.cameras[1:])))
+    pieces, in_pieces = fgpose.calibration.on_common_clock(seen, fgpose.CameraRig((moved, *rig.cameras[1:])))
     assert in_pieces.n_cameras == rig.n_cameras + 1
     assert blind(Examined.of(pieces, in_pieces)) == []
 

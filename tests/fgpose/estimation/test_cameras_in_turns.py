@@ -73,15 +73,15 @@ def test_online_they_join_frames(
 
 @pytest.mark.parametrize("form", [without_time, showing_nobody])
 def test_the_images_of_several_people_make_frames(seen: fgpose.Observations, rig: fgpose.CameraRig, form: Form) -> None:
-    people = fgpose.PeopleObservations.of_one(form(seen, IN_TURNS))
-    together, _ = fgpose.on_common_clock(people, rig)
+    people = fgpose.people.PeopleObservations.of_one(form(seen, IN_TURNS))
+    together, _ = fgpose.calibration.on_common_clock(people, rig)
     assert together.n_frames <= 22
     assert np.median(together.n_showing) == N_CAMERAS
 
 
 def test_frames_of_two_images_among_them_change_nothing(seen: fgpose.Observations, rig: fgpose.CameraRig) -> None:
     shows = IN_TURNS | (np.arange(N_FRAMES)[:, None] % 10 == 0) & (np.arange(N_CAMERAS) == 0)
-    together, _ = fgpose.on_common_clock(without_time(seen, shows), rig)
+    together, _ = fgpose.calibration.on_common_clock(without_time(seen, shows), rig)
     assert together.n_frames <= N_FRAMES / 2
 
 
@@ -91,11 +91,11 @@ def test_somebody_who_walks_from_camera_to_camera_stays_in_the_frames(
     in_one_after_another = np.arange(N_FRAMES)[:, None] // (N_FRAMES // N_CAMERAS) == np.arange(N_CAMERAS)
     for form in (without_time, showing_nobody):
         given = form(seen, in_one_after_another)
-        assert fgpose.on_common_clock(given, rig)[0] is given
+        assert fgpose.calibration.on_common_clock(given, rig)[0] is given
 
 
 def test_from_a_file(seen: fgpose.Observations, rig: fgpose.CameraRig, tmp_path: Path) -> None:
     fgpose.save_rig(rig, tmp_path / "rig.toml")
-    fgpose.save_observations(without_time(seen, IN_TURNS), tmp_path / "seen.npz")
+    fgpose.files.save_observations(without_time(seen, IN_TURNS), tmp_path / "seen.npz")
     source = load_source(tmp_path / "seen.npz", tmp_path / "rig.toml", seen.skeleton)
     assert source.observations.n_frames <= 22

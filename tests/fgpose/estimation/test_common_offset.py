@@ -70,14 +70,17 @@ def test_a_common_offset_changes_nothing_image_by_image(rig: fgpose.CameraRig, s
 def test_a_common_offset_changes_nothing_for_a_tracker(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:
     observations = walk(rig, skeleton, np.zeros(4), 20).observations
     config = WITHOUT_COVARIANCE.replace(tracking={"max_processes": 1})
-    found: list[list[fgpose.Tracked]] = []
+    found: list[list[fgpose.people.Tracked]] = []
     for late_s in (0.0, LATE_S):
         found.append([])
         with fgpose.Tracker(rig.with_time_offsets(np.full(4, late_s)), skeleton, config) as tracker:
             for t, time_s in enumerate(observations.frame_time_s.tolist()):
                 seen = zip(rig.names, observations.points2d_px[t], observations.confidence[t], strict=True)
                 found[-1] = tracker.update(
-                    [fgpose.Detections(name, time_s, px[None], confidence[None]) for name, px, confidence in seen]
+                    [
+                        fgpose.people.Detections(name, time_s, px[None], confidence[None])
+                        for name, px, confidence in seen
+                    ]
                 )
     (on_time,), (late,) = found
     np.testing.assert_allclose(late.estimate.positions_m, on_time.estimate.positions_m, atol=1e-9)

@@ -323,10 +323,10 @@ def test_cameras_must_match(long_scene: Scene, rig: fgpose.CameraRig) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", fgpose.recordings())
+@pytest.mark.parametrize("name", fgpose.files.recordings())
 def test_real_recordings_against_each_frame_alone(name: str) -> None:
     """On real detections: lower jitter than per-frame refinement, and no higher median reprojection error."""
-    rig, observations = fgpose.load_recording(name)
+    rig, observations = fgpose.files.load_recording(name)
     smoothed, refined = fgpose.smooth(observations, rig), fgpose.refine(observations, rig)
     assert smoothed.residual_px is not None
     assert refined.residual_px is not None
@@ -336,12 +336,12 @@ def test_real_recordings_against_each_frame_alone(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", fgpose.recordings())
+@pytest.mark.parametrize("name", fgpose.files.recordings())
 def test_real_recordings_without_any_one_camera(name: str) -> None:
     """With the calibration refined (one camera of this rig is 25 px off), hiding any camera moves the joints little."""
-    rig, observations = fgpose.load_recording(name)
+    rig, observations = fgpose.files.load_recording(name)
     observations = observations.frames(slice(0, 50))
-    rig = fgpose.refine_rig(observations, rig).rig
+    rig = fgpose.calibration.refine_rig(observations, rig).rig
     whole = fgpose.smooth(observations, rig)
     for hidden in rig.names:
         names = [other for other in rig.names if other != hidden]

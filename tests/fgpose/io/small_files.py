@@ -35,7 +35,7 @@ from fgpose.live.cameras.rig_file import load_live_rig
 from fgpose.monocular.detection_cache import ViewDetections, load_detections, store_detections
 from fgpose.monocular.network import People
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.plain_files import naming
 from fgpose.report.quality import quality
 from fgpose.robot.cell import load_cell

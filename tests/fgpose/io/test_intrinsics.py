@@ -203,7 +203,7 @@ def test_guessed_intrinsics() -> None:
 
 
 def test_the_guess_is_within_40_per_cent_of_the_recordings_that_come_with_fgpose() -> None:
-    for rig in (fgpose.load_recording("balance_blazepose")[0], load_rig(POSE2SIM)):
+    for rig in (fgpose.files.load_recording("balance_blazepose")[0], load_rig(POSE2SIM)):
         guess = guessed_intrinsics(rig.names, [camera.size_px for camera in rig.cameras])
         np.testing.assert_allclose(guess.focal_px, rig.focal_px, rtol=0.4)
 

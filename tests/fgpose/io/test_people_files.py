@@ -21,7 +21,7 @@ from fgpose.io.keypoints import (
 )
 from fgpose.io.skeletons import load_skeleton
 from fgpose.observations import Observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 
 RIG = rig()
 BOTH = pytest.mark.parametrize("extension", [".npz", ".parquet"])

@@ -13,7 +13,7 @@ import fgpose
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.intrinsics import guessed_intrinsics
 from fgpose.io.keypoints import check_sizes, likely_sizes_px, load_uncalibrated, save_observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def test_one_camera_cannot_be_calibrated(keypoints: Path) -> None:
 
 @pytest.mark.filterwarnings("default")
 def test_3d_in_the_world_of_a_calibration_is_left_out(tmp_path: Path) -> None:
-    rig, observations = fgpose.load_recording("balance_blazepose")
+    rig, observations = fgpose.files.load_recording("balance_blazepose")
     path = tmp_path / "seen.npz"
     save_observations(observations.frames(slice(0, 3)), path)
     # Without the calibration that it was made with, and with another one.
@@ -59,7 +59,7 @@ def test_3d_in_the_world_of_a_calibration_is_left_out(tmp_path: Path) -> None:
 
 
 def test_3d_goes_back_to_the_cameras_that_saw_it(tmp_path: Path) -> None:
-    rig, observations = fgpose.load_recording("balance_blazepose")
+    rig, observations = fgpose.files.load_recording("balance_blazepose")
     save_observations(observations.frames(slice(0, 3)), tmp_path / "seen.npz")
     people = load_uncalibrated(tmp_path / "seen.npz", observations.skeleton, made_with=rig)
     assert observations.points3d_m is not None

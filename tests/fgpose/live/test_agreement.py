@@ -19,7 +19,7 @@ from fgpose.live.frame import CameraState, CameraStatus
 from fgpose.live.tracking.agreement import CameraAgreement
 from fgpose.live.tracking.live_tracking import LiveTracking
 from fgpose.live.tracking.observed import volume_points_m
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose_benchmarks.synthetic import Clocks, Network, WalkScene, film, positions_at, ring_rig, walkers
 from fgpose_benchmarks.synthetic.crowd.walkers import Behaviour

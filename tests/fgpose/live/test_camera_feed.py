@@ -25,7 +25,7 @@ from fgpose.live.processes import camera_process
 from fgpose.live.processes.camera_feed import CameraFeed
 from fgpose.live.processes.parts import Parts
 from fgpose.live.sources import CameraSource
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 pytest.importorskip("av")
 pytestmark = pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 
 from fgpose.association.track import Tracked, TrackState
 from fgpose.live.tracking.common_sightings import CommonSighting, CommonSightings
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Estimate, Status
 from fgpose_benchmarks.synthetic import ring_rig

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fgpose.live.cameras.frozen_keypoints import FrozenKeypoints
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 RATE_HZ = 15.0
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from fgpose.io.live.recordings import RecordedImage
 from fgpose.live.processes.arrivals import Arrivals
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 
 def image(number: int, camera: str = "left") -> RecordedImage:

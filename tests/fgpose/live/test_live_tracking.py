@@ -17,7 +17,7 @@ from fgpose.live.frame import CameraState, CameraStatus, LiveFrame
 from fgpose.live.processes.parts import Parts
 from fgpose.live.tracking.live_tracking import LiveTracking, Update, is_told_by_motion
 from fgpose.live.tracking.observed import volume_points_m
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import (
     CrowdErrors,
     CrowdPlan,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fgpose.live.tracking.moments import Moments
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 PERIOD_S = 0.04
 CAMERAS = ("left", "right", "door")

@@ -14,7 +14,7 @@ from fgpose.live.cameras.image import ArrayPicture, SourceImage
 from fgpose.live.cameras.picture_faults import PictureFaults
 from fgpose.live.clock import SimulatedClock
 from fgpose.live.sources import CameraSource
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 FPS = 20.0
 SIZE_PX = (480, 270)

@@ -28,7 +28,7 @@ from fgpose.live.frame import LiveFrame, LivePerson
 from fgpose.live.processes.parts import Parts
 from fgpose.live.recording.live_recording import load_live_recording
 from fgpose.live.recording.recorder import Recorder
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.tracking import Tracker
 from fgpose_benchmarks.synthetic import Scene, ring_rig
 from tests.fgpose.live.output_frames import SKELETON, START_S, assert_same_frame, frame, wait_until

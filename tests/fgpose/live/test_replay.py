@@ -62,7 +62,7 @@ class Recorded(Feed):
         images = []
         while self._coming and self._coming[0][0] <= self._clock.now_s():
             arrived_s, image = self._coming.pop(0)
-            seen = fgpose.Detections(image.camera, START_S + image.time_s, image.points2d_px, image.confidence)
+            seen = fgpose.people.Detections(image.camera, START_S + image.time_s, image.points2d_px, image.confidence)
             images.append(RecordedImage(seen, arrived_s, time_sigma_s=0.1))
         return images
 
@@ -124,7 +124,7 @@ def test_the_same_frames_come_again_as_far_apart_as_they_were(session: Path) -> 
 def crafted(path: Path, **changes: dict[str, Any]) -> Path:
     """A recording of a frame and an image, with changes of a record of each kind."""
     rig, skeleton, image = scene().rig, scene().motion.skeleton, scene().observations.images[0]
-    seen = fgpose.Detections(image.camera, START_S, image.points2d_px, image.confidence)
+    seen = fgpose.people.Detections(image.camera, START_S, image.points2d_px, image.confidence)
     people = [live_person(standing_m(skeleton))]
     frame = live_frame(skeleton, people, START_S, cameras=rig.names)
     documents = {

@@ -196,8 +196,8 @@ def test_real_errors_are_within_the_covariance_as_often_as_it_says():
 
     The recording keeps the joints on their rays, with the depth of the network: solved again they stay where they are.
     """
-    rig, observations = fgpose.load_recording("balance_blazepose")
-    refined = fgpose.refine_rig(observations, rig)
+    rig, observations = fgpose.files.load_recording("balance_blazepose")
+    refined = fgpose.calibration.refine_rig(observations, rig)
     limbs = sorted({joint for pair in observations.skeleton.limb_pairs for bone in pair for joint in bone})
     reference_m = fgpose.smooth(replace(refined.observations, points3d_m=None), refined.rig).positions_m
     distances2 = []

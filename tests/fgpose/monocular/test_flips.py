@@ -58,12 +58,12 @@ def assert_equal(corrected: Observations, original: Observations) -> None:
 
 @pytest.fixture(params=RECORDINGS)
 def recording(request: pytest.FixtureRequest) -> Recording:
-    return fgpose.load_recording(request.param)
+    return fgpose.files.load_recording(request.param)
 
 
 @pytest.fixture
 def blazepose() -> Recording:
-    return fgpose.load_recording("balance_blazepose")
+    return fgpose.files.load_recording("balance_blazepose")
 
 
 def pair_of(recording: Recording, first: int, second: int) -> Recording:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from finished_walk import FPS, SPREAD_PX, changed, finished_walk
 
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.diagnosis.gravity_checks import flights
 from fgpose.diagnosis.solution_checks import large_errors
 from fgpose.finding import Severity
@@ -230,7 +230,9 @@ def two_cameras(walk: FinishedRecording) -> FinishedRecording:
 
 
 def coarse(walk: FinishedRecording) -> FinishedRecording:
-    finding = Finding("ring_3", Grade.COARSE, "the focal length is not determined", "walk towards the camera")
+    finding = CalibrationFinding(
+        "ring_3", Grade.COARSE, "the focal length is not determined", "walk towards the camera"
+    )
     return replace(walk, findings=(finding,))
 
 

@@ -15,7 +15,7 @@ import pytest
 from finished_walk import FPS, finished_walk
 
 from fgpose.association.track import TrackEvent
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.origin import Origin
@@ -107,7 +107,9 @@ def test_people_clocks_and_the_verdict_are_shown(walk: FinishedRecording, tmp_pa
         observations={},
         events=(TrackEvent(1.0, 3, "recognised", "the same bones as person 3"),),
         offset_sigma_s={"ring_1": 0.0012},
-        findings=(Finding("ring_1", Grade.COARSE, "the focal length is not determined", "walk away from it"),),
+        findings=(
+            CalibrationFinding("ring_1", Grade.COARSE, "the focal length is not determined", "walk away from it"),
+        ),
     )
     write_report(recording, tmp_path / "report.html")
     text = " ".join(text_of((tmp_path / "report.html").read_text(encoding="utf-8")).split())

@@ -13,7 +13,7 @@ from fgpose.diagnosis.clock_checks import late_cameras
 from fgpose.estimation.evidence.delays import image_motion_px
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.keypoints import save_observations, save_people_observations
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.report import FinishedRecording
 from fgpose.report.used_detections import used_detections
 from fgpose.skeleton import Skeleton

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from calibrated_walks import calibrated
 
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.calibration.synchronisation import Synchronised
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.calibration import save_rig
 from fgpose.io.trajectories import load_trajectory
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.report import load_finished
 from fgpose.study import Plan, load_study, process
 
@@ -65,12 +65,12 @@ def test_videos_are_detected_once(video_study: Path, squares: SquaresScene, squa
 
 def test_the_motion_names_its_videos(video_study: Path, squares: SquaresScene, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of cameras that were calibrated from people, with the verdict."""
-    coarse = Finding("", Grade.COARSE, "few people", "walk longer")
+    coarse = CalibrationFinding("", Grade.COARSE, "few people", "walk longer")
 
     def chain(people: PeopleObservations, intrinsics: CameraRig, **given: Any) -> CalibratedFromPeople:
         return calibrated(people, squares.rig, (coarse,))
 
-    monkeypatch.setattr("fgpose.study.steps.calibrate", chain)
+    monkeypatch.setattr("fgpose.study.steps.calibrate_from_people", chain)
     video_study.write_text(STUDY.replace("angles = false", 'angles = false\ncalibrate = "people"'))
     study = load_study(video_study)
     (recording,) = Plan(study)

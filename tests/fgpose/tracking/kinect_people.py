@@ -18,7 +18,7 @@ from fgpose.association.recording import Association
 from fgpose.frame_matching import NO_IMAGE
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations
 
 FOLDER = Path(__file__).parents[2] / "data" / "kinect_people"
 SKELETON = load_skeleton(FOLDER / "kinect_v2.toml")

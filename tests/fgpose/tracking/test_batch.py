@@ -51,7 +51,7 @@ def test_each_has_the_frames_that_show_them():
 def test_somebody_who_is_away_has_no_pose_meanwhile(unseen_s: float, is_away: bool):
     scene = crowd(1, 4, 5.0, 2)
 
-    def emptied(image: fgpose.Detections) -> fgpose.Detections:
+    def emptied(image: fgpose.people.Detections) -> fgpose.people.Detections:
         return replace(image, points2d_px=image.points2d_px[:0], confidence=image.confidence[:0], points3d_m=None)
 
     images = [emptied(image) if 2.0 < image.time_s < 2.0 + unseen_s else image for image in scene.observations.images]

@@ -14,7 +14,7 @@ from kinect_people import KinectPeople, alignment, kinect_people, matched, moved
 
 import fgpose
 from fgpose.association.recording import Association, associate
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 FAST = fgpose.Config(online={"lag_s": 0.2, "covariance": False})
 

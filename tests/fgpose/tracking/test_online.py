@@ -8,7 +8,7 @@ from crowds import crowd
 
 import fgpose
 from fgpose.assessment.people import evaluate_people
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.synthetic import CrowdScene
 from tests.states import state_of
 
@@ -51,7 +51,7 @@ def test_everybody_is_tracked(scene: CrowdScene):
 @pytest.mark.slow
 def test_images_one_by_one_are_the_same_people(scene: CrowdScene):
     tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
-    people: list[fgpose.Tracked] = []
+    people: list[fgpose.people.Tracked] = []
     for image in scene.observations.images[:120]:
         people = tracker.update([image])
     now_s = np.array([scene.observations.images[119].time_s])
@@ -148,7 +148,7 @@ def test_bad_per_view_3d_is_named_and_changes_nothing(scene: CrowdScene):
 def test_one_wrong_stamp_changes_nothing(scene: CrowdScene, n_wrong: int):
     """Whoever is tracked is tracked on, and the other cameras are heard."""
     trackers = [fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST) for _ in range(2)]
-    before: list[list[fgpose.Tracked]] = []
+    before: list[list[fgpose.people.Tracked]] = []
     for images in moments(scene)[:12]:
         before = [tracker.update(images) for tracker in trackers]
     wrong = [replace(moments(scene)[12][0], time_s=1e6 + n) for n in range(n_wrong)]
@@ -164,7 +164,7 @@ def test_one_wrong_stamp_changes_nothing(scene: CrowdScene, n_wrong: int):
 def test_after_a_pause_all_are_heard_again(scene: CrowdScene):
     """One by one too: the second camera confirms the time of the first."""
     tracker = fgpose.Tracker(scene.rig, scene.motion.skeleton, FAST)
-    people: list[fgpose.Tracked] = []
+    people: list[fgpose.people.Tracked] = []
     for images in moments(scene)[:2]:
         tracker.update(images)
     for images in moments(scene)[2:12]:

@@ -12,7 +12,7 @@ from crowds import crowd
 
 import fgpose
 from fgpose.estimation.online.clock_offsets import OffsetEvidence
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.tracking import parallel
 from fgpose.tracking.estimator_process import EstimatorProcess
 from fgpose.tracking.estimators import Estimators, NewDetections

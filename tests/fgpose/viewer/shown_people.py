@@ -14,7 +14,7 @@ from fgpose.frame_matching import NO_IMAGE, MatchedFrames
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.reprojection import reprojection_residual_px
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import NOBODY, Detections, PeopleObservations, Seen
+from fgpose.people_observations import NOBODY, Detections, PeopleObservations, Seen
 from fgpose.trajectory import Estimate, Status, Trajectory
 from fgpose.viewer.rerun import palette
 

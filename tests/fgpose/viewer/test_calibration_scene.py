@@ -11,9 +11,9 @@ import pytest
 from calibrated_walks import FPS, N_FRAMES, SKELETON, calibrated, joints_m, seen_px, true_rig
 from rrd_contents import METRE_TOLERANCE, PIXEL_TOLERANCE, entities, rows, static_value, values, view_origins
 
-from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, CalibrationFinding, Grade
 from fgpose.geometry.epipolar_distance import epipolar_distances_px, pairs_px
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.pipeline.calibration import show_calibrated, write_calibration
 from fgpose.pipeline.seen_walk import hips_m
 from fgpose.viewer import CalibrationScene, open_calibration_recording
@@ -29,7 +29,7 @@ RIG = true_rig()
 def result() -> CalibratedFromPeople:
     image = Detections(RIG.names[0], 0.0, np.zeros((0, SKELETON.n_joints, 2)), np.zeros((0, SKELETON.n_joints)))
     people = PeopleObservations(SKELETON, RIG.names, (image,))
-    return calibrated(people, RIG, [Finding("ring_1", Grade.COARSE, "it is far away", "put it nearer")])
+    return calibrated(people, RIG, [CalibrationFinding("ring_1", Grade.COARSE, "it is far away", "put it nearer")])
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_the_layout_shows_them(file: Path) -> None:
 
 
 def test_a_failed_calibration_has_a_scene_but_no_rig(tmp_path: Path, result: CalibratedFromPeople) -> None:
-    failed = replace(result, findings=(Finding("", Grade.FAILED, "nothing fits", "walk"),))
+    failed = replace(result, findings=(CalibrationFinding("", Grade.FAILED, "nothing fits", "walk"),))
     assert write_calibration(failed, tmp_path / "rig.toml", rrd=tmp_path / "rig.rrd") == (tmp_path / "rig.rrd",)
     assert [path.name for path in tmp_path.iterdir()] == ["rig.rrd"]
 

@@ -29,7 +29,7 @@ from fgpose.association.recording import Association
 from fgpose.association.track import TrackEvent
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.skeletons import load_skeleton
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status, Trajectory
 from fgpose.viewer import Recording, open_people_recording
 from fgpose.viewer.rerun import palette

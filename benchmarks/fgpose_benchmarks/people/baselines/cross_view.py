@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
 from fgpose.geometry.triangulation import triangulate
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose_benchmarks.people.baselines.frame import MIN_CONFIDENCE
 from fgpose_benchmarks.people.recording import PeopleRecording, Poses
 

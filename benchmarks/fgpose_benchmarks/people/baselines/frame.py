@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from fgpose.association.founding import meeting
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 
 MIN_CONFIDENCE = 0.3
 """Joints below are not used: Pose2Sim's default, and usual in the code around the paper of Chen et al."""

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.trajectory import Trajectory, joint_status
 from fgpose_benchmarks.synthetic.crowd.bodies import Capsules, hidden_by
 from fgpose_benchmarks.synthetic.crowd.errors import CameraTimes, CrowdErrors, FalsePerson, false_people

@@ -7,7 +7,7 @@ from itertools import combinations, pairwise
 
 import numpy as np
 
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.starts.clocks import Clocks
 from fgpose.calibration.from_people.starts.joining import Joined
 from fgpose.calibration.from_people.starts.motion_signals import MotionSignals
@@ -33,15 +33,15 @@ _FINE_S = 0.01
 _MAX_RATE = 5e-4
 
 
-def nobody(camera: str) -> Finding:
-    return Finding(
+def nobody(camera: str) -> CalibrationFinding:
+    return CalibrationFinding(
         camera, Grade.FAILED, "nobody is seen", f"walk where this camera sees you from head to foot, {_LEAVE_OUT}"
     )
 
 
 def not_joined(
     camera: str, signals: MotionSignals, joined: Joined | None, moves: float, *, nobody_joined: bool
-) -> Finding:
+) -> CalibrationFinding:
     """Of a camera for which no moment is decisive, alone or because it is so for all.
 
     Args:
@@ -49,23 +49,23 @@ def not_joined(
     """
     if signals.lasts_s < SHORT_S:
         reason = f"the person is seen for {signals.lasts_s:.1f} s only: too short to find when the video begins"
-        return Finding(camera, Grade.FAILED, reason, f"film for half a minute, {_GIVE}")
+        return CalibrationFinding(camera, Grade.FAILED, reason, f"film for half a minute, {_GIVE}")
     if joined is not None and joined.is_outstanding and joined.alike_s:
         return _ambiguous(camera, joined)
     if moves < _STILL:
         reason = "the person hardly moves from the spot: what is done there does not tell when the video begins"
-        return Finding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
+        return CalibrationFinding(camera, Grade.FAILED, reason, f"{_WALK}, {_GIVE}")
     if joined is None or not joined.is_outstanding:
         others = "any other camera" if nobody_joined else "the other cameras"
         reason = f"no moment is found at which the person moves as before {others}"
         remedy = (
             f"{_WALK}; see that all cameras film at the same time and that frame rates are as the files say, {_GIVE}"
         )
-        return Finding(camera, Grade.FAILED, reason, remedy)
+        return CalibrationFinding(camera, Grade.FAILED, reason, remedy)
     return _ambiguous(camera, joined)
 
 
-def _ambiguous(camera: str, joined: Joined) -> Finding:
+def _ambiguous(camera: str, joined: Joined) -> CalibrationFinding:
     second_s = () if joined.second_s is None else (joined.second_s,)
     moments_s = sorted({joined.best_s, *(joined.alike_s or second_s)})
     apart_s = min((b - a for a, b in pairwise(moments_s)), default=0.0)
@@ -75,23 +75,25 @@ def _ambiguous(camera: str, joined: Joined) -> Finding:
         f"when the video begins is ambiguous by {apart_s:.1f} s{repeats}; starts that differ from the best by {others} "
         "s fit nearly as well"
     )
-    return Finding(camera, Grade.FAILED, reason, f"{AMBIGUOUS_REMEDY}, {_GIVE}")
+    return CalibrationFinding(camera, Grade.FAILED, reason, f"{AMBIGUOUS_REMEDY}, {_GIVE}")
 
 
-def same_camera(names: Sequence[str], views: Sequence[View], offsets_s: Mapping[int, float]) -> list[Finding]:
+def same_camera(
+    names: Sequence[str], views: Sequence[View], offsets_s: Mapping[int, float]
+) -> list[CalibrationFinding]:
     """Of every camera whose video shows the same as that of one before. Common time = own time + offset."""
-    found: dict[str, Finding] = {}
+    found: dict[str, CalibrationFinding] = {}
     for one, other in combinations(sorted(offsets_s), 2):
         if names[one] in found or names[other] in found:
             continue
         if shows_the_same(views[one], views[other], offsets_s[other] - offsets_s[one]):
             reason = f"it shows the same image as {names[one]}: both videos seem to be of one camera"
             remedy = f"give the video of the other camera, {_LEAVE_OUT}"
-            found[names[other]] = Finding(names[other], Grade.FAILED, reason, remedy)
+            found[names[other]] = CalibrationFinding(names[other], Grade.FAILED, reason, remedy)
     return list(found.values())
 
 
-def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[Finding]:
+def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[CalibrationFinding]:
     """What is wrong with a start that was found; of grade failed if it is not to be trusted."""
     step_s = usual_step_s(track.time_s) if len(track.time_s) > 1 else 0.04
     sigma_s, apart_s = float(clocks.sigma_s[number]), float(clocks.disagreement_s[number])
@@ -102,21 +104,21 @@ def about_clock(camera: str, number: int, clocks: Clocks, track: Track) -> list[
     remedy = f"{_WALK}; see that the frame rate is as the file says, {_GIVE}"
     if not np.isfinite(sigma_s):
         reason = "it has too little in common with the other cameras to find when the video begins"
-        return [Finding(camera, Grade.FAILED, reason, remedy)]
+        return [CalibrationFinding(camera, Grade.FAILED, reason, remedy)]
     found = []
     if sigma_s > _MAX_SIGMA * step_s or apart_s > _MAX_SIGMA * step_s:
         reason = f"when the video begins is known to {1e3 * max(sigma_s, apart_s):.0f} ms only"
-        return [Finding(camera, Grade.FAILED, reason, remedy)]
+        return [CalibrationFinding(camera, Grade.FAILED, reason, remedy)]
     if max(sigma_s, apart_s) > max(_COARSE_SIGMA * step_s, _FINE_S):
         reason = f"when the video begins is known to {1e3 * max(sigma_s, apart_s):.0f} ms only"
-        found.append(Finding(camera, Grade.COARSE, reason, _WALK))
+        found.append(CalibrationFinding(camera, Grade.COARSE, reason, _WALK))
     if abs(rate) > max(_MAX_RATE, 5 * rate_sigma):
         reason = f"its clock runs {1e2 * abs(rate):.2g} % {'slower' if rate > 0 else 'faster'} than that of the others"
-        found.append(Finding(camera, Grade.COARSE, reason, "check the frame rate that the file states"))
+        found.append(CalibrationFinding(camera, Grade.COARSE, reason, "check the frame rate that the file states"))
     return found
 
 
-def in_words(findings: Sequence[Finding]) -> str:
+def in_words(findings: Sequence[CalibrationFinding]) -> str:
     """Reasons and remedies, those that several cameras have in common said once."""
     cameras: dict[tuple[str, str], list[str]] = {}
     for finding in findings:

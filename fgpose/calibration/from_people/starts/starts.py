@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.starts.clocks import ClockShift, solve_clocks
 from fgpose.calibration.from_people.starts.epipolar_shift import RATE_SIGMA, EpipolarShift, fit_epipolar_shift
 from fgpose.calibration.from_people.starts.joining import join_cameras
@@ -45,7 +45,7 @@ class Starts:
     sigma_s: Float[np.ndarray, " camera"]
     """Standard deviation of the common time in the middle of the recording; NaN where not trusted."""
     trusted: Bool[np.ndarray, " camera"]
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[CalibrationFinding, ...] = ()
     """Of each camera that is not trusted the reason, and doubts about others."""
 
     def common_s(self, camera: str, own_s: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
@@ -138,7 +138,10 @@ def _check(tracks: Sequence[Track], names: tuple[str, ...], given: Mapping[str, 
 
 
 def _as_given(
-    names: tuple[str, ...], given: Mapping[str, GivenStart], views: Sequence[View], findings: Sequence[Finding]
+    names: tuple[str, ...],
+    given: Mapping[str, GivenStart],
+    views: Sequence[View],
+    findings: Sequence[CalibrationFinding],
 ) -> Starts:
     """Of all cameras that see somebody, and each of which is another one."""
     known = {c: given[name].offset_s for c, name in enumerate(names) if len(views[c].time_s)}
@@ -191,7 +194,7 @@ def _solved(
     trusted: Sequence[int],
     shifts: Mapping[tuple[int, int], ClockShift],
     tracks: Sequence[Track],
-    findings: Sequence[Finding],
+    findings: Sequence[CalibrationFinding],
 ) -> Starts:
     """The clocks of those cameras; again without those that turn out not to be known."""
     reference = trusted[0] if trusted else 0

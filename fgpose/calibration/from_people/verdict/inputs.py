@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import Groups
-from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, CameraSigmas
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.alignment import aligned
 from fgpose.calibration.from_people.verdict.coverage import Coverage, coverage
@@ -55,7 +55,7 @@ class VerdictInputs:
     """Angle between the vertical and what is up in the images, the mean of all cameras."""
     duration_s: float
     """For how long two cameras saw the person."""
-    of_scale: tuple[Finding, ...] = ()
+    of_scale: tuple[CalibrationFinding, ...] = ()
     focal_check: FocalCheck | None = None
     """Of focal lengths that were given; None: not checked."""
     off_centre: Bool[np.ndarray, " camera"] | None = None

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from fgpose.calibration.adjustment.unknowns import Groups
 from fgpose.calibration.disagreement import allowed_third_view_mrad
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
 from fgpose.calibration.from_people.verdict.inputs import VerdictInputs
@@ -48,7 +48,7 @@ _THROUGH = "walk through its whole view, near and far"
 _OWN_HAND = 0.2  # handedness: the sum over frames that say one thing and frames that say the other
 
 
-def findings(inputs: VerdictInputs) -> tuple[Finding, ...]:
+def findings(inputs: VerdictInputs) -> tuple[CalibrationFinding, ...]:
     """All reasons against a calibration, the gravest first; none: it is good."""
     names, sigmas, distance_m = inputs.camera_names, inputs.sigmas, inputs.distance_m
     too_short = recording_too_short(inputs.duration_s)
@@ -77,7 +77,7 @@ def findings(inputs: VerdictInputs) -> tuple[Finding, ...]:
     return tuple(sorted(found, key=_gravity, reverse=True))
 
 
-def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " camera"]) -> list[Finding]:
+def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " camera"]) -> list[CalibrationFinding]:
     """Views that do not see the person where the others do."""
     known = third_view_mrad[np.isfinite(third_view_mrad)]
     typical = float(np.median(known)) if known.size else np.inf
@@ -86,18 +86,20 @@ def worst_camera(names: Sequence[str], third_view_mrad: Float[np.ndarray, " came
     for name, mrad in zip(names, third_view_mrad.tolist(), strict=True):
         if not np.isfinite(mrad):
             reason, remedy = "no other two cameras see the person when it does", "walk where several cameras see you"
-            found.append(Finding(name, Grade.COARSE, reason, remedy))
+            found.append(CalibrationFinding(name, Grade.COARSE, reason, remedy))
         elif mrad > min(_COARSE_MRAD, allowed_mrad):
             reason = f"it sees the person {mrad:.0f} mrad beside where the others do (median: {typical:.0f} mrad)"
             remedy = (
                 "check its start, its frame rate and its lens (K of this resolution?), and that its picture is not "
                 "mirrored; record longer, and walk through its whole view"
             )
-            found.append(Finding(name, Grade.FAILED if mrad > allowed_mrad else Grade.COARSE, reason, remedy))
+            found.append(
+                CalibrationFinding(name, Grade.FAILED if mrad > allowed_mrad else Grade.COARSE, reason, remedy)
+            )
     return found
 
 
-def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"]) -> list[Finding]:
+def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"]) -> list[CalibrationFinding]:
     """Views in which the network sees another pose than was reconstructed."""
     reason = "its direction contradicts the 3D of its own images by {0:.0f} degrees"
     remedy = "walk across its view and towards it, so that you are seen from several sides"
@@ -106,7 +108,7 @@ def twisted(names: Sequence[str], cross_check_deg: Float[np.ndarray, " camera"])
 
 def halves_disagree(
     names: Sequence[str], rotation_deg: Float[np.ndarray, " camera"], position: Float[np.ndarray, " camera"]
-) -> list[Finding]:
+) -> list[CalibrationFinding]:
     """Cameras that the first half of the recording has elsewhere than the second. Positions are shares of the distance
     to the person."""
     remedy = "record longer, and walk through its whole view in different directions"
@@ -118,7 +120,7 @@ def halves_disagree(
 
 def uncertain(
     names: Sequence[str], direction_deg: Float[np.ndarray, " camera"], position: Float[np.ndarray, " camera"]
-) -> list[Finding]:
+) -> list[CalibrationFinding]:
     """Cameras whose stated sigmas are large. Positions are shares of the distance to the person."""
     remedy = "record longer, and walk through its whole view in different directions"
     turned = "its direction is known to {0:.1f} degrees only"
@@ -139,7 +141,7 @@ def focal_undetermined(
     estimated: Groups,
     sigma: Float[np.ndarray, " camera"],
     depth_ratio: Float[np.ndarray, " camera"],
-) -> list[Finding]:
+) -> list[CalibrationFinding]:
     """Cameras whose focal length was estimated and is not known well; sigmas are shares of it. Of cameras that share a
     lens it is enough that one saw the person near and far."""
     remedy = "walk towards it and away from it, or give its focal length"
@@ -151,11 +153,11 @@ def focal_undetermined(
         ratio = np.max(np.nan_to_num(depth_ratio[list(lens)], nan=1.0))
         for c in (c for c in lens if names[c] not in flagged and ratio < _FOCAL_DEPTH_RATIO):
             reason = f"its focal length hardly shows: the person was {ratio:.1f} times as far away at most as at least"
-            found.append(Finding(names[c], Grade.COARSE, reason, remedy))
+            found.append(CalibrationFinding(names[c], Grade.COARSE, reason, remedy))
     return found
 
 
-def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[Finding]:
+def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[CalibrationFinding]:
     """Cameras whose given focal length the images contradict, as K of another resolution."""
     if check is None:
         return []
@@ -167,19 +169,23 @@ def focal_wrong(names: Sequence[str], check: FocalCheck | None) -> list[Finding]
     return _graded(names, change, (_WRONG_FOCAL_COARSE, _WRONG_FOCAL_FAILED), reason, remedy)
 
 
-def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[Finding]:
+def of_another_size(names: Sequence[str], off_centre: Bool[np.ndarray, " camera"] | None) -> list[CalibrationFinding]:
     """Cameras whose principal point is far from the middle of the image."""
     reason = "the principal point of its K is far from the middle of its image, as of images of another size"
     remedy = "check that K belongs to this camera and this resolution"
     flags = [] if off_centre is None else off_centre.tolist()
-    return [Finding(name, Grade.COARSE, reason, remedy) for name, is_off in zip(names, flags, strict=False) if is_off]
+    return [
+        CalibrationFinding(name, Grade.COARSE, reason, remedy)
+        for name, is_off in zip(names, flags, strict=False)
+        if is_off
+    ]
 
 
-def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"]) -> list[Finding]:
+def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"]) -> list[CalibrationFinding]:
     """Cameras that may have been put at the wrong time."""
     remedy = "walk fast with turns and stops in between, or give synchronised videos (--synchronised)"
     return [
-        Finding(name, Grade.COARSE, "its start is not certain", remedy)
+        CalibrationFinding(name, Grade.COARSE, "its start is not certain", remedy)
         for name, known in zip(names, is_certain.tolist(), strict=True)
         if not known
     ]
@@ -187,7 +193,7 @@ def start_uncertain(names: Sequence[str], is_certain: Bool[np.ndarray, " camera"
 
 def poorly_covered(
     names: Sequence[str], coverage: Coverage, is_certain: Bool[np.ndarray, " camera"], *, is_short: bool = False
-) -> list[Finding]:
+) -> list[CalibrationFinding]:
     """Cameras that saw the person in one place, on one line, in a corner of the image, or hardly at all.
 
     A line or a corner only matter where the camera is not certain all the same. In one place both halves of a recording
@@ -214,22 +220,22 @@ def poorly_covered(
         # The first that holds says it all: who was in one place was on one line as well.
         held = (row for row in criteria if not row[0][c] >= row[1] and not row[2][c])
         for values, _, _, reason, remedy in held:
-            found.append(Finding(name, Grade.COARSE, "it " + reason.format(float(values[c])), remedy))
+            found.append(CalibrationFinding(name, Grade.COARSE, "it " + reason.format(float(values[c])), remedy))
             break
     return _once(found, names)
 
 
-def _once(found: list[Finding], names: Sequence[str]) -> list[Finding]:
+def _once(found: list[CalibrationFinding], names: Sequence[str]) -> list[CalibrationFinding]:
     """What holds for every camera is said once."""
     if len(names) < 2 or [finding.camera for finding in found] != list(names) or len({f.reason for f in found}) > 1:
         return found
     return [replace(found[0], camera="", reason=found[0].reason.replace("it saw", "every camera saw"))]
 
 
-def mirrors(names: Sequence[str], mirrored: Bool[np.ndarray, " camera"], handedness: float) -> list[Finding]:
+def mirrors(names: Sequence[str], mirrored: Bool[np.ndarray, " camera"], handedness: float) -> list[CalibrationFinding]:
     """Views in which left is right, and a reconstruction that is turned inside out."""
     found = [
-        Finding(
+        CalibrationFinding(
             name,
             Grade.FAILED,
             "it sees the person mirrored",
@@ -240,55 +246,58 @@ def mirrors(names: Sequence[str], mirrored: Bool[np.ndarray, " camera"], handedn
     ]
     if handedness < -_OWN_HAND and not found:
         reason = "the reconstructed body is turned inside out: its knees bend backwards"
-        found.append(Finding("", Grade.FAILED, reason, "walk nearer to the cameras, and in several directions"))
+        found.append(
+            CalibrationFinding("", Grade.FAILED, reason, "walk nearer to the cameras, and in several directions")
+        )
     return found
 
 
-def nobody_checks(n_cameras: int) -> list[Finding]:
+def nobody_checks(n_cameras: int) -> list[CalibrationFinding]:
     """Of two cameras, simulated ones were off by two degrees that neither the halves nor the epipolar planes show."""
     if n_cameras > 2:
         return []
     reason = "two cameras have no third one that checks them"
-    return [Finding("", Grade.COARSE, reason, "add a third camera that sees the walk, if only for the calibration")]
+    remedy = "add a third camera that sees the walk, if only for the calibration"
+    return [CalibrationFinding("", Grade.COARSE, reason, remedy)]
 
 
-def recording_too_short(duration_s: float) -> list[Finding]:
+def recording_too_short(duration_s: float) -> list[CalibrationFinding]:
     if duration_s >= _LEAST_DURATION_S:
         return []
     reason = f"two cameras saw the person for {duration_s:.1f} s only"
-    return [Finding("", Grade.COARSE, reason, "record somebody who walks around for half a minute")]
+    return [CalibrationFinding("", Grade.COARSE, reason, "record somebody who walks around for half a minute")]
 
 
-def nobody_upright(upright: float, camera_tilt_deg: float) -> list[Finding]:
+def nobody_upright(upright: float, camera_tilt_deg: float) -> list[CalibrationFinding]:
     """A vertical that is not one: of somebody who bends, sits or lies."""
     if camera_tilt_deg > _MOST_TILT_DEG:
         reason = f"the person lies, or the cameras do: up differs by {camera_tilt_deg:.0f} degrees between them"
-        return [Finding("", Grade.COARSE, reason, "walk upright, and turn the videos so that up is up")]
+        return [CalibrationFinding("", Grade.COARSE, reason, "walk upright, and turn the videos so that up is up")]
     if upright >= _LEAST_UPRIGHT:
         return []
     reason = f"the vertical is not certain: the person is upright in {upright:.0%} of the frames only"
-    return [Finding("", Grade.COARSE, reason, "walk upright through the room")]
+    return [CalibrationFinding("", Grade.COARSE, reason, "walk upright through the room")]
 
 
 def _graded(
     names: Sequence[str], values: Float[np.ndarray, " camera"], limits: tuple[float, float], reason: str, remedy: str
-) -> list[Finding]:
+) -> list[CalibrationFinding]:
     """Of values above the limits for coarse and failed; NaN is none."""
     found = []
     for name, value in zip(names, values.tolist(), strict=True):
         if value > limits[0]:
             grade = Grade.FAILED if value > limits[1] else Grade.COARSE
-            found.append(Finding(name, grade, reason.format(value), remedy))
+            found.append(CalibrationFinding(name, grade, reason.format(value), remedy))
     return found
 
 
-def _worst_of_each(found: list[Finding]) -> list[Finding]:
+def _worst_of_each(found: list[CalibrationFinding]) -> list[CalibrationFinding]:
     """One finding a camera, its gravest."""
-    worst: dict[str, Finding] = {}
+    worst: dict[str, CalibrationFinding] = {}
     for finding in sorted(found, key=_gravity):
         worst[finding.camera] = finding
     return list(worst.values())
 
 
-def _gravity(finding: Finding) -> int:
+def _gravity(finding: CalibrationFinding) -> int:
     return list(Grade).index(finding.grade)

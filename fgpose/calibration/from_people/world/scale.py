@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fgpose.calibration.from_people.calibrated import Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, Grade
 from fgpose.calibration.from_people.world.anatomy import Anatomy
 from fgpose.geometry.camera import CameraRig
 
@@ -78,7 +78,7 @@ class Scale:
     """Standard deviation of the factor, as a share of it; larger where the cues contradict each other."""
     source: str
     """The cues that count, as "stature 1.78 m"."""
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[CalibrationFinding, ...] = ()
 
 
 def stature_cues(
@@ -217,7 +217,7 @@ def _fused(cues: Sequence[ScaleCue]) -> Scale:
 
 def _worst(
     cues: Sequence[ScaleCue], log: Float[np.ndarray, " cue"], information: Float[np.ndarray, " cue"]
-) -> Finding | None:
+) -> CalibrationFinding | None:
     """The cue that contradicts the others most, by more than chance."""
     others = information.sum() - information
     apart = log - (information @ log - information * log) / others
@@ -233,7 +233,7 @@ def _worst(
         f"{cues[worst].name} makes everything {abs(np.expm1(apart[worst])):.0%} {size} than {against} "
         f"({sigmas[worst]:.1f} standard deviations)"
     )
-    return Finding("", Grade.COARSE, reason, cues[worst].remedy)
+    return CalibrationFinding("", Grade.COARSE, reason, cues[worst].remedy)
 
 
 def _named(cues: Sequence[ScaleCue], information: Float[np.ndarray, " cue"]) -> str:

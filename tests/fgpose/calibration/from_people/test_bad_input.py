@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fgpose.calibration.from_people.calibrate import calibrate
+from fgpose.calibration.from_people.calibrate import calibrate_from_people
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.calibration.from_people.starts.starts import find_starts
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
 from fgpose.geometry.camera import CameraRig
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose_benchmarks.synthetic import WalkScene, film, ring_rig, stature_m, walkers
 
 NAMES = ("ring_0", "ring_1", "ring_2")
@@ -62,7 +62,7 @@ def of_resolution(share: float) -> CameraRig:
 
 def calibrated(people: PeopleObservations, intrinsics: CameraRig | None = None, **options: Any) -> CalibratedFromPeople:
     given = {"synchronised": True, **options}
-    return calibrate(people, intrinsics or scene().intrinsics.subset(people.camera_names), **given)
+    return calibrate_from_people(people, intrinsics or scene().intrinsics.subset(people.camera_names), **given)
 
 
 TOGETHER = "the videos of fewer than two cameras can be brought together in time"

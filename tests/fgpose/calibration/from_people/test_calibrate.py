@@ -11,7 +11,7 @@ import pytest
 
 import fgpose
 from fgpose.assessment import rigs
-from fgpose.calibration.from_people.calibrate import Parts, calibrate
+from fgpose.calibration.from_people.calibrate import Parts, calibrate_from_people
 from fgpose.calibration.from_people.calibrated import CalibratedFromPeople, Grade
 from fgpose.calibration.from_people.starts.starts import GivenStart
 from fgpose.geometry.camera import CameraRig
@@ -39,7 +39,7 @@ def scene(
 def calibrated(of: WalkScene, intrinsics: CameraRig | None = None, **options: object) -> CalibratedFromPeople:
     stature = stature_m(of.motion.truth_m[0], of.motion.skeleton)
     given: dict = {"stature_m": stature, "synchronised": True, **options}
-    return calibrate(of.observations, intrinsics or of.intrinsics, **given)
+    return calibrate_from_people(of.observations, intrinsics or of.intrinsics, **given)
 
 
 @cache
@@ -128,10 +128,10 @@ def test_one_camera_is_refused() -> None:
     of = scene()
     name = of.rig.names[0]
     with pytest.raises(ValueError, match="at least two cameras"):
-        calibrate(of.observations.subset([name]), of.intrinsics.subset([name]))
+        calibrate_from_people(of.observations.subset([name]), of.intrinsics.subset([name]))
 
 
 def test_cameras_must_be_those_of_the_intrinsics() -> None:
     of = scene()
     with pytest.raises(ValueError, match="camera"):
-        fgpose.calibrate(of.observations, of.intrinsics.subset(of.rig.names[:2]))
+        fgpose.calibration.calibrate_from_people(of.observations, of.intrinsics.subset(of.rig.names[:2]))

@@ -13,7 +13,7 @@ from fgpose.calibration.from_people.tracks import find_tracks, no_track
 from fgpose.calibration.from_people.walk import Track
 from fgpose.geometry.camera import CameraRig
 from fgpose.io.recordings import load_recording
-from fgpose.people import PeopleObservations
+from fgpose.people_observations import PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 from fgpose_benchmarks.synthetic.crowd.walkers import walkers

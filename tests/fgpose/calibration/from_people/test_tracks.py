@@ -7,7 +7,7 @@ from filmed_walk import bodies_px, track_of, walk_scene
 from fgpose.calibration.from_people.left_right import exchanged_images, with_steady_sides
 from fgpose.calibration.from_people.starts.walker import main_tracks
 from fgpose.calibration.from_people.tracks import find_tracks
-from fgpose.people import Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 from fgpose_benchmarks.synthetic.crowd.walkers import walkers

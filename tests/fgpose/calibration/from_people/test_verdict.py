@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from adjusted_rigs import adjusted, moved, rig_errors
 
-from fgpose.calibration.from_people.calibrated import CameraSigmas, Finding, Grade
+from fgpose.calibration.from_people.calibrated import CalibrationFinding, CameraSigmas, Grade
 from fgpose.calibration.from_people.rig.focal_check import FocalCheck
 from fgpose.calibration.from_people.verdict.coverage import Coverage
 from fgpose.calibration.from_people.verdict.inputs import VerdictInputs, gather
@@ -96,7 +96,7 @@ def test_the_gravest_comes_first() -> None:
         ({"upright": 0.2}, "", Grade.COARSE, "20%"),
         ({"camera_tilt_deg": 85.0}, "", Grade.COARSE, "85 degrees"),
         ({"duration_s": 1.0}, "", Grade.COARSE, "1.0 s"),
-        ({"of_scale": (Finding("", Grade.COARSE, "a wrong stature", ""),)}, "", Grade.COARSE, "stature"),
+        ({"of_scale": (CalibrationFinding("", Grade.COARSE, "a wrong stature", ""),)}, "", Grade.COARSE, "stature"),
     ],
 )
 def test_each_of_the_grounds_has_its_finding(change: dict, camera: str, grade: Grade, words: str) -> None:

@@ -110,7 +110,9 @@ def test_a_time_of_day_is_told_to_the_millisecond(rig: fgpose.CameraRig, skeleto
     with pytest.raises(ValueError, match=r"got a frame at 1753000000\.025 s after one at 1753000000\.125 s"):
         estimator.update_arrays(now_s - 0.1, nothing[0])
     no_pixel = np.zeros((0, skeleton.n_joints))
-    assert str(fgpose.Detections("cam", now_s, np.zeros((0, skeleton.n_joints, 2)), no_pixel)).count("1753000000.125 s")
+    assert str(fgpose.people.Detections("cam", now_s, np.zeros((0, skeleton.n_joints, 2)), no_pixel)).count(
+        "1753000000.125 s"
+    )
 
 
 def test_failures_of_gtsam_are_told_with_each_estimate(rig: fgpose.CameraRig, skeleton: fgpose.Skeleton) -> None:

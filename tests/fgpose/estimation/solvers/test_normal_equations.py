@@ -384,7 +384,7 @@ def test_two_exact_views_at_right_angles_have_the_covariance_of_the_textbook(wal
 def test_the_solution_is_that_of_gtsam_on_a_real_recording():
     """Both go on until hardly anything moves. Process noise and weights are fixed, for they follow from steps that
     differ between the two."""
-    rig, observations = fgpose.load_recording(fgpose.recordings()[0])
+    rig, observations = fgpose.files.load_recording(fgpose.files.recordings()[0])
     observations = observations.frames(slice(0, 30))
     solved = {}
     for backend in ("numpy", "gtsam"):

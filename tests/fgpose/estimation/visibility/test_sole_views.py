@@ -88,7 +88,7 @@ def test_who_walks_keeps_the_distance_from_the_only_camera(
 @pytest.mark.parametrize("how", ["batch", "online"])
 def test_a_real_recording_that_one_camera_goes_on_with(how: str) -> None:
     """Against what all four cameras tell. Half a second is little to learn a body from."""
-    rig, observations = fgpose.load_recording("balance_openpose")
+    rig, observations = fgpose.files.load_recording("balance_openpose")
     reference = fgpose.smooth(observations, rig)
     first = 30
     alone = of_frames(estimated(seen_by_one(observations, 1, first), rig, how), slice(first, None))

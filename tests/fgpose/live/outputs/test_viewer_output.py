@@ -24,7 +24,7 @@ from fgpose.live.outputs.viewer_output import _ViewerSink
 from fgpose.live.outputs.viewer_process import Shown, ViewerJob, ViewerProcess, _Shower
 from fgpose.live.tracking.live_tracking import Update
 from fgpose.live.tracking.people import coasting, live_person
-from fgpose.people import Detections
+from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import open_system_recording
 from fgpose.viewer.rerun import palette

@@ -1,0 +1,40 @@
+"""Several people: who is who, the motion of each, and how right that is.
+
+- In: Detections, everybody in an image; PeopleObservations, all images of a recording, of which MatchedFrames says
+  which belong together. PersonRegion names one of several by where somebody stands in an image.
+- A whole recording: smooth_people gives SmoothedPeople, with the Association of the detections: each person as Seen.
+- Image by image: Tracker gives everybody as Tracked, with a TrackState, and tells each TrackEvent.
+- Against the truth: evaluate_people gives PeopleEvaluation, of each PersonScore, Stay and Encounter.
+
+Their files are read and written by load_people and save_people in fgpose.files.
+"""
+
+from fgpose.assessment.encounters import Encounter
+from fgpose.assessment.people import PeopleEvaluation, PersonScore, evaluate_people
+from fgpose.assessment.stays import Stay
+from fgpose.association.chosen_person import PersonRegion
+from fgpose.association.recording import Association
+from fgpose.association.track import TrackEvent, TrackState
+from fgpose.frame_matching import MatchedFrames
+from fgpose.people_observations import Detections, PeopleObservations, Seen
+from fgpose.tracking import SmoothedPeople, Tracked, Tracker, smooth_people
+
+__all__ = [
+    "Association",
+    "Detections",
+    "Encounter",
+    "MatchedFrames",
+    "PeopleEvaluation",
+    "PeopleObservations",
+    "PersonRegion",
+    "PersonScore",
+    "Seen",
+    "SmoothedPeople",
+    "Stay",
+    "TrackEvent",
+    "TrackState",
+    "Tracked",
+    "Tracker",
+    "evaluate_people",
+    "smooth_people",
+]
