@@ -26,8 +26,8 @@ for package in (fgpose, fgpose_factors):
     assert pathlib.Path(package.__file__).is_relative_to(sys.prefix), package.__file__
     assert pathlib.Path(package.__file__).with_name("py.typed").exists(), f"{package.__name__} has no type marker"
 assert pathlib.Path(fgpose.__file__).with_name("live").joinpath("page", "page.html").exists(), "the status page is not packed"
-for name in fgpose.recordings():
-    rig, observations = fgpose.load_recording(name)
+for name in fgpose.files.recordings():
+    rig, observations = fgpose.files.load_recording(name)
     trajectory = fgpose.smooth(observations.frames(slice(0, 10)), rig)
     assert trajectory.status_share(fgpose.Status.OBSERVED) > 0.9
 fgpose.save_trajectory(trajectory, "smoothed.parquet")
