@@ -24,6 +24,9 @@ _KNOWN_AFTER_S = 120.0
 # more than any source keeps.
 _JUMP_S = 0.25
 _SETTLED_S, _BACKLOG_S = 2.0, 10.0
+# Images overtake each other by less. A clock that was set back by less looks the same at first: all of its images come
+# late from then on, for so long.
+_OVERTAKEN_S, _STAYS_BACK_S = 1.0, 2.0
 # Before there are enough images to tell.
 _FIRST_SIGMA_S = 0.1
 _N_LOWEST = 10
@@ -76,6 +79,8 @@ class ClockModel:
         self._segment: _Segment | None = None
         self._drift, self._drift_sigma = 0.0, _DRIFT_SIGMA
         self._last: Stamp | None = None
+        self._back_since_s: float | None = None
+        """When an image came whose stamp is before that of another, until it is known why."""
         self._is_synchronised = False
         self._fast: deque[tuple[float, float]] = deque()
         """Arrivals and delays by the camera's own time, each the least from then on."""
@@ -198,13 +203,23 @@ class ClockModel:
 
     def _jumps(self, before: Stamp, stamp: Stamp, arrived_s: float) -> bool:
         assert self._segment is not None
-        if stamp.stamp_s < before.stamp_s:
-            return True
         early_s = self._segment.offset_s(stamp.stamp_s) - (arrived_s - stamp.stamp_s)
+        if stamp.stamp_s < before.stamp_s - _OVERTAKEN_S or self._stays_back(before, stamp, arrived_s, -early_s):
+            return True
         is_settled = self._segment.duration_s > _SETTLED_S
         return bool(early_s > (_JUMP_S if is_settled else _BACKLOG_S))
 
+    def _stays_back(self, before: Stamp, stamp: Stamp, arrived_s: float, late_s: float) -> bool:
+        """Whether the clock was set back a little: since then no image has come as early as those before. Until that is
+        known images have the times of the old clock: they are older than the true ones, if anything."""
+        if stamp.stamp_s < before.stamp_s and self._back_since_s is None:
+            self._back_since_s = arrived_s
+        if late_s < _JUMP_S:
+            self._back_since_s = None
+        return self._back_since_s is not None and arrived_s > self._back_since_s + _STAYS_BACK_S
+
     def _end_segment(self) -> None:
+        self._back_since_s = None
         if self._segment is not None and self._segment.duration_s > _KNOWN_AFTER_S:
             self._drift, self._drift_sigma = self._segment.drift, _KNOWN_DRIFT_SIGMA
         self._segment = None

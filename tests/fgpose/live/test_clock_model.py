@@ -96,7 +96,7 @@ def test_few_images_do_not_make_a_drift() -> None:
     assert abs(model.drift) < 300e-6  # three times what crystals are specified to
 
 
-@pytest.mark.parametrize("jump_s", [3.0, -3.0, -0.5, 1e6, -1e6])
+@pytest.mark.parametrize("jump_s", [3.0, -3.0, 1e6, -1e6])
 def test_a_jump_is_noticed_at_once_and_learned_within_a_second(jump_s: float) -> None:
     captured_s, stamps_s, arrivals_s, _ = stamps_and_arrivals("exponential", 60, seed=2)
     stamps_s[1200:] += jump_s
@@ -110,6 +110,33 @@ def test_a_jump_is_noticed_at_once_and_learned_within_a_second(jump_s: float) ->
     assert model.n_jumps == 1
     # 30 exponential delays of 50 ms: the least is 1.7 ms on average, more than 10 in one of 400 cases.
     assert np.abs(errors_s[30:60]).max() < 10e-3
+
+
+def test_a_clock_that_is_set_back_a_little_is_known_two_seconds_later() -> None:
+    """Until then its images may be out of order: their times are those of the old clock, too old."""
+    captured_s, stamps_s, arrivals_s, _ = stamps_and_arrivals("exponential", 60, seed=2)
+    stamps_s[1200:] -= 0.5
+    model = ClockModel(LATENCY_S)
+    errors_s = learned(model, stamps_s, arrivals_s) - captured_s
+    assert model.n_jumps == 1
+    assert model.jump_s == pytest.approx(-0.5, abs=0.2)  # the jitter of one image
+    np.testing.assert_allclose(errors_s[1200:1258], -0.5, atol=10e-3)
+    assert np.abs(errors_s[1300:]).max() < 10e-3  # as after any jump
+
+
+def test_images_that_overtake_each_other_keep_their_times() -> None:
+    """Each comes up to half a second late, some come twice: none looks newer than it is."""
+    captured_s, stamps_s, arrivals_s, _ = stamps_and_arrivals("exponential", 60, seed=5)
+    shuffled = captured_s > captured_s[0] + 30
+    rng = np.random.default_rng(0)
+    arrivals_s = arrivals_s + np.where(shuffled, rng.uniform(0, 0.5, len(arrivals_s)), 0.0)
+    comes = np.append(np.arange(len(arrivals_s)), np.flatnonzero(shuffled)[::5])
+    again_s = np.append(arrivals_s, arrivals_s[shuffled][::5] + 0.3)
+    comes = comes[np.argsort(again_s)]
+    model = ClockModel(LATENCY_S)
+    times_s = learned(model, stamps_s[comes], np.sort(again_s))
+    assert model.n_jumps == 0
+    assert (times_s - captured_s[comes])[300:].max() < 10e-3
 
 
 @pytest.mark.parametrize("after_s", [0.1, 0.5, 1.5])
