@@ -45,7 +45,7 @@ def save(figure: Figure, name: str, folder: Path | None) -> Path:
 
 
 def draw_ellipse(
-    axes: Axes, centre: Float[np.ndarray, 2], covariance: Float[np.ndarray, "2 2"], share: float, **look: Any
+    axes: Axes, centre: Float[np.ndarray, " 2"], covariance: Float[np.ndarray, "2 2"], share: float, **look: Any
 ) -> None:
     """The ellipse that holds a normal variable of the plane with this probability."""
     from matplotlib.patches import Ellipse

@@ -29,8 +29,8 @@ def depth_information(
 
 def depth_factor(
     key: int,
-    point_m: Float[np.ndarray, 3],
-    direction: Float[np.ndarray, 3],
+    point_m: Float[np.ndarray, " 3"],
+    direction: Float[np.ndarray, " 3"],
     sigma_m: float,
     kernel: Kernel = "none",
     kernel_scale: float = 1.0,

@@ -39,7 +39,7 @@ def projection_residual(
 
 
 def projection_factor(
-    key: int, measured_px: Float[np.ndarray, 2], noise: gtsam.noiseModel.Base, camera: gtsam.PinholeCameraCal3_S2
+    key: int, measured_px: Float[np.ndarray, " 2"], noise: gtsam.noiseModel.Base, camera: gtsam.PinholeCameraCal3_S2
 ) -> gtsam.TriangulationFactorCal3_S2:
     """GTSAM's native factor on one Point3: projected minus measured, in undistorted pixels.
 

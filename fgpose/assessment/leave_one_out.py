@@ -23,7 +23,7 @@ class HeldOutView:
     expected_px: Float[np.ndarray, "frame joint 2"]
 
     @cached_property
-    def constant_px(self) -> Float[np.ndarray, 2]:
+    def constant_px(self) -> Float[np.ndarray, " 2"]:
         """Median difference: what a wrong principal point or a slightly turned camera leaves; NaN without any."""
         difference_px = self.detected_px - self.expected_px
         known = difference_px[np.isfinite(difference_px).all(axis=-1)]

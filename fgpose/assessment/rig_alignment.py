@@ -16,7 +16,7 @@ class Similarity:
 
     scale: float
     R: Float[np.ndarray, "3 3"]
-    offset_m: Float[np.ndarray, 3]
+    offset_m: Float[np.ndarray, " 3"]
 
     def of(self, points_m: Float[np.ndarray, "*points 3"]) -> Float[np.ndarray, "*points 3"]:
         return self.scale * points_m @ self.R.T + self.offset_m

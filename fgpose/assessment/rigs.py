@@ -46,7 +46,7 @@ def vertical_error_deg(rig: CameraRig, true_rig: CameraRig) -> float:
     return float(np.rad2deg(np.arctan2(np.linalg.norm(up[:2]), up[2])))
 
 
-def floor_error_m(rig: CameraRig, true_rig: CameraRig, around_m: Float[np.ndarray, 3]) -> float:
+def floor_error_m(rig: CameraRig, true_rig: CameraRig, around_m: Float[np.ndarray, " 3"]) -> float:
     """Height of the floor (z = 0) of the rig's world over the true floor, under a point of the true world.
 
     After the similarity of the rigs: an error of scale does not count, one of the vertical counts as far as the point

@@ -105,9 +105,9 @@ class Passage:
     """Where and when somebody comes, and where and when they are lost."""
 
     begin_s: float
-    begin_m: Float[np.ndarray, 3]
+    begin_m: Float[np.ndarray, " 3"]
     end_s: float
-    end_m: Float[np.ndarray, 3]
+    end_m: Float[np.ndarray, " 3"]
     likeness: Likeness
 
     @staticmethod
@@ -135,7 +135,7 @@ class Passage:
 
 
 def log_ratio_of_place(
-    before_m: Float[np.ndarray, 3], now_m: Float[np.ndarray, 3], gap_s: float, room_m2: float
+    before_m: Float[np.ndarray, " 3"], now_m: Float[np.ndarray, " 3"], gap_s: float, room_m2: float
 ) -> float:
     """Log of the ratio of densities: where somebody comes back, over anywhere in the room; horizontal or not does not
     matter, for people stay on the floor."""

@@ -28,9 +28,9 @@ class _Room:
 
     def __init__(self, forget_s: float) -> None:
         self._forget_s = forget_s
-        self._places: deque[tuple[float, Float[np.ndarray, 3]]] = deque()
+        self._places: deque[tuple[float, Float[np.ndarray, " 3"]]] = deque()
 
-    def add(self, places_m: Sequence[Float[np.ndarray, 3]], now_s: float) -> None:
+    def add(self, places_m: Sequence[Float[np.ndarray, " 3"]], now_s: float) -> None:
         """Where everybody is; one moment in a second counts."""
         if not places_m or (self._places and now_s < self._places[-1][0] + _SAMPLED_S):
             return

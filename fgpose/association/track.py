@@ -87,7 +87,7 @@ class Track:
         return Passage(self.founded_s, self.founded_m, self.seen_s, self.middle_m, self.likeness)
 
     @property
-    def middle_m(self) -> Float[np.ndarray, 3]:
+    def middle_m(self) -> Float[np.ndarray, " 3"]:
         """Median of the joints."""
         return self.pose.middle_m[0]
 

@@ -27,7 +27,7 @@ _Z_UP_R_WORLD = {
 }
 
 
-def up_vector(world_up: WorldUp) -> Float[np.ndarray, 3]:
+def up_vector(world_up: WorldUp) -> Float[np.ndarray, " 3"]:
     """Of length 1, in the world. Raises ValueError unless it is an axis or a direction."""
     if isinstance(world_up, str):
         sign, axis = (-1.0 if world_up[:1] == "-" else 1.0), world_up[-1:]

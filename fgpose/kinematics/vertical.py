@@ -73,7 +73,7 @@ def find_up(people: Iterable[Trajectory], rig: CameraRig | None = None, usual: U
     return _by_body_alone(body, off_deg, usual)
 
 
-def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, 3] | None:
+def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, " 3"] | None:
     """The direction in which bodies stand, of length 1; None where it changes, or where ankles and head (hips and
     shoulders, where the skeleton lacks them) are hardly ever known."""
     parts = [_axes(each) for each in people]
@@ -87,7 +87,7 @@ def body_up(people: Iterable[Trajectory]) -> Float[np.ndarray, 3] | None:
     return _without_lean(axis, left, up / length)
 
 
-def geometric_median(vectors: Float[np.ndarray, "some 3"]) -> Float[np.ndarray, 3]:
+def geometric_median(vectors: Float[np.ndarray, "some 3"]) -> Float[np.ndarray, " 3"]:
     """The point with the least sum of distances (Weiszfeld), which holds if less than half of the vectors are off."""
     middle = np.median(vectors, axis=0)
     for _ in range(50):  # converges linearly, to 1e-6 here
@@ -112,8 +112,8 @@ def _axes(trajectory: Trajectory) -> tuple[Float[np.ndarray, "known 3"], Float[n
 
 
 def _without_lean(
-    axis: Float[np.ndarray, "known 3"], left: Float[np.ndarray, "known 3"], up: Float[np.ndarray, 3]
-) -> Float[np.ndarray, 3]:
+    axis: Float[np.ndarray, "known 3"], left: Float[np.ndarray, "known 3"], up: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, " 3"]:
     """The vertical such that the axis is it plus a lean, forwards and to the side, that is constant in the body."""
     upright = np.asarray(axis @ up > np.cos(np.deg2rad(_UPRIGHT_DEG)))
     axis, left = axis[upright], left[upright]
@@ -136,14 +136,14 @@ def _without_lean(
     return turned / np.linalg.norm(turned)
 
 
-def _coarse_up(rig: CameraRig) -> Float[np.ndarray, 3] | None:
+def _coarse_up(rig: CameraRig) -> Float[np.ndarray, " 3"] | None:
     """The mean of the cameras' upward directions; None where they differ too much, as of cameras on their side."""
     up = -np.mean([camera.world_T_camera[:3, 1] for camera in rig.cameras], axis=0)
     length = float(np.linalg.norm(up))
     return up / length if length > _LEAST_HEADINGS else None
 
 
-def _level_up(rig: CameraRig) -> Float[np.ndarray, 3] | None:
+def _level_up(rig: CameraRig) -> Float[np.ndarray, " 3"] | None:
     """The direction at right angles to the horizontal axes of all images; None where cameras look the same way or are
     not level."""
     coarse = _coarse_up(rig)
@@ -164,7 +164,7 @@ def _surround(rig: CameraRig) -> bool:
     return float(np.linalg.norm(forward)) < 1 - _LEAST_HEADINGS
 
 
-def _by_cameras(level: Float[np.ndarray, 3] | None, expected: Float[np.ndarray, 3], usual: UpAxis) -> FoundUp:
+def _by_cameras(level: Float[np.ndarray, " 3"] | None, expected: Float[np.ndarray, " 3"], usual: UpAxis) -> FoundUp:
     if level is None or _angle_deg(level, expected) <= _SCATTER_DEG:
         return FoundUp(usual)
     axis = nearest_axis(_direction(level))
@@ -176,7 +176,10 @@ def _by_cameras(level: Float[np.ndarray, 3] | None, expected: Float[np.ndarray, 
 
 
 def _perhaps_tilted(
-    body: Float[np.ndarray, 3], level: Float[np.ndarray, 3] | None, expected: Float[np.ndarray, 3], usual: UpAxis
+    body: Float[np.ndarray, " 3"],
+    level: Float[np.ndarray, " 3"] | None,
+    expected: Float[np.ndarray, " 3"],
+    usual: UpAxis,
 ) -> FoundUp:
     """Where the body is nearly as usual, both have to tell a tilt."""
     if level is None or _angle_deg(level, expected) <= _LEVEL_DEG:
@@ -186,7 +189,7 @@ def _perhaps_tilted(
     return _tilted(body, level)
 
 
-def _agreed(body: Float[np.ndarray, 3], cameras_up: Float[np.ndarray, 3], usual: UpAxis) -> FoundUp:
+def _agreed(body: Float[np.ndarray, " 3"], cameras_up: Float[np.ndarray, " 3"], usual: UpAxis) -> FoundUp:
     """Where bodies and cameras say that another axis is up, or a direction between axes, if both mean the same one."""
     axis = nearest_axis(_direction(body + cameras_up))
     offs_deg = [_angle_deg(each, up_vector(axis)) for each in (body, cameras_up)]
@@ -198,7 +201,7 @@ def _agreed(body: Float[np.ndarray, 3], cameras_up: Float[np.ndarray, 3], usual:
     return FoundUp(axis, remark)
 
 
-def _by_body_alone(body: Float[np.ndarray, 3], off_deg: float, usual: UpAxis) -> FoundUp:
+def _by_body_alone(body: Float[np.ndarray, " 3"], off_deg: float, usual: UpAxis) -> FoundUp:
     axis = nearest_axis(_direction(body))
     if _angle_deg(body, up_vector(axis)) <= _LEAN_DEG:
         return FoundUp(
@@ -213,7 +216,7 @@ def _by_body_alone(body: Float[np.ndarray, 3], off_deg: float, usual: UpAxis) ->
     )
 
 
-def _tilted(body: Float[np.ndarray, 3], cameras_up: Float[np.ndarray, 3]) -> FoundUp:
+def _tilted(body: Float[np.ndarray, " 3"], cameras_up: Float[np.ndarray, " 3"]) -> FoundUp:
     up = body + cameras_up
     up /= np.linalg.norm(up)
     axis = nearest_axis(_direction(up))
@@ -231,10 +234,10 @@ def _lies(off_deg: float, usual: UpAxis) -> str:
     )
 
 
-def _angle_deg(first: Float[np.ndarray, 3], second: Float[np.ndarray, 3]) -> float:
+def _angle_deg(first: Float[np.ndarray, " 3"], second: Float[np.ndarray, " 3"]) -> float:
     return float(np.rad2deg(np.arccos(np.clip(first @ second, -1.0, 1.0))))
 
 
-def _direction(vector: Float[np.ndarray, 3]) -> tuple[float, float, float]:
+def _direction(vector: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
     x, y, z = (float(each) for each in vector)
     return x, y, z

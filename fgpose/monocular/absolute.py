@@ -91,7 +91,7 @@ class AbsolutePose:
 
 @dataclass(frozen=True, eq=False)
 class _Translation:
-    t_m: Float[np.ndarray, 3]
+    t_m: Float[np.ndarray, " 3"]
     fit_ratio: float
     """Robust size of the residuals, as a multiple of the joints' depth sigmas."""
     distance_sigma_m: float
@@ -197,7 +197,7 @@ def _translation(
 def _residuals(
     target_m: Float[np.ndarray, "joint 2"],
     u: Float[np.ndarray, "joint 2"],
-    t_m: Float[np.ndarray, 3],
+    t_m: Float[np.ndarray, " 3"],
     sigma_m: Float[np.ndarray, " joint"],
 ) -> tuple[Float[np.ndarray, " joint"], float]:
     """Length of each residual as a multiple of the joint's sigma, and their robust size per axis."""
@@ -209,7 +209,7 @@ def _residuals(
 
 def _least_squares(
     target_m: Float[np.ndarray, "joint 2"], u: Float[np.ndarray, "joint 2"], weights: Float[np.ndarray, " joint"]
-) -> tuple[Float[np.ndarray, 3], float]:
+) -> tuple[Float[np.ndarray, " 3"], float]:
     """The translation, and the information about t_z: it comes from the spread of the joints in the image."""
     weights_sum = weights.sum()
     mean_u, mean_m = weights @ u / weights_sum, weights @ target_m / weights_sum

@@ -73,7 +73,7 @@ class Link:
     is_fixed: bool = False
     """A zone: its shapes are in the world frame. Those of other links are in the frame of the link."""
 
-    def corners_m(self) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
+    def corners_m(self) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
         """Lower and upper corner of the box along the axes around all shapes."""
         low_m = [np.minimum(shape.from_m, shape.to_m) - shape.radius_m for shape in self.capsules]
         high_m = [np.maximum(shape.from_m, shape.to_m) + shape.radius_m for shape in self.capsules]

@@ -111,7 +111,7 @@ def _pose_by_pnp(
     return np.linalg.inv(_matrix(cv2.Rodrigues(turn)[0], offset[:, 0]))
 
 
-def _matrix(R: Float[np.ndarray, "3 3"], offset: Float[np.ndarray, 3]) -> Float[np.ndarray, "4 4"]:
+def _matrix(R: Float[np.ndarray, "3 3"], offset: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "4 4"]:
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = R, offset
     return matrix

@@ -148,10 +148,10 @@ class Occluder:
     cutout: Cutout
     scale: float
     """Its short side over that of the box."""
-    centre: Float[np.ndarray, 2]
+    centre: Float[np.ndarray, " 2"]
     """From the upper left corner of the box, over its size."""
 
-    def pasted(self, image: Image, box_px: Float[np.ndarray, 4]) -> Image:
+    def pasted(self, image: Image, box_px: Float[np.ndarray, " 4"]) -> Image:
         """A copy of the image with the cut-out on it, as far as it reaches into the image.
 
         Args:

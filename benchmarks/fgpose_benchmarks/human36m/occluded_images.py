@@ -40,7 +40,7 @@ class View:
     """One camera's image of a frame."""
 
     image: Path
-    box_px: Float[np.ndarray, 4]
+    box_px: Float[np.ndarray, " 4"]
     """Left, top, width and height of the person's box."""
     name: str
     """Path of the result below the output folder."""

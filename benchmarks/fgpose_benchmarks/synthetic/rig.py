@@ -33,7 +33,7 @@ def ring_rig(
     return CameraRig(tuple(cameras))
 
 
-def look_at(position_m: Float[np.ndarray, 3], target_m: Float[np.ndarray, 3]) -> Float[np.ndarray, "4 4"]:
+def look_at(position_m: Float[np.ndarray, " 3"], target_m: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "4 4"]:
     forward = (target_m - position_m) / np.linalg.norm(target_m - position_m)
     right = np.cross(forward, (0.0, 0.0, 1.0))
     right /= np.linalg.norm(right)

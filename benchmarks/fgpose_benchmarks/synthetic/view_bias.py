@@ -54,7 +54,7 @@ class ViewBias:
         return ViewBias(harmonics * (length_m / rms)[:, None, None], (fixed * length_m / rms).T, depth)
 
     def seen_m(
-        self, positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, 3], skeleton: Skeleton
+        self, positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, " 3"], skeleton: Skeleton
     ) -> Float[np.ndarray, "frame joint 3"]:
         """Where a camera at a position sees the joints (world frame, z up, metres): the truth plus the bias.
 
@@ -69,14 +69,14 @@ class ViewBias:
         return positions_m + np.einsum("tij,tpi->tpj", axes, bias_m - fixed_m)
 
     def relative_depth(
-        self, positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, 3], skeleton: Skeleton
+        self, positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, " 3"], skeleton: Skeleton
     ) -> Float[np.ndarray, "frame joint"]:
         """How much too far along the ray per-view 3D has the joints, in standard deviations of each joint."""
         return _harmonics(_seen_from(positions_m, camera_m, skeleton)) @ self.depth.T
 
 
 def _seen_from(
-    positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, 3], skeleton: Skeleton
+    positions_m: Float[np.ndarray, "frame joint 3"], camera_m: Float[np.ndarray, " 3"], skeleton: Skeleton
 ) -> Float[np.ndarray, "frame 3"]:
     """Unit vectors to the camera in the frame of the body."""
     to_camera_m = camera_m - positions_m[:, list(skeleton.root)].mean(axis=1)

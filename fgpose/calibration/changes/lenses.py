@@ -95,7 +95,7 @@ class Lens(Enum):
                 return replace(camera, distortion=given[:4], lens="fisheye")
 
 
-def distortion_of(k1: float) -> Float[np.ndarray, 4]:
+def distortion_of(k1: float) -> Float[np.ndarray, " 4"]:
     """Of a lens with this first coefficient, if it is like others: k1, k2, p1, p2."""
     return np.array([k1, _K2 * k1**2, 0.0, 0.0])
 
@@ -192,7 +192,7 @@ class _Seen:
         return _View(rays, self.world_R_camera, (float(x), float(y)), np.asarray(lost.any(axis=-1)))
 
 
-def _spreads(points: Float[np.ndarray, "sample joint 2"]) -> Float[np.ndarray, 2]:
+def _spreads(points: Float[np.ndarray, "sample joint 2"]) -> Float[np.ndarray, " 2"]:
     """Of an image along both axes, about its middle."""
     return np.nanmedian(np.abs(points - np.nanmedian(points, axis=(0, 1))), axis=(0, 1))
 

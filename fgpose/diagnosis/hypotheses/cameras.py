@@ -31,14 +31,14 @@ class Convention(NamedTuple):
     words: str
 
 
-def _joined(R: Float[np.ndarray, "3 3"], position_m: Float[np.ndarray, 3]) -> Pose:
+def _joined(R: Float[np.ndarray, "3 3"], position_m: Float[np.ndarray, " 3"]) -> Pose:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = R, position_m
     return pose
 
 
 def _of_camera_T_world(
-    R: Float[np.ndarray, "*poses 3 3"], t_m: Float[np.ndarray, 3]
+    R: Float[np.ndarray, "*poses 3 3"], t_m: Float[np.ndarray, " 3"]
 ) -> Float[np.ndarray, "*poses 4 4"]:
     """x_camera = R x_world + t, as poses of the camera."""
     poses = np.broadcast_to(np.eye(4), (*R.shape[:-2], 4, 4)).copy()

@@ -64,7 +64,7 @@ class Posture:
         return Posture(**sums)
 
     def towards(
-        self, ray: Float[np.ndarray, 3], last: Float[np.ndarray, "bone 3"]
+        self, ray: Float[np.ndarray, " 3"], last: Float[np.ndarray, "bone 3"]
     ) -> tuple[Float[np.ndarray, " bone"], Float[np.ndarray, " bone"]]:
         """Mean and variance of the component of each direction along a ray, when enough time has passed.
 

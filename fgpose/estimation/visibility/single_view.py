@@ -101,7 +101,7 @@ class DistanceFilter:
     def begin(
         self,
         sight: Sight,
-        ray: Float[np.ndarray, 3],
+        ray: Float[np.ndarray, " 3"],
         about_m: float,
         speed_mps: float = 0.0,
         speed_sigma_mps: float = _SPEED_SIGMA_MPS,
@@ -123,7 +123,7 @@ class DistanceFilter:
         self._take_distances(sight)
         return Step(np.eye(len(mean)), self.belief, self.belief)
 
-    def step(self, step_s: float, sight: Sight, ray: Float[np.ndarray, 3]) -> Step:
+    def step(self, step_s: float, sight: Sight, ray: Float[np.ndarray, " 3"]) -> Step:
         """The next frame, this time later."""
         transition = self._predict(step_s, ray)
         predicted = self.belief
@@ -135,14 +135,14 @@ class DistanceFilter:
         """Distance of every joint and its variance."""
         return self._rows @ belief.mean, np.einsum("js,st,jt->j", self._rows, belief.covariance, self._rows)
 
-    def _usual(self, ray: Float[np.ndarray, 3]) -> tuple[np.ndarray, np.ndarray]:
+    def _usual(self, ray: Float[np.ndarray, " 3"]) -> tuple[np.ndarray, np.ndarray]:
         """Mean and variance of what a joint is farther away than the one that holds it, after a long time."""
         mean, variance = self._posture.towards(ray, self._last)
         if not len(mean):
             return np.zeros(len(self._held)), np.zeros(len(self._held))
         return self._scale_m * mean[self._bone_of_joint], self._scale_m**2 * variance[self._bone_of_joint]
 
-    def _predict(self, step_s: float, ray: Float[np.ndarray, 3]) -> Float[np.ndarray, "state state"]:
+    def _predict(self, step_s: float, ray: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "state state"]:
         tilt_m, tilt_m2 = self._usual(ray)
         keep, keep_speed = np.exp(-step_s / _TILT_S), np.exp(-step_s / _SPEED_S)
         transition = np.diag(np.append(np.where(self._held, keep, 1.0), keep_speed))

@@ -168,7 +168,7 @@ def likely_sizes_px(people: PeopleObservations) -> tuple[tuple[int, int], ...]:
     return tuple(sizes)
 
 
-def _smallest_usual(extent_px: Float[np.ndarray, 2]) -> tuple[int, int]:
+def _smallest_usual(extent_px: Float[np.ndarray, " 2"]) -> tuple[int, int]:
     fitting = [
         size
         for long, short in _USUAL_SIZES_PX

@@ -64,7 +64,7 @@ def _known_segments(poses: SegmentPoses, path: Path) -> SegmentPoses:
 
 
 def _body(poses: SegmentPoses) -> _Body:
-    def median_in(index: int, vectors_m: Float[np.ndarray, "frame 3"]) -> Float[np.ndarray, 3]:
+    def median_in(index: int, vectors_m: Float[np.ndarray, "frame 3"]) -> Float[np.ndarray, " 3"]:
         inside_m = np.einsum("tji,tj->ti", poses.world_R_segment[:, index], vectors_m)
         known_m = inside_m[np.isfinite(inside_m).all(axis=1)]
         return np.median(known_m, axis=0) if len(known_m) else np.zeros(3)
@@ -101,7 +101,7 @@ def _joint(body: _Body, index: int, depth: int) -> Iterator[str]:
     yield indent + "}"
 
 
-def _numbers(vector: Float[np.ndarray, 3]) -> str:
+def _numbers(vector: Float[np.ndarray, " 3"]) -> str:
     return " ".join(f"{value:.6f}" for value in vector)
 
 

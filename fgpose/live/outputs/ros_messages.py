@@ -85,7 +85,7 @@ def _header(frame: LiveFrame) -> Any:
     return _made("std_msgs/Header", _time(nanoseconds(frame.time_s)), FRAME_ID)
 
 
-def _point(position_m: Float[np.ndarray, 3]) -> Any:
+def _point(position_m: Float[np.ndarray, " 3"]) -> Any:
     return _made("geometry_msgs/Point", *position_m.tolist())
 
 
@@ -93,7 +93,7 @@ def _known(person: LivePerson) -> np.ndarray:
     return np.asarray(np.isfinite(person.positions_m).all(axis=-1))
 
 
-def _pose(position_m: Float[np.ndarray, 3]) -> Any:
+def _pose(position_m: Float[np.ndarray, " 3"]) -> Any:
     return _made("geometry_msgs/Pose", _point(position_m), _made("geometry_msgs/Quaternion", 0.0, 0.0, 0.0, 1.0))
 
 

@@ -180,7 +180,7 @@ class CommonSightings:
         return float(np.linalg.norm(_middle_m(person) - before_m)) / (person.estimate.time_s - before_s)
 
 
-def _middle_m(person: Tracked) -> Float[np.ndarray, 3]:
+def _middle_m(person: Tracked) -> Float[np.ndarray, " 3"]:
     return np.nanmedian(person.estimate.positions_m, axis=0)
 
 

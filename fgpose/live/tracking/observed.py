@@ -49,7 +49,7 @@ class Volume:
 
 
 def box_grid(
-    low_m: Float[np.ndarray, 3], high_m: Float[np.ndarray, 3], spacing_m: float
+    low_m: Float[np.ndarray, " 3"], high_m: Float[np.ndarray, " 3"], spacing_m: float
 ) -> Float[np.ndarray, "point 3"]:
     """Points of a box with at most this spacing, on its faces too."""
     sides = [
@@ -103,7 +103,7 @@ def volume_points_m(rig: CameraRig, volume: Volume | None = None) -> Float[np.nd
     return points_m[in_views(rig, points_m).sum(axis=1) >= 2]
 
 
-def _focus_m(rig: CameraRig) -> Float[np.ndarray, 3]:
+def _focus_m(rig: CameraRig) -> Float[np.ndarray, " 3"]:
     """Where the optical axes come nearest to each other, in the world frame."""
     position_m = np.stack([camera.position_m for camera in rig.cameras])
     axis = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])

@@ -165,7 +165,7 @@ def _is_same_pose(a: Landmarks, b: Landmarks) -> bool:
     return bool(distance_px < _SAME_POSE * (a.next_region.side_px + b.next_region.side_px) / 2)
 
 
-def _box(person: Landmarks) -> Float[np.ndarray, 5]:
+def _box(person: Landmarks) -> Float[np.ndarray, " 5"]:
     """Left, top, width, height around the joints that lie in the picture (all, if none does), and confidence."""
     present = person.presence >= _PRESENT
     points_px = person.points2d_px[present] if present.any() else person.points2d_px

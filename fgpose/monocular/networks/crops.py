@@ -31,7 +31,9 @@ class Region:
 
     @staticmethod
     def around(
-        center_px: Float[np.ndarray, 2] | Sequence[float], top_px: Float[np.ndarray, 2] | Sequence[float], scale: float
+        center_px: Float[np.ndarray, " 2"] | Sequence[float],
+        top_px: Float[np.ndarray, " 2"] | Sequence[float],
+        scale: float,
     ) -> Region:
         """The square around a circle, enlarged by scale; the circle has this centre, and passes through its top."""
         x, y = np.subtract(top_px, center_px).tolist()

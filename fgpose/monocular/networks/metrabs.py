@@ -239,7 +239,7 @@ class _CropCamera:
         return cv2.remap(pyramid[level], x, y, cv2.INTER_LINEAR) ** np.float32(gamma / _GAMMA)
 
 
-def _look_at(forward: Float[np.ndarray, 3], up: Float[np.ndarray, 3]) -> Float[np.ndarray, "3 3"]:
+def _look_at(forward: Float[np.ndarray, " 3"], up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Rotation to axes of which z points forward and y away from up."""
     z = forward / np.linalg.norm(forward)
     x = np.cross(z, up)

@@ -132,7 +132,7 @@ def follow(people: People, size_px: tuple[int, int]) -> Boxes | None:
 
 def _box_of_joints(
     points2d_px: Float[np.ndarray, "joint 2"], confidence: Float[np.ndarray, " joint"], size_px: tuple[int, int]
-) -> Float[np.ndarray, 4] | None:
+) -> Float[np.ndarray, " 4"] | None:
     trusted = confidence >= _MIN_CONFIDENCE
     if trusted.mean() < _MIN_SHARE:
         return None

@@ -94,7 +94,7 @@ def person_detector(detector: Path | PersonDetector, threads: int) -> PersonDete
     return Yolox(detector, threads=threads) if isinstance(detector, Path) else detector
 
 
-def letterbox(image: Image, side: int) -> tuple[Float32[np.ndarray, "1 3 side side"], Float[np.ndarray, 2]]:
+def letterbox(image: Image, side: int) -> tuple[Float32[np.ndarray, "1 3 side side"], Float[np.ndarray, " 2"]]:
     """The image in the top left corner of a square, BGR, and its pixels there per pixel of its own, x and y."""
     import cv2
 

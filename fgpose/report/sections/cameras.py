@@ -75,7 +75,7 @@ def _view(recording: FinishedRecording, axes: tuple[int, int]) -> Figure:
     return plot
 
 
-def _frustum_m(camera: Camera, reach_m: float) -> list[Float[np.ndarray, 3]]:
+def _frustum_m(camera: Camera, reach_m: float) -> list[Float[np.ndarray, " 3"]]:
     """The corners of the image at a depth, in the world."""
     width, height = camera.size_px
     corners_px = np.array([(0, 0), (width, 0), (width, height), (0, height)], dtype=float)

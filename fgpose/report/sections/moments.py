@@ -206,7 +206,7 @@ def _picture(recording: FinishedRecording, moment: WorstMoment, camera: Camera, 
 
 def _cut(
     image: np.ndarray, joints_px: Float[np.ndarray, "joint 2"], detected_px: Float[np.ndarray, "joint 2"] | None
-) -> tuple[np.ndarray, float, Float[np.ndarray, 2]]:
+) -> tuple[np.ndarray, float, Float[np.ndarray, " 2"]]:
     """The person with a margin, in the shape of a portrait; its scale, and where it begins in the image."""
     import cv2
 

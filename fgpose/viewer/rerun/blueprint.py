@@ -95,7 +95,7 @@ def _image_columns(rig: CameraRig) -> int:
     return min(rig.n_cameras, 4) if upright else math.ceil(math.sqrt(rig.n_cameras))
 
 
-def _eye(rig: CameraRig, up: UpAxis, overview: bool) -> tuple[Float[np.ndarray, 3], Float[np.ndarray, 3]]:
+def _eye(rig: CameraRig, up: UpAxis, overview: bool) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
     """Position and target of the eye: in the widest gap between two cameras, so that none of them hides the person."""
     vertical = up_vector(up)
     target_m = viewing_target_m(rig)

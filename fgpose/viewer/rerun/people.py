@@ -257,7 +257,7 @@ def person_rows(
     person: int,
     trajectory: Trajectory,
     rig: CameraRig,
-    up: Float[np.ndarray, 3],
+    up: Float[np.ndarray, " 3"],
     before: np.ndarray | None = None,
 ) -> Iterator[Rows]:
     """Somebody's body, their number above it, and their reprojection error over all cameras.
@@ -281,7 +281,9 @@ def person_rows(
         yield scalar_rows(paths.join(paths.REPROJECTION_PX, name), error_px)
 
 
-def _above(positions_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, 3]) -> Float[np.ndarray, "frame 3"]:
+def _above(
+    positions_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, " 3"]
+) -> Float[np.ndarray, "frame 3"]:
     """Over the middle of the joints, above the highest; NaN where none is known."""
     known = np.asarray(np.isfinite(positions_m).all(axis=-1))
     count = np.count_nonzero(known, axis=1, keepdims=True)

@@ -46,12 +46,12 @@ def frustum_m(rig: CameraRig) -> float:
     return _FRUSTUM_SHARE * viewing_distance_m(rig)
 
 
-def up_vector(up: UpAxis) -> Float[np.ndarray, 3]:
+def up_vector(up: UpAxis) -> Float[np.ndarray, " 3"]:
     """Of length 1."""
     return (1.0 if up[0] == "+" else -1.0) * np.eye(3)["xyz".index(up[1])]
 
 
-def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, 3]:
+def viewing_target_m(rig: CameraRig) -> Float[np.ndarray, " 3"]:
     """Where the cameras look: the point nearest to all optical axes, with a weak prior at a point in front of them."""
     forward = np.stack([camera.world_T_camera[:3, 2] for camera in rig.cameras])
     position_m = np.stack([camera.position_m for camera in rig.cameras])

@@ -73,7 +73,7 @@ class Capsules:
 
 
 def hidden_by(
-    position_m: Float[np.ndarray, 3],
+    position_m: Float[np.ndarray, " 3"],
     people_m: Float[np.ndarray, "frame person joint 3"],
     capsules: Capsules,
     furniture: Sequence[Box] = (),
@@ -107,7 +107,7 @@ def hidden_by(
 
 
 def _candidates(
-    position_m: Float[np.ndarray, 3],
+    position_m: Float[np.ndarray, " 3"],
     people_m: Float[np.ndarray, "frame person joint 3"],
     capsules: Capsules,
     own_body: bool,
@@ -133,7 +133,7 @@ def _candidates(
 
 
 def _behind_capsules(
-    position_m: Float[np.ndarray, 3],
+    position_m: Float[np.ndarray, " 3"],
     joints_m: Float[np.ndarray, "pair joint 3"],
     body_m: Float[np.ndarray, "pair joint 3"],
     capsules: Capsules,
@@ -149,7 +149,7 @@ def _behind_capsules(
 
 
 def _behind_boxes(
-    position_m: Float[np.ndarray, 3], points_m: Float[np.ndarray, "*points 3"], boxes: Sequence[Box]
+    position_m: Float[np.ndarray, " 3"], points_m: Float[np.ndarray, "*points 3"], boxes: Sequence[Box]
 ) -> Bool[np.ndarray, "*points"]:
     """Whether the segment from a position to each point meets a box: the slab method."""
     behind = np.zeros(points_m.shape[:-1], dtype=bool)

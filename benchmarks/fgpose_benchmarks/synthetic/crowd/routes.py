@@ -156,7 +156,9 @@ class _Planner:
             here_m, frame = leg.ground_m[-1], end
         return frame
 
-    def _leg_to_seat(self, start_m: Float[np.ndarray, 2], frame: int, habit: Habit, *, from_rest: bool) -> _Leg | None:
+    def _leg_to_seat(
+        self, start_m: Float[np.ndarray, " 2"], frame: int, habit: Habit, *, from_rest: bool
+    ) -> _Leg | None:
         """To somebody's own seat; the stop is until he has got up."""
         assert habit.seat is not None
         for _ in range(_TRIALS):
@@ -171,7 +173,7 @@ class _Planner:
         return None
 
     def _leg(
-        self, start_m: Float[np.ndarray, 2], frame: int, seat: Seat | None, *, from_rest: bool, to_door: bool
+        self, start_m: Float[np.ndarray, " 2"], frame: int, seat: Seat | None, *, from_rest: bool, to_door: bool
     ) -> _Leg | None:
         """The first that keeps its distance; where a crossing is wanted, the first that crosses somebody, if any."""
         wants_crossing = self.rng.random() < self.plan.crossing_share
@@ -191,13 +193,13 @@ class _Planner:
         return spare
 
     def _random(
-        self, start_m: Float[np.ndarray, 2], end_m: Float[np.ndarray, 2], *, from_rest: bool, to_door: bool
+        self, start_m: Float[np.ndarray, " 2"], end_m: Float[np.ndarray, " 2"], *, from_rest: bool, to_door: bool
     ) -> _Leg | None:
         bend_m = (start_m + end_m) / 2 + self.rng.normal(0.0, 0.35, 2)
         speed_mps = self.rng.uniform(self.plan.min_speed_mps, self.plan.max_speed_mps)
         return self._along(np.stack([start_m, bend_m, end_m]), speed_mps, from_rest=from_rest, to_door=to_door)
 
-    def _aimed(self, start_m: Float[np.ndarray, 2], frame: int, *, from_rest: bool, to_door: bool) -> _Leg | None:
+    def _aimed(self, start_m: Float[np.ndarray, " 2"], frame: int, *, from_rest: bool, to_door: bool) -> _Leg | None:
         """Past where somebody walks in a moment, at his side, and on to where he came from."""
         n_frames = self.others_m.shape[1]
         meeting = frame + int(self.rng.uniform(1.2, 4.0) * self.fps)
@@ -264,10 +266,10 @@ class _Planner:
         pairs = (crossing_frames(own_m, other_m[frame : frame + n], self.fps, self.plan) for other_m in self.others_m)
         return any(len(frames) > 0 for frames in pairs)
 
-    def _place(self) -> Float[np.ndarray, 2]:
+    def _place(self) -> Float[np.ndarray, " 2"]:
         return self.rng.uniform(-1.0, 1.0, 2) * (self.half_m - _WALL_M)
 
-    def _door(self) -> Float[np.ndarray, 2]:
+    def _door(self) -> Float[np.ndarray, " 2"]:
         """One of four, in the middle of each wall."""
         side = int(self.rng.integers(4))
         direction = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][side])

@@ -34,7 +34,7 @@ class Seat:
     height_m: float = 0.44
 
     @property
-    def middle_m(self) -> Float[np.ndarray, 2]:
+    def middle_m(self) -> Float[np.ndarray, " 2"]:
         facing = np.array([np.cos(self.facing_rad), np.sin(self.facing_rad)])
         return np.array(self.feet_m) - _DEPTH_M * facing
 

@@ -67,7 +67,7 @@ def _start(rig: CameraRig, onto: CameraRig) -> Similarity:
     return Similarity(scale, R, centre_after - scale * centre_before)
 
 
-def _moved(similarity: Similarity, step: Float[np.ndarray, " 7"], centre: Float[np.ndarray, 3]) -> Similarity:
+def _moved(similarity: Similarity, step: Float[np.ndarray, " 7"], centre: Float[np.ndarray, " 3"]) -> Similarity:
     """After a further small similarity about a centre: rotation vector, shift, change of scale."""
     turn, grow = np.array(gtsam.Rot3.Expmap(step[:3]).matrix()), float(np.exp(np.clip(step[6], -1.0, 1.0)))
     offset = grow * turn @ (similarity.offset_m - centre) + centre + step[3:6]
@@ -106,5 +106,5 @@ def _positions(rig: CameraRig) -> Float[np.ndarray, "camera 3"]:
     return np.stack([camera.position_m for camera in rig.cameras])
 
 
-def _centre(rig: CameraRig) -> Float[np.ndarray, 3]:
+def _centre(rig: CameraRig) -> Float[np.ndarray, " 3"]:
     return _positions(rig).mean(axis=0)

@@ -29,7 +29,7 @@ class Floor:
 
 
 def find_floor(
-    joints_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, 3], anatomy: Anatomy, steps: Steps
+    joints_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, " 3"], anatomy: Anatomy, steps: Steps
 ) -> Floor:
     """The height of the floor, which is below the points of a standing foot by what is known of feet.
 

@@ -117,7 +117,7 @@ def _speed(hips_m: Float[np.ndarray, "frame 3"], time_s: Float[np.ndarray, " fra
     return np.linalg.norm(hips_m[after] - hips_m[before], axis=-1) / step_s
 
 
-def _world_T_gauge(first: Camera, up: Float[np.ndarray, 3], floor: float, scale: float) -> Similarity:
+def _world_T_gauge(first: Camera, up: Float[np.ndarray, " 3"], floor: float, scale: float) -> Similarity:
     # A camera that looks straight up or down has no horizontal viewing direction: there, what is up in its image.
     R_camera = first.world_T_camera[:3, :3]
     directions = (R_camera[:, 2], -R_camera[:, 1])

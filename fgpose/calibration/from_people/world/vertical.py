@@ -36,7 +36,7 @@ _LEAST_SIGMA_DEG = 0.15  # what is left if everything averages out: the level of
 class Vertical:
     """Where up is, in the gauge of the joints."""
 
-    up: Float[np.ndarray, 3]
+    up: Float[np.ndarray, " 3"]
     """Unit vector."""
     sigma_deg: float
     """Standard deviation of its direction, root of the sum over both axes."""
@@ -90,7 +90,7 @@ def _axes(
     return axis_m[known] / length_m[known], left[known]
 
 
-def _plane(up: Float[np.ndarray, 3]) -> Float[np.ndarray, "2 3"]:
+def _plane(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
     """Two unit vectors at right angles to each other and to the vertical."""
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
     first /= np.linalg.norm(first)
@@ -98,7 +98,10 @@ def _plane(up: Float[np.ndarray, 3]) -> Float[np.ndarray, "2 3"]:
 
 
 def _of_axes(
-    axis: Float[np.ndarray, "known 3"], left: Float[np.ndarray, "known 3"], up: Float[np.ndarray, 3], per_frame: float
+    axis: Float[np.ndarray, "known 3"],
+    left: Float[np.ndarray, "known 3"],
+    up: Float[np.ndarray, " 3"],
+    per_frame: float,
 ) -> Float[np.ndarray, "5 6"]:
     """Normal equations of the axes in (tilt 2, lean forwards, lean to the left, height of the feet)."""
     plane = _plane(up)
@@ -111,7 +114,7 @@ def _of_axes(
     return _normal(rows, axis @ plane.T, _AXIS_SIGMA, per_frame) + np.column_stack([prior, np.zeros(5)])
 
 
-def _of_steps(steps: Steps, up: Float[np.ndarray, 3], stature: float) -> Float[np.ndarray, "5 6"]:
+def _of_steps(steps: Steps, up: Float[np.ndarray, " 3"], stature: float) -> Float[np.ndarray, "5 6"]:
     """Normal equations of the heights of the feet, which are the same at all steps."""
     if not len(steps):
         return np.column_stack([np.diag([0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(5)])
@@ -147,7 +150,7 @@ def _robust_sigma(length: Float[np.ndarray, " row"], n_axes: int) -> float:
 
 
 def is_upright(
-    joints_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, 3], anatomy: Anatomy
+    joints_m: Float[np.ndarray, "frame joint 3"], up: Float[np.ndarray, " 3"], anatomy: Anatomy
 ) -> Bool[np.ndarray, " frame"]:
     """Whether the axis of the body is within 25 degrees of the vertical; false where it is not known."""
     axis_m = anatomy.top_m(joints_m) - anatomy.bottom_m(joints_m)

@@ -20,8 +20,10 @@ def test_the_square_around_a_circle_stands_on_its_centre_with_its_top_up() -> No
     np.testing.assert_allclose(region.crop_T_image(250) @ (130.0, 160.0, 1.0), (125.0, 125.0 - 100.0), atol=1e-9)
 
 
-@pytest.mark.parametrize(("top", "angle_deg"), [((0, -1), 0), ((1, 0), 90), ((0, 1), 180), ((-1, 0), 270)])
-def test_the_angle_grows_clockwise(top: tuple[int, int], angle_deg: int) -> None:
+@pytest.mark.parametrize(
+    ("top", "angle_deg"), [((0.0, -1.0), 0), ((1.0, 0.0), 90), ((0.0, 1.0), 180), ((-1.0, 0.0), 270)]
+)
+def test_the_angle_grows_clockwise(top: tuple[float, float], angle_deg: int) -> None:
     region = Region.around((0.0, 0.0), top, 1.0)
     assert np.degrees(region.angle_rad) % 360 == pytest.approx(angle_deg)
 
