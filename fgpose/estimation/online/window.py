@@ -79,28 +79,24 @@ class Window:
     def add(self, state: FrameState, rig: CameraRig, changes: Mapping[int, FrameState]) -> None:
         """Take the newest frame, and change others in the same update; see WindowGraph."""
         self._solver.add(state, rig, changes)
-        self._read.clear()
         self._frames.append(state)
-        self.read(-1)
+        self._read_anew(-1)
 
     def change(self, changes: Mapping[int, FrameState], rig: CameraRig) -> None:
         """Change frames; see WindowGraph."""
         self._solver.replace(changes, rig)
-        self._read.clear()
-        self.read(-1)
+        self._read_anew(-1)
 
     def join(self, at: int, state: FrameState, rig: CameraRig, entering: Bool[np.ndarray, " joint"]) -> None:
         """Change a frame that another image joins, by which these joints enter."""
         self._solver.replace({at: state}, rig, entering)
-        self._read.clear()
         self._frames[at] = state
-        self.read(at)
+        self._read_anew(at)
 
     def move(self, at: int, joints: list[int], to_m: Float[np.ndarray, "joint 3"], rig: CameraRig) -> None:
         """Linearise joints of a frame anew at these positions."""
         self._solver.move(at, self._frames[at], joints, to_m, rig)
-        self._read.clear()
-        self.read(at)
+        self._read_anew(at)
 
     def marginalise(self) -> Iterator[FrameState]:
         """Let the frames leave that are older than the lag, except the newest of them: that one is the smoothed result.
@@ -120,6 +116,11 @@ class Window:
     def oldest_covariances_m2(self) -> Float[np.ndarray, "active_joint 3 3"]:
         """The same of the oldest frame; NaN where the window does not give it."""
         return self._solver.lagged_covariances_m2(self._frames[0])
+
+    def _read_anew(self, at: int) -> None:
+        """Read a frame after the solver has taken something: what was read before is not the present estimate."""
+        self._read.clear()
+        self.read(at)
 
     def _is_lagged(self, state: FrameState) -> bool:
         return state.at.time_s <= self._frames[-1].at.time_s - self._lag_s + TIME_ROUNDING_S
