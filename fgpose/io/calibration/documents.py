@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fgpose.geometry.camera import LensModel
+from fgpose.geometry.lens import LensModel
 from fgpose.io.calibration.calibrated_view import CalibratedView, Lens, numbers, rotation_matrix
 from fgpose.io.content import parse_json
 
