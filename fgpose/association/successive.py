@@ -15,10 +15,11 @@ from jaxtyping import Float
 
 from fgpose.association.identity import RECOGNISED, Passage
 from fgpose.association.recording import Association, Progress, associate
+from fgpose.correspondences import NOBODY, Seen
 from fgpose.geometry.camera import CameraRig
 from fgpose.geometry.triangulation import triangulate_robust
 from fgpose.parameters import TrackingConfig
-from fgpose.people_observations import NOBODY, PeopleObservations, Seen
+from fgpose.people_observations import PeopleObservations
 
 # Who is located without such a gap, and never farther away than somebody can run meanwhile, is one person.
 _GAP_S, _RUNS_MPS, _NEAR_M = 0.25, 6.0, 0.5

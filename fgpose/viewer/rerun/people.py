@@ -12,9 +12,9 @@ from jaxtyping import Float, Int, UInt16
 
 from fgpose.association.recording import Association
 from fgpose.association.track import Tracked, TrackEvent, TrackState
-from fgpose.frame_matching import NO_IMAGE
+from fgpose.correspondences import NO_IMAGE, NOBODY
 from fgpose.geometry.camera import Camera, CameraRig
-from fgpose.people_observations import NOBODY, Detections
+from fgpose.people_observations import Detections
 from fgpose.sampling import nearest
 from fgpose.skeleton import Skeleton
 from fgpose.trajectory import Status, Trajectory

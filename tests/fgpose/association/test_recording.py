@@ -10,9 +10,9 @@ from rooms import FPS, body_m, image
 
 from fgpose.association.chosen_person import associate_or_each_camera, main_person
 from fgpose.association.recording import associate
-from fgpose.frame_matching import MatchedFrames
+from fgpose.correspondences import NOBODY, MatchedFrames
 from fgpose.geometry.camera import CameraRig
-from fgpose.people_observations import NOBODY, Detections, PeopleObservations
+from fgpose.people_observations import Detections, PeopleObservations
 from fgpose.skeleton import Skeleton
 from fgpose_benchmarks.synthetic import ring_rig
 
