@@ -50,10 +50,6 @@ class Association:
         """
         return self.observations.of_person(self.people[person])
 
-    def in_all_frames(self, person: int) -> Observations:
-        """What the cameras saw of one person in the whole recording. Raises KeyError if there is no such person."""
-        return self.observations.of_person(self.people[person].in_frames(len(self.frames.image)))
-
     @property
     def frames(self) -> MatchedFrames:
         """Which images belong together."""
