@@ -10,7 +10,7 @@ from fgpose.live.clock import Clock
 from fgpose.live.feed import Feed
 from fgpose.live.frame import CameraState, LiveFrame
 from fgpose.live.processes.parts import Parts
-from fgpose.live.report import Report
+from fgpose.live.statistics import LiveStatistics
 from fgpose.live.tracking.live_tracking import LiveTracking, Update
 
 Given = TypeVar("Given")
@@ -53,7 +53,7 @@ class LiveSystem:
         self._parts = parts or Parts(clock.now_s)
         self._feed, self._tracking, self._clock = feed, tracking, clock
         self._outputs, self._observers = tuple(outputs), tuple(observers)
-        self.report = Report(tracking.rig.names)
+        self.report = LiveStatistics(tracking.rig.names)
         self._cameras, self._looked_s = feed.statuses(), clock.now_s()
         tracking.on_taken = feed.go_on
         self._published_s = clock.now_s()

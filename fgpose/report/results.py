@@ -17,7 +17,7 @@ from fgpose.geometry.changing_rig import in_pieces, is_changing
 from fgpose.geometry.up_axis import UpChoice
 from fgpose.io.calibration import CalibrationOrigin, load_calibration_origin, load_rig
 from fgpose.io.made_by import made_by
-from fgpose.io.names import shown
+from fgpose.io.names import not_hidden
 from fgpose.io.origin import InputFile, Origin
 from fgpose.io.trajectories import EXTENSIONS, load_origin, load_upright
 from fgpose.observations import Observations
@@ -61,7 +61,7 @@ def _results(folder: Path) -> dict[str, Path]:
     another command, both have names of their own."""
     files: dict[str, Path] = {}
     for extension in EXTENSIONS:
-        for file in shown(folder.glob(f"*{extension}")):
+        for file in not_hidden(folder.glob(f"*{extension}")):
             files.setdefault(_without_person(file.stem), file)
     of_runs: dict[str, dict[str, Path]] = {}
     for stem, file in files.items():

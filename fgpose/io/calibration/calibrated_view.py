@@ -69,7 +69,7 @@ class CalibratedView:
 
 
 @dataclass(frozen=True)
-class Lens:
+class Intrinsics:
     """Intrinsics of one camera of a file, whatever its pose is."""
 
     name: str

@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fgpose.geometry.camera import Camera, CameraRig
+from fgpose.geometry.up_axis import UpAxis
 from fgpose.live.frame import CameraState, LiveFrame, LivePerson
 from fgpose.live.link_distance import LinkDistance
 from fgpose.skeleton import Skeleton
-from fgpose.viewer.recording import UpAxis
 
 LATENCY_EDGES_MS = (0, 5, 10, 15, 20, 25, 30, 40, 50, 75, 100, 150, 200, 250, 300, 400, 500, 1000)
 """Lower edges of the bins of the histogram; the last one has no upper edge."""
