@@ -7,8 +7,8 @@ from jaxtyping import Float
 
 from fgpose.diagnosis.finished import FinishedRecording
 from fgpose.diagnosis.series import known_quantile, quantile_of_frames, root_m, together_px
-from fgpose.diagnosis.solution_checks import views_of
 from fgpose.geometry.camera import Camera
+from fgpose.geometry.field_of_view import in_views
 from fgpose.report.blocks import Block, Note, Plot, Section, Table, TableCell, number, percent
 from fgpose.report.plots import COLOURS, Figure, colour_bar, gathered, heat_map, lines, models, plain_figure
 from fgpose.report.sections.people import of_everybody, of_people
@@ -94,7 +94,7 @@ def _covered(plot: Figure, recording: FinishedRecording) -> None:
     grid = np.empty((_CELLS, _CELLS, 3))
     grid[..., 0], grid[..., 1] = np.meshgrid(*(np.linspace(low[axis], high[axis], _CELLS) for axis in _PLAN))
     grid[..., 2] = known_quantile(ways_m[:, 2], 0.5)
-    views = views_of(grid.reshape(-1, 3), rig).reshape(_CELLS, _CELLS)
+    views = in_views(rig, grid.reshape(-1, 3)).sum(axis=1).astype(float).reshape(_CELLS, _CELLS)
     views[views < 1] = np.nan
     palette = [f"rgba(11, 110, 134, {0.08 + 0.5 * share:.2f})" for share in np.linspace(0, 1, rig.n_cameras)]
     mapper = models().LinearColorMapper(palette, low=0.5, high=rig.n_cameras + 0.5, nan_color="rgba(0, 0, 0, 0)")
