@@ -12,7 +12,6 @@ from fgpose.io.names import files_below
 from fgpose.plain_files import open_plain
 from fgpose.study.events import own_events
 from fgpose.study.job import Job
-from fgpose.study.recording import Trial
 from fgpose.study.steps import (
     detect,
     estimate,
@@ -25,6 +24,7 @@ from fgpose.study.steps import (
     synchronises,
 )
 from fgpose.study.study import StudyDescription, skeleton_of
+from fgpose.study.trial import Trial
 
 _PART_BYTES = 1 << 20
 

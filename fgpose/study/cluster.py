@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, cast
 
 from fgpose.child_process import n_cores
 from fgpose.study.process import RecordingOutcome, failed, process
-from fgpose.study.recording import Trial
 from fgpose.study.study import Resources, StudyDescription
+from fgpose.study.trial import Trial
 
 if TYPE_CHECKING:
     from distributed import Client, Future

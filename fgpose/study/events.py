@@ -9,8 +9,8 @@ from typing import Any
 
 from fgpose.io.studies.events import Event, read_events
 from fgpose.study.pattern import PLACEHOLDERS
-from fgpose.study.recording import Trial
 from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 
 _Whose = tuple[tuple[str, str], ...]
 

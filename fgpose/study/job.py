@@ -13,8 +13,8 @@ from fgpose.monocular.network import Network
 from fgpose.monocular.networks import open_network
 from fgpose.pipeline import AnySource, load_source
 from fgpose.skeleton import Skeleton
-from fgpose.study.recording import Trial
 from fgpose.study.study import DetectionSettings, StudyDescription, skeleton_of
+from fgpose.study.trial import Trial
 
 DETECTED, CAMERAS = "detected.parquet", "cameras.toml"
 """What a network found in videos, and the cameras with the intrinsics of these videos."""

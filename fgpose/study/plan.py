@@ -13,8 +13,8 @@ from pathlib import Path
 from fgpose.io.names import natural_key, visible
 from fgpose.study.job import CALIBRATION, CAMERAS
 from fgpose.study.pattern import PLACEHOLDERS, Pattern
-from fgpose.study.recording import Kind, Trial
 from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Kind, Trial
 
 # Where a pattern has no such part.
 _ALL = "all"

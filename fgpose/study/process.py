@@ -21,8 +21,8 @@ from fgpose.io.studies.results import part_fingerprint, part_path, write_part
 from fgpose.io.studies.state import DoneStep, RecordingState, load_state, save_state
 from fgpose.study.chain import contents_of, fingerprints, inputs_of, stamp_of, steps_of
 from fgpose.study.job import ANGLES, MOTION, Job
-from fgpose.study.recording import Trial
 from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 
 DATA_SETS = {"motion": ("estimate", MOTION), "angles": ("angles", ANGLES)}
 """Folder of each data set, and the step and file of a recording that it is put together from."""

@@ -21,8 +21,8 @@ from fgpose.study.cluster import run, workers
 from fgpose.study.events import events_of
 from fgpose.study.plan import Plan
 from fgpose.study.process import DATA_SETS, RecordingOutcome
-from fgpose.study.recording import Trial
 from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 
 QUALITY, EVENTS = "quality", "events.parquet"
 _MAX_REASON_BYTES = 10_000

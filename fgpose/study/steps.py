@@ -45,8 +45,8 @@ from fgpose.report.report import write_report
 from fgpose.report.results import load_finished
 from fgpose.study.events import own_events
 from fgpose.study.job import ANGLES, CALIBRATION, CAMERAS, DETECTED, MOTION, REPORT, SEEN, SYNCHRONISED, Job, network
-from fgpose.study.recording import Trial
 from fgpose.study.study import StudyDescription
+from fgpose.study.trial import Trial
 from fgpose.trajectory import Trajectory
 
 # Of these C3D also holds the points.

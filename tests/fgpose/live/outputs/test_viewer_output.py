@@ -23,7 +23,6 @@ from fgpose.live.outputs import ViewerOutput
 from fgpose.live.outputs.viewer_output import _ViewerSink
 from fgpose.live.outputs.viewer_process import FrameToShow, ViewerJob, ViewerProcess, _Shower
 from fgpose.live.tracking.live_tracking import Update
-from fgpose.live.tracking.people import coasting, live_person
 from fgpose.people_observations import Detections
 from fgpose.trajectory import Estimate, Status
 from fgpose.viewer import open_system_recording
@@ -103,13 +102,13 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     output = ViewerOutput(path, RIG, SKELETON)
     for number in range(26):
         seen = update(min(number, LATE_FRAME - 1))
-        person = live_person(seen.people[0])
+        person = LivePerson.of(seen.people[0])
         if number < LATE_FRAME:
             output.observe(seen if number != 2 else replace(seen, images=seen.images[:1]))
             for name in RIG.names:
                 output.show_image(name, picture(50 * (number + 1)))
         else:
-            person = coasting(person, (number - LATE_FRAME + 1) / 10)
+            person = person.coasting((number - LATE_FRAME + 1) / 10)
         lost = CameraStatus("cam_2", CameraState.LOST, f"no image for 0.{number} s", n_used=1)
         publish(output, frame(number, (person,), lost if number == 2 or number > LATE_FRAME else None))
     assert not path.exists()
@@ -304,7 +303,7 @@ def test_what_is_wrong_from_the_start_is_raised(tmp_path: Path) -> None:
 def test_the_file_is_whole_when_the_system_is_killed(tmp_path: Path) -> None:
     output = ViewerOutput(path := tmp_path / "live.rrd", RIG, SKELETON)
     output.observe(seen := update(0))
-    publish(output, frame(0, (live_person(seen.people[0]),)))
+    publish(output, frame(0, (LivePerson.of(seen.people[0]),)))
     sink = output._sink
     assert isinstance(sink, _ViewerSink)
     stdin = sink._process._process._process.stdin
